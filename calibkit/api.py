@@ -27,7 +27,7 @@ from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 from calibkit.ingest import logs
 from calibkit.instruments import silent
-from calibkit.numeric.gum import Component as UncertaintyComponent, combine as combine_uncertainty
+from calibkit.numeric.gum import UncertaintyComponent, combine as combine_uncertainty
 from calibkit.numeric.least_squares.regression import regress
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from calibkit.check import magnitude
 from calibkit.ingest import logs_on_disk
 from calibkit.instruments.bias_temperature import polynomials
-from calibkit.numeric import anomalies, chunks, intervals, order_statistics
+from calibkit.numeric import chunks, intervals, order_statistics
 from calibkit.numeric.intervals import Intervals
 
 FINITE = st.floats(-1e6, 1e6)
@@ -105,18 +105,6 @@ def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     assert isinstance(given_step, Intervals)
     assert np.array_equal(given_step.first, measured.first)
     assert np.array_equal(given_step.number, measured.number)
-
-
-@pytest.mark.parametrize("size", [40, anomalies.SAMPLE + 1, anomalies.SAMPLE + 2, 200_001])
-def test_sampled_steps_are_the_sample_of_all_steps(size: int) -> None:
-    """The steps that the noise is told from are those that a sample of all steps would hold."""
-    values = np.random.default_rng(size).normal(size=size)
-    assert np.array_equal(
-        anomalies._sampled_steps(values), anomalies.sample(np.abs(np.diff(values)))
-    )
-    assert np.array_equal(
-        anomalies._wide_steps(values, 2.0), np.flatnonzero(np.abs(np.diff(values)) > 2.0)
-    )
 
 
 @pytest.mark.parametrize(

@@ -118,7 +118,10 @@ def test_expansion_along_a_log_is_the_combination_at_each_point():
     values[:, 0] = 0.0
     found = np.array(gum.expand_along(values, dof)).T
     for point, column in zip(found[1:], values.T[1:], strict=True):
-        parts = [gum.Component("x", 0.0, u, "A", dof=d) for u, d in zip(column, dof, strict=True)]
+        parts = [
+            gum.UncertaintyComponent("x", 0.0, u, "A", dof=d)
+            for u, d in zip(column, dof, strict=True)
+        ]
         one = gum.combine(parts)
         assert point == pytest.approx(
             (one.standard_uncertainty, one.effective_dof, one.expanded_uncertainty), rel=1e-12

@@ -7,7 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric import gum
-from calibkit.numeric.gum import Component
+from calibkit.numeric.gum import UncertaintyComponent
 from calibkit.recipe.type_b import TypeB
 from naive import sensitivities
 
@@ -15,10 +15,10 @@ from naive import sensitivities
 def gauge_block():
     """Uncertainty budget of JCGM 100 example H.1, contributions in nm."""
     return [
-        Component("standard", 0.0, 25.0, "B", dof=18.0),
-        Component("difference", 0.0, 9.7, "A", dof=25.6),
-        Component("expansion difference", 0.0, 2.9, "B", dof=50.0),
-        Component("temperature difference", 0.0, 16.6, "B", dof=2.0),
+        UncertaintyComponent("standard", 0.0, 25.0, "B", dof=18.0),
+        UncertaintyComponent("difference", 0.0, 9.7, "A", dof=25.6),
+        UncertaintyComponent("expansion difference", 0.0, 2.9, "B", dof=50.0),
+        UncertaintyComponent("temperature difference", 0.0, 16.6, "B", dof=2.0),
     ]
 
 
@@ -93,7 +93,7 @@ def test_independent_components_combine_as_in_gtc(parts):
     """The peer finds the same standard uncertainty, effective degrees of freedom and 95 % coverage
     factor.
     """
-    components = [Component("x", 1.0, u, "A", sensitivity=c, dof=v) for u, c, v in parts]
+    components = [UncertaintyComponent("x", 1.0, u, "A", sensitivity=c, dof=v) for u, c, v in parts]
     peer = sum(c * GTC.ureal(1.0, u, v) for u, c, v in parts)
     if max(abs(u * c) for u, c, _ in parts) < 1e-60:  # the peer's fourth powers underflow
         return
@@ -109,9 +109,11 @@ def test_degrees_of_freedom_do_not_depend_on_the_unit():
     units of one.
     """
     for unit in (1e-90, 1.0, 1e90):
-        parts = [Component("x", 0.0, unit, "A", dof=4.0)] * 2
+        parts = [UncertaintyComponent("x", 0.0, unit, "A", dof=4.0)] * 2
         assert gum.combine(parts).effective_dof == pytest.approx(8.0, rel=1e-12)
-    assert gum.combine([Component("x", 0.0, 0.0, "A", dof=4.0)]).expanded_uncertainty == 0.0
+    assert (
+        gum.combine([UncertaintyComponent("x", 0.0, 0.0, "A", dof=4.0)]).expanded_uncertainty == 0.0
+    )
 
 
 def test_correlated_components_combine_as_in_gtc():
@@ -124,10 +126,10 @@ def test_correlated_components_combine_as_in_gtc():
         GTC.set_correlation(float(correlation[i, j]), ensemble[i], ensemble[j])
     peer = 2.0 * ensemble[0] - ensemble[1] + 0.5 * ensemble[2] + GTC.ureal(0.0, 0.15, 4)
     components = [
-        Component("a", 1.0, 0.1, "A", sensitivity=2.0, dof=9.0),
-        Component("b", 2.0, 0.2, "A", sensitivity=-1.0, dof=9.0),
-        Component("c", 3.0, 0.3, "A", sensitivity=0.5, dof=9.0),
-        Component("d", 0.0, 0.15, "A", dof=4.0),
+        UncertaintyComponent("a", 1.0, 0.1, "A", sensitivity=2.0, dof=9.0),
+        UncertaintyComponent("b", 2.0, 0.2, "A", sensitivity=-1.0, dof=9.0),
+        UncertaintyComponent("c", 3.0, 0.3, "A", sensitivity=0.5, dof=9.0),
+        UncertaintyComponent("d", 0.0, 0.15, "A", dof=4.0),
     ]
     whole = np.eye(4)
     whole[:3, :3] = correlation
@@ -140,7 +142,10 @@ def test_a_common_error_adds_linearly_and_cancels_in_a_difference():
     """Fully correlated inputs give u₁ + u₂ for their sum, |u₁ − u₂| for their difference."""
     ones = np.ones((2, 2))
     for sign, expected in ((1.0, 5.0), (-1.0, 1.0)):
-        parts = [Component("a", 0.0, 3.0, "B"), Component("b", 0.0, 2.0, "B", sensitivity=sign)]
+        parts = [
+            UncertaintyComponent("a", 0.0, 3.0, "B"),
+            UncertaintyComponent("b", 0.0, 2.0, "B", sensitivity=sign),
+        ]
         assert gum.combine(parts, correlation=ones).standard_uncertainty == pytest.approx(
             expected, rel=1e-12
         )
@@ -153,7 +158,8 @@ def test_a_chain_of_correlations_is_one_group_with_its_fewest_degrees_of_freedom
     chain = np.eye(4)
     chain[0, 2] = chain[2, 0] = chain[2, 3] = chain[3, 2] = 0.4
     parts = [
-        Component(str(i), 0.0, 1.0, "A", dof=dof) for i, dof in enumerate((20.0, 1e9, 5.0, 50.0))
+        UncertaintyComponent(str(i), 0.0, 1.0, "A", dof=dof)
+        for i, dof in enumerate((20.0, 1e9, 5.0, 50.0))
     ]
     result = gum.combine(parts, correlation=chain)
     tied = 3.0 + 2.0 * 0.8
@@ -176,9 +182,9 @@ def test_expanded_intervals_cover_the_truth():
     inside = 0
     for i in range(4000):
         parts = [
-            Component("first", 0.0, scatter[i, 0], "A", dof=4.0),
-            Component("second", 0.0, scatter[i, 1], "A", dof=9.0),
-            Component("certificate", 0.0, 0.3, "B"),
+            UncertaintyComponent("first", 0.0, scatter[i, 0], "A", dof=4.0),
+            UncertaintyComponent("second", 0.0, scatter[i, 1], "A", dof=9.0),
+            UncertaintyComponent("certificate", 0.0, 0.3, "B"),
         ]
         inside += abs(error[i]) < gum.combine(parts).expanded_uncertainty
     assert inside / 4000.0 == pytest.approx(0.9545, abs=0.009)
@@ -340,7 +346,7 @@ def test_rounding_stays_within_half_a_place_and_repeats_itself(value, uncertaint
 def test_what_has_no_uncertainty_is_refused():
     """Impossible components, matrices, draws and roundings raise with a reason."""
     generator = np.random.default_rng(61)
-    part = Component("x", 0.0, 1.0, "A")
+    part = UncertaintyComponent("x", 0.0, 1.0, "A")
     for bad in (
         {"standard_uncertainty": -1.0},
         {"estimate": np.nan},
@@ -348,7 +354,7 @@ def test_what_has_no_uncertainty_is_refused():
         {"sensitivity": np.inf},
     ):
         with pytest.raises(FitError, match="component 'x'"):
-            Component(
+            UncertaintyComponent(
                 **({"name": "x", "estimate": 0.0, "standard_uncertainty": 1.0, "kind": "A"} | bad)
             )
     with pytest.raises(FitError, match="no components"):
@@ -399,7 +405,7 @@ def test_no_further_contribution_lowers_a_cautious_uncertainty(parts):
     """U of any selection is at most that of all; it is never below that of the GUM, and u and the
     degrees of freedom are those of the GUM.
     """
-    components = [Component("x", 0.0, u, "A", dof=dof) for u, dof in parts]
+    components = [UncertaintyComponent("x", 0.0, u, "A", dof=dof) for u, dof in parts]
     whole, plain = gum.combine_cautiously(components), gum.combine(components)
     assert whole.expanded_uncertainty >= plain.expanded_uncertainty * (1.0 - 1e-12)
     assert whole.standard_uncertainty == plain.standard_uncertainty
@@ -411,8 +417,8 @@ def test_no_further_contribution_lowers_a_cautious_uncertainty(parts):
 
 def test_a_well_known_term_beside_one_degree_of_freedom_leaves_u_as_it_was():
     """0.003 with one degree of freedom: U 0.042; beside 0.006 of type B the GUM has 0.014."""
-    few = Component("fit", 0.0, 0.003, "A", dof=1.0)
-    more = Component("table", 0.0, 0.006, "B")
+    few = UncertaintyComponent("fit", 0.0, 0.003, "A", dof=1.0)
+    more = UncertaintyComponent("table", 0.0, 0.006, "B")
     assert gum.combine([few]).expanded_uncertainty == pytest.approx(0.0419, abs=1e-4)
     assert gum.combine([few, more]).expanded_uncertainty == pytest.approx(0.0140, abs=5e-4)
     found = gum.combine_cautiously([few, more])
@@ -424,6 +430,6 @@ def test_a_well_known_term_beside_one_degree_of_freedom_leaves_u_as_it_was():
 
 def test_fifteen_contributions_are_combined_cautiously_too():
     """Beyond twelve the smallest count as one; U holds the badly known one."""
-    parts = [Component("fit", 0.0, 0.003, "A", dof=1.0)]
-    parts += [Component("b", 0.0, 0.001, "B")] * 15
+    parts = [UncertaintyComponent("fit", 0.0, 0.003, "A", dof=1.0)]
+    parts += [UncertaintyComponent("b", 0.0, 0.001, "B")] * 15
     assert gum.combine_cautiously(parts).expanded_uncertainty >= 0.0419

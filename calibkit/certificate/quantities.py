@@ -30,7 +30,7 @@ STEP = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
-class Input:
+class QuantityInput:
     """An input of a result: its column, the range in which the model holds, and the value that is
     taken where none is given (None: it must be given).
     """
@@ -63,7 +63,7 @@ class Point:
         found = []
         for model, weights in self.parts:
             name = TYPE_A if len(self.parts) == 1 else TYPE_A + Words(f", {model.name}")
-            u = gum.standard_uncertainty(weights, np.array(model.covariance))
+            u = float(gum.uncertainty_along(weights[None], np.array(model.covariance))[0])
             found.append((name, u, dof_along(model, weights)))
         return (*found, *self.more)
 
@@ -110,7 +110,7 @@ class Quantity:
     model: str
     words: Words
     unit: str
-    inputs: tuple[Input, ...]
+    inputs: tuple[QuantityInput, ...]
     point: Callable[[At], Point]
     compared: tuple[tuple[At, ...], ...] = ()
     limit: ResultLimit | None = None
@@ -152,7 +152,7 @@ class Quantity:
         return outside_ranges(self.inputs, at) if self.beyond is None else self.beyond(at)
 
 
-def outside_ranges(inputs: Iterable[Input], at: At) -> str:
+def outside_ranges(inputs: Iterable[QuantityInput], at: At) -> str:
     """Which inputs are outside the ranges in which a model holds; empty where none is."""
     return "; ".join(
         f"{one.column} {at[one.column]:g} is outside {one.low:.4g} … {one.high:.4g} {one.unit}"
@@ -275,7 +275,7 @@ def less(one: Point, other: Point) -> Point:
 
 
 def of_form(
-    form: Form, model: Model, inputs: Sequence[Input], component: int | None = None
+    form: Form, model: Model, inputs: Sequence[QuantityInput], component: int | None = None
 ) -> Callable[[At], Point]:
     """A model's result (one component of it) as a function of its inputs, to each of which it is
     sensitive.
@@ -295,7 +295,7 @@ def of_form(
     return point
 
 
-def slope_by(evaluate: Callable[[At], float], one: Input, at: At) -> float:
+def slope_by(evaluate: Callable[[At], float], one: QuantityInput, at: At) -> float:
     """Numerical derivative of a function of the inputs by one of them."""
     span = one.high - one.low
     h = STEP * (span if math.isfinite(span) and span > 0.0 else max(abs(at[one.column]), 1.0))
@@ -322,9 +322,9 @@ def of_figure(
     )
 
 
-def ranged(model: Model, column: str, rest: float | None = None) -> Input:
+def ranged(model: Model, column: str, rest: float | None = None) -> QuantityInput:
     """Input with the range in which a model holds; one that the model does not state is
     unlimited.
     """
     low, high = model.valid.get(column, (-math.inf, math.inf))
-    return Input(column, low, high, rest)
+    return QuantityInput(column, low, high, rest)

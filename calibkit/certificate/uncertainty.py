@@ -64,7 +64,7 @@ class TypeBTerms:
         if any(dof < 1.0 - 1e-9 for _, _, dof in counted):
             return None
         parts = [
-            (gum.Component(name.en, estimate, u, "A", 1.0, max(dof, 1.0)), name, "", "")
+            (gum.UncertaintyComponent(name.en, estimate, u, "A", 1.0, max(dof, 1.0)), name, "", "")
             for name, u, dof in counted
         ]
         for term in self.terms:
@@ -83,7 +83,7 @@ class TypeBTerms:
         return _combine(parts) if parts else None
 
 
-def _combine(parts: Sequence[tuple[gum.Component, Words, str, str]]) -> Uncertainty:
+def _combine(parts: Sequence[tuple[gum.UncertaintyComponent, Words, str, str]]) -> Uncertainty:
     """Combined and expanded uncertainty of components, each with its name, quantity and unit."""
     expanded = gum.combine_cautiously([part for part, *_ in parts])
     return Uncertainty(
@@ -125,7 +125,7 @@ def _apply(
     estimate: float,
     unit: str,
     sensitivities: Mapping[str, tuple[float, float]],
-) -> list[tuple[gum.Component, Words, str, str]]:
+) -> list[tuple[gum.UncertaintyComponent, Words, str, str]]:
     """Components that a result has from a type B term, each with its name, quantity and unit."""
     result_unit = unit if stated.quantity in names else None
     term = _in_base(stated, result_unit)

@@ -220,7 +220,7 @@ def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
     if u == 0.0:
         return "no uncertainty"
     parts = [
-        gum.Component(
+        gum.UncertaintyComponent(
             name, c.value, c.standard_uncertainty, "A", dof=max(c.effective_dof or math.inf, 1.0)
         )
         for name, c in (("before", a), ("after", b))

@@ -5,6 +5,7 @@ spike of six standard deviations.
 """
 
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 
@@ -65,15 +66,8 @@ def sample(values: Array) -> Array:
     """Sample of a series [n]: all rows, or 65,536 of them in sixteen evenly spaced sections."""
     if values.size <= SAMPLE:
         return values
-    return np.concatenate(
-        [values[start : start + SAMPLE // 16] for start in _section_starts(values.size)]
-    )
-
-
-def _section_starts(size: int) -> list[int]:
-    """First rows of the sixteen sections of a sample of a series of `size` rows."""
-    starts: list[int] = np.linspace(0, size - SAMPLE // 16, 16).astype(np.int64).tolist()
-    return starts
+    starts = np.linspace(0, values.size - SAMPLE // 16, 16).astype(np.int64).tolist()
+    return np.concatenate([values[first : first + SAMPLE // 16] for first in starts])
 
 
 def scatter(values: Array) -> float:
@@ -124,36 +118,39 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # an outlier steps away from a neighbour: only rows after a large step are tested closely
-    steps = float(np.quantile(_sampled_steps(values), QUIET_SHARE))
+    steps = float(np.quantile(np.abs(np.diff(sample(values))), QUIET_SHARE))
     usual = QUIET_TO_SIGMA * steps / np.sqrt(2.0)
-    wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
-    suspect = max(SPIKE / 2.0 * usual, floor)
-    near = [rows[from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
-    rows = np.unique(np.concatenate(near))
-    for noise_at in (_block_noise, _noise_around):
-        limit = np.maximum(SPIKE * noise_at(values, rows), floor)
-        rows = rows[from_median(values, rows) > limit]
+    wide_step = max(SPIKE / 2.0 * usual, floor / 2.0)
+    wide = chunks.rows_where(values, lambda step: np.abs(step) > wide_step, step=True)
+    before_steps = np.split(wide, _chunk_boundaries(wide))
+    if wide.size > values.size // 20:  # nearly every row is beside one
+        pieces = chunks.ranges(values.size - 1, chunks.CACHED_ROWS)
+        before_steps = [np.arange(first, stop) for first, stop in pieces]
+    suspects = []
+    for part in before_steps:
+        rows = np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
+        away = from_median(values, rows)
+        suspects.append(rows[away > max(SPIKE / 2.0 * usual, floor)])
+        chunks.release(values)
+    rows = np.unique(np.concatenate(suspects))
+    # the noise of the block of a row, then that of the rows around it
+    edges = np.linspace(0, values.size, max(1, values.size // BLOCK) + 1).astype(np.int64)
+    block = np.searchsorted(edges, rows, side="right") - 1
+    noise = _noise_between(values, edges[block], edges[block + 1])
+    rows = rows[from_median(values, rows) > np.maximum(SPIKE * noise, floor)]
+    first = np.clip(rows - AROUND, 0, max(values.size - 2 * AROUND - 1, 0))
+    noise = _noise_between(values, first, first + 2 * AROUND + 1)
+    rows = rows[from_median(values, rows) > np.maximum(SPIKE * noise, floor)]
     # the medians of the three rows before and of the three behind the seven rows around each
-    beyond = np.arange(WIDTH + 1, 2 * WIDTH + 1)
+    farther = np.arange(WIDTH + 1, 2 * WIDTH + 1)
     before, behind = (
         np.median(
             chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
         )
-        for side in (-beyond, beyond)
+        for side in (-farther, farther)
     )
     comes_back = np.abs(behind - before) < from_median(values, rows)
     return np.asarray(rows[comes_back], dtype=np.int64)
-
-
-def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
-    """Rows next to wide steps of a series [n], chunk by chunk; all rows if more than a twentieth of
-    the steps are wide.
-    """
-    everywhere = wide.size > values.size // 20
-    steps = (np.arange(a, b) for a, b in chunks.ranges(values.size - 1, chunks.CACHED_ROWS))
-    for part in steps if everywhere else np.split(wide, _chunk_boundaries(wide)):
-        yield np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
-        chunks.release(values)
 
 
 def from_median(values: Array, rows: Integers) -> Array:
@@ -166,43 +163,15 @@ def from_median(values: Array, rows: Integers) -> Array:
     return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
 
 
-def _sampled_steps(values: Array) -> Array:
-    """Magnitudes of the steps between consecutive rows of a series [n]; of a long series, those
-    steps that `sample` would choose.
-    """
-    count = values.size - 1
-    starts, length = ([0], count) if count <= SAMPLE else (_section_starts(count), SAMPLE // 16)
-    steps: Array = np.concatenate([np.diff(values[k : k + length + 1]) for k in starts])
-    return np.abs(steps, out=steps)
-
-
-def _wide_steps(values: Array, limit: float) -> Integers:
-    """Rows followed by a step larger than a limit; the series [n] is searched in chunks that fit in
-    a processor's cache.
-    """
-    found = []
-    for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
-        step = np.diff(values[start : stop + 1])
-        found.append(np.flatnonzero(np.abs(step, out=step) > limit) + start)
-    return np.concatenate(found)
-
-
-def _block_noise(values: Array, rows: Integers) -> Array:
-    """Standard deviation [m] of the noise in the blocks of rows [m] of a series [n]."""
-    blocks = max(1, values.size // BLOCK)
-    edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
-    number = np.searchsorted(edges, rows, side="right") - 1
-    own = {}
-    for k in np.unique(number).tolist():
-        own[k] = _noise(values[edges[k] : edges[k + 1]])
-        chunks.release(values)
-    return np.array([own[k] for k in number.tolist()], dtype=np.float64)
-
-
-def _noise_around(values: Array, rows: Integers) -> Array:
-    """Standard deviation [m] of the noise in the rows around each of rows [m] of a series [n]."""
-    first = np.clip(rows - AROUND, 0, max(values.size - 2 * AROUND - 1, 0)).tolist()
-    return np.array([_noise(values[k : k + 2 * AROUND + 1]) for k in first], dtype=np.float64)
+def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
+    """Standard deviation [m] of the noise of the rows first … stop − 1 [m] of a series [n]."""
+    noise: dict[tuple[int, int], float] = {}
+    for begin, end in zip(first.tolist(), stop.tolist(), strict=True):
+        if (begin, end) not in noise:
+            noise[begin, end] = _noise(values[begin:end])
+            chunks.release(values)
+    pairs = zip(first.tolist(), stop.tolist(), strict=True)
+    return np.array([noise[pair] for pair in pairs], dtype=np.float64)
 
 
 def _noise(values: Array) -> float:
@@ -364,11 +333,6 @@ def level_steps(values: Array) -> Iterator[Array]:
         chunks.release(values)
 
 
-def _count_equal(values: Array, value: float) -> int:
-    """Number of values [n] that are equal to one."""
-    return chunks.count(values, lambda part: part == value)
-
-
 def clipped(values: Array) -> tuple[int, float] | None:
     """Number of rows at the largest or smallest value of a noisy series [n], and this value, if the
     series is clipped there; otherwise None.
@@ -377,8 +341,8 @@ def clipped(values: Array) -> tuple[int, float] | None:
         return None
     low, high = chunks.extremes(values)
     for end, sense in ((high, 1.0), (low, -1.0)):
-        at = _count_equal(values, end)
-        if at < PILE:
+        at_end = chunks.count(values, partial(np.equal, end))
+        if at_end < PILE:
             continue
         nearest = np.nan
         for a, b in chunks.ranges_along(values):
@@ -386,6 +350,6 @@ def clipped(values: Array) -> tuple[int, float] | None:
             nearest = sense * float(np.fmax.reduce(sense * inside, initial=sense * nearest))
         if np.isnan(nearest):
             return None
-        if at > PILED * _count_equal(values, nearest):
-            return at, end
+        if at_end > PILED * chunks.count(values, partial(np.equal, nearest)):
+            return at_end, end
     return None

@@ -28,7 +28,7 @@ HALF_WIDTH = {"rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0
 
 
 @dataclass(frozen=True, slots=True)
-class Component:
+class UncertaintyComponent:
     """An input of a measurement: estimate and standard uncertainty in its own unit, sensitivity to
     the result's.
     """
@@ -81,7 +81,7 @@ class _Propagated:
 
 
 def combine(
-    components: Sequence[Component],
+    components: Sequence[UncertaintyComponent],
     *,
     correlation: ArrayLike | None = None,
     probability: float = TWO_SIGMA,
@@ -121,7 +121,7 @@ MOST_SELECTED = 12
 """Contributions of which every selection is tried for the largest expanded uncertainty."""
 
 
-def combine_cautiously(components: Sequence[Component]) -> _Expanded:
+def combine_cautiously(components: Sequence[UncertaintyComponent]) -> _Expanded:
     """Combine independent components as `combine` does, but with the largest expanded uncertainty
     of every selection of them: no further component lowers U.
 
@@ -283,13 +283,6 @@ def square_root(covariance: Array) -> Array:
     scale = np.where(u > 0.0, u, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def standard_uncertainty(gradient: Array, covariance: Array) -> float:
-    """Standard uncertainty of one result from its gradient [p] and the covariance [p, p] of its
-    inputs (JCGM 100 eq. 13).
-    """
-    return float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
 
 
 def monte_carlo(

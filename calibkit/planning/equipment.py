@@ -18,7 +18,7 @@ SAMPLE = "bench.toml"
 Many = Field(min_length=1, strict=False)
 
 
-class Chamber(Table):
+class BenchChamber(Table):
     """A temperature chamber."""
 
     low_degc: Annotated[float, Field(ge=-273.15)]
@@ -94,7 +94,7 @@ class Equipment(Table):
     """A laboratory as a plan needs it."""
 
     name: str = ""
-    chamber: Chamber
+    chamber: BenchChamber
     operator: Operator = Operator()
     attitudes: dict[str, Fixture]
     rate_table: RateTable | None = None

@@ -128,12 +128,12 @@ class TypeB(Table):
         target = quantity_unit(self.quantity)
         return self.u if target is None else self.u * units.difference_factor(self.unit, target)
 
-    def component(self, estimate: float, sensitivity: float) -> gum.Component:
+    def component(self, estimate: float, sensitivity: float) -> gum.UncertaintyComponent:
         """Component of a combination: the quantity's estimate in its base unit, sensitivity of the
         result to that unit.
         """
         dof = float("inf") if self.dof is None else self.dof
-        return gum.Component(
+        return gum.UncertaintyComponent(
             self.name, estimate, self.u_of(estimate), "B", sensitivity, dof, self.shape
         )
 
@@ -167,7 +167,7 @@ class _Applied:
     it.
     """
 
-    components: tuple[gum.Component, ...]
+    components: tuple[gum.UncertaintyComponent, ...]
     unused: tuple[str, ...]
 
 
@@ -198,7 +198,9 @@ def terms_of(
         elif term.sensitivity is not None and term.result == result:
             dof = float("inf") if term.dof is None else term.dof
             components.append(
-                gum.Component(term.name, at, term.u, "B", term.sensitivity, dof, term.shape)
+                gum.UncertaintyComponent(
+                    term.name, at, term.u, "B", term.sensitivity, dof, term.shape
+                )
             )
         elif derivative is not None and term.sensitivity is None:
             components.append(term.component(at, derivative))

@@ -48,12 +48,16 @@ def combine_results(
             for part in type_b.terms_of(terms, wanted, entry.value).components
         ]
         if parts and f"{stage}: {name}" not in already:
-            own = gum.Component("type A", entry.value, entry.standard_uncertainty, "A", dof=dof)
+            own = gum.UncertaintyComponent(
+                "type A", entry.value, entry.standard_uncertainty, "A", dof=dof
+            )
             found.append(combine(f"{stage}: {name}", entry.unit, [own, *parts]))
     return found
 
 
-def combine(result: str, unit: str, components: Sequence[gum.Component]) -> dict[str, Any]:
+def combine(
+    result: str, unit: str, components: Sequence[gum.UncertaintyComponent]
+) -> dict[str, Any]:
     """JSON object of a result: its value, which is that of its first component, components, u,
     effective degrees of freedom, k and U.
     """

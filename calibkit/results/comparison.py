@@ -71,7 +71,7 @@ class ResultChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class ComparedResult:
     """One result over the common range: its changes, the answer, and why."""
 
     quantity: Quantity
@@ -106,7 +106,7 @@ class StillGood:
 
     before: Run
     after: Run
-    compared: tuple[Compared, ...]
+    compared: tuple[ComparedResult, ...]
     joints: tuple[tuple[str, int, Joint], ...]
     """Model, number of its coefficients, and their joint test."""
     rejected: tuple[Criterion, ...]
@@ -127,7 +127,7 @@ class StillGood:
         return "cannot tell" if self.rejected or answers != {"yes"} else "yes"
 
     @property
-    def deciding(self) -> Compared | None:
+    def deciding(self) -> ComparedResult | None:
         """Result that decides: of those with the answer, the one nearest to its limit."""
         alike = [compared for compared in self.compared if compared.answer == self.answer]
         return max(alike or self.compared, key=lambda compared: compared.nearness, default=None)
@@ -165,7 +165,7 @@ def compare(
         compared.append(_compare(limited, other, old, new, same=same))
     for quantity in earlier.values():
         reason = f"{after.name} has no such result"
-        compared.append(Compared(quantity, (), quantity.limit, "cannot tell", reason))
+        compared.append(ComparedResult(quantity, (), quantity.limit, "cannot tell", reason))
     models_of_results = {
         model.name
         for result in compared
@@ -222,7 +222,7 @@ def _specifies(stated: Specification, quantity: Quantity) -> bool:
 
 def _flag(
     changed: difference.Difference,
-    compared: Sequence[Compared],
+    compared: Sequence[ComparedResult],
     specified: Sequence[Specification],
     *,
     same: bool,
@@ -254,11 +254,11 @@ def _flag(
 
 def _compare(
     quantity: Quantity, earlier: Quantity | None, old: RunResults, new: RunResults, *, same: bool
-) -> Compared:
+) -> ComparedResult:
     """One result in two runs."""
 
-    def unknown(reason: str, changes: tuple[ResultChange, ...] = ()) -> Compared:
-        return Compared(quantity, changes, quantity.limit, "cannot tell", reason)
+    def unknown(reason: str, changes: tuple[ResultChange, ...] = ()) -> ComparedResult:
+        return ComparedResult(quantity, changes, quantity.limit, "cannot tell", reason)
 
     if earlier is None:
         return unknown(f"{old.run.name} has no such result")
@@ -281,7 +281,7 @@ def _compare(
         return unknown(reason, changes)
     limit = quantity.limit or earlier.limit
     factor = factor_of_largest(quantity, earlier, changes)
-    compared = Compared(quantity, changes, limit, "cannot tell", "", factor)
+    compared = ComparedResult(quantity, changes, limit, "cannot tell", "", factor)
     answer, reason = _judge(compared)
     return replace(compared, answer=answer, reason=reason)
 
@@ -327,7 +327,7 @@ def _changes(
         yield ResultChange(at, then, now, u, expanded)
 
 
-def _judge(compared: Compared) -> tuple[Answer, str]:
+def _judge(compared: ComparedResult) -> tuple[Answer, str]:
     """Answer and its reason."""
     limit = compared.limit
     if limit is None:
@@ -346,7 +346,7 @@ def _judge(compared: Compared) -> tuple[Answer, str]:
     return "cannot tell", "U reaches across the limit"
 
 
-def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.Component]:
+def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.UncertaintyComponent]:
     """Contributions to the uncertainty of the difference: of both runs as independent; type B terms
     that they state alike once, by the difference of their sensitivities, where the equipment is
     the same.
@@ -362,7 +362,7 @@ def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.Component
     of_then_alone = (p for p in then.contributions if p.kind == "A" or p.name.en in of_then)
     independent += [(part, part.sensitivity) for part in of_then_alone]
     return [
-        gum.Component(
+        gum.UncertaintyComponent(
             part.name.en,
             0.0,
             part.standard_uncertainty,

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.certificate.quantities import Input, Quantity
+from calibkit.certificate.quantities import Quantity, QuantityInput
 from calibkit.errors import UsageError, did_you_mean
 
 MOST_POINTS = 20_000
@@ -27,7 +27,7 @@ class Names:
     for accelerations in m/s².
     """
 
-    inputs: Mapping[str, Input]
+    inputs: Mapping[str, QuantityInput]
     gravity_mps2: float | None
 
     @classmethod
@@ -69,7 +69,7 @@ class Names:
 
     def _parse(
         self, text: str, pattern: re.Pattern[str], expected: str
-    ) -> tuple[Input, tuple[str, ...]]:
+    ) -> tuple[QuantityInput, tuple[str, ...]]:
         """Input and parts of a text."""
         name, equals, rest = text.partition("=")
         parts = pattern.fullmatch(rest)
@@ -89,7 +89,7 @@ class Names:
             )
         return found[0], parts.groups()
 
-    def _convert(self, one: Input, values: Array, unit: str) -> Array:
+    def _convert(self, one: QuantityInput, values: Array, unit: str) -> Array:
         """Values in the unit of a column; raises RecipeError for one of another kind."""
         spelled = unit.strip("[]() ")
         if not spelled or spelled == one.unit:

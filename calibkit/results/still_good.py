@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
-    from calibkit.results.comparison import Answer, Compared, ResultChange, StillGood
+    from calibkit.results.comparison import Answer, ComparedResult, ResultChange, StillGood
 
 PPM = 1e6
 SENTENCES: Mapping[Answer, str] = {
@@ -56,7 +56,7 @@ def _state_change(change: ResultChange, quantity: Quantity) -> str:
     return f"{shown} {unit}".strip()
 
 
-def _state_limit(compared: Compared) -> str:
+def _state_limit(compared: ComparedResult) -> str:
     """Limit of a result with its unit; empty where there is none."""
     limit = compared.limit
     if limit is None:
@@ -200,7 +200,7 @@ def draw(answered: StillGood) -> Figure:
     return figure
 
 
-def _draw_result(compared: Compared, left: Axes, right: Axes) -> None:
+def _draw_result(compared: ComparedResult, left: Axes, right: Axes) -> None:
     """Panels of one result: then and now at the left, the change at the right; limits in green
     where the result is within them, in red where it is not.
     """

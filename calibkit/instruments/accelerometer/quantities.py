@@ -7,9 +7,9 @@ from dataclasses import replace
 
 from calibkit.certificate.quantities import (
     At,
-    Input,
     Point,
     Quantity,
+    QuantityInput,
     ResultLimit,
     of_form,
     polynomial,
@@ -73,10 +73,10 @@ def over_temperature(stage: str, model: Model) -> list[Quantity]:
     return quantities
 
 
-def _inputs(model: Model) -> tuple[Input, ...]:
+def _inputs(model: Model) -> tuple[QuantityInput, ...]:
     """Temperature and indications, each of which may reach twice gravity."""
     temperature = (ranged(model, forms.TEMPERATURE),) if forms.TEMPERATURE in model.valid else ()
-    return (*temperature, *(Input(name, -2.0, 2.0) for name in forms.COMPONENTS))
+    return (*temperature, *(QuantityInput(name, -2.0, 2.0) for name in forms.COMPONENTS))
 
 
 def _component(form: Form, model: Model, axis: int | None) -> Callable[[At], Point]:

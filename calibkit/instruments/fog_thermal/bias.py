@@ -66,7 +66,7 @@ class _Rest:
 
     temp_degc: float
     rate_dph: float
-    parts: tuple[gum.Component, ...]
+    parts: tuple[gum.UncertaintyComponent, ...]
     """Of its uncertainty."""
     by_case: float
     """Derivative of the rate at rest by case temperature [°/h/°C]."""
@@ -165,11 +165,13 @@ def _at_rest(
     type_a = float(np.sqrt(row @ thermal.covariance @ row))
     half_width = _spread(thermal) / np.sqrt(3.0)
     parts = [
-        gum.Component("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
-        gum.Component("model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof),
+        gum.UncertaintyComponent("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
+        gum.UncertaintyComponent(
+            "model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof
+        ),
     ]
     if half_width:
-        parts.append(gum.Component("hysteresis", rate, half_width, "B"))
+        parts.append(gum.UncertaintyComponent("hysteresis", rate, half_width, "B"))
     around = (temperature - SLOPE_STEP_DEGC, temperature + SLOPE_STEP_DEGC)
     low, high = (evaluate.at_rest(thermal, degc)[0] for degc in around)
     # at an end of the fitted range the rate is clamped beyond it

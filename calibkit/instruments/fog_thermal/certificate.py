@@ -13,9 +13,9 @@ from calibkit.certificate.blocks import (
 )
 from calibkit.certificate.quantities import (
     At,
-    Input,
     Point,
     Quantity,
+    QuantityInput,
     coefficient,
     less,
     of_figure,
@@ -167,7 +167,7 @@ def _on_ramps(rest: Quantity, levels: OnLevels) -> list[tuple[Words, Quantity]]:
             rest,
             name=f"drift_{way:+g}",
             words=Words("thermal drift on a ramp", "温变热致漂移"),
-            inputs=(*rest.inputs, Input(RATE, low, high, way)),
+            inputs=(*rest.inputs, QuantityInput(RATE, low, high, way)),
             beyond=levels.beyond,
             principal=False,
         )

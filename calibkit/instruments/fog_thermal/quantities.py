@@ -10,9 +10,9 @@ import numpy as np
 
 from calibkit.certificate.quantities import (
     At,
-    Input,
     Point,
     Quantity,
+    QuantityInput,
     ResultLimit,
     against_rest,
     of_form,
@@ -47,7 +47,7 @@ class OnLevels:
         return min(max(self.reference_degc, low), high)
 
     @property
-    def inputs(self) -> tuple[Input, ...]:
+    def inputs(self) -> tuple[QuantityInput, ...]:
         """Case temperature, rate and gradients; those that are not given are 0, as at rest."""
         others = DRIVERS[1:2] if self.model.form in LAGS else DRIVERS[1:]
         rests = (ranged(self.model, column, 0.0) for column in others)

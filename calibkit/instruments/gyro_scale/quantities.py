@@ -5,8 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from calibkit.certificate.quantities import (
-    Input,
     Quantity,
+    QuantityInput,
     ResultLimit,
     coefficient,
     numbered,
@@ -125,7 +125,7 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
                 known = forms.TEMPERATURE in matrix.model.valid
                 found = replace(
                     coefficient(file, matrix.model, name, Words(name)),
-                    inputs=(Input(near.column, low, high),) * known,
+                    inputs=(QuantityInput(near.column, low, high),) * known,
                 )
             if axis in ("", gyro):
                 found = replace(found, undecided=undecided_scale(record))

@@ -350,12 +350,14 @@ def _compare_pair(
         type_b_u = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
         both = gum.combine(
             [
-                gum.Component(
+                gum.UncertaintyComponent(
                     *("found", found.value, found.standard_uncertainty, "A"),
                     dof=again.dof_of(found),
                 ),
-                gum.Component("frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)),
-                gum.Component("type B", c.value, type_b_u, "B"),
+                gum.UncertaintyComponent(
+                    "frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)
+                ),
+                gum.UncertaintyComponent("type B", c.value, type_b_u, "B"),
             ]
         )
         compared.append(
