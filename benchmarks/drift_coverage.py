@@ -105,8 +105,8 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     stacked = pooled_fit.Stack.of_logs(logs)
     basis = level.basis(stacked)
     if form == "lagged":
-        surveyed = lagged.Survey.of_rows(basis.rows)
-        model = lagged.finish(surveyed.solve(lagged.LAGGED_TERMS, surveyed.on_grid()))
+        search = lagged.LagSearch.of_rows(basis.rows)
+        model = lagged.finish(search.solve(lagged.LAGGED_TERMS, search.on_grid()))
     else:
         model = lagged.finish(basis.solve(TERMS))
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])

@@ -19,8 +19,8 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from calibkit.frame import Log
-from calibkit.instruments.bias_temperature import polynomials
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.simulate import noise as simulated
 
 if TYPE_CHECKING:
@@ -71,9 +71,11 @@ def cover(
         columns = {"temp_case_degc": temperature, "gyro_dph": values}
         log = Log("w", "w.csv", "", rows, pd.DataFrame(columns))
         (fitted,) = polynomials.fit([log], spec.polynomials, spec.errors)
-        dofs.append(float(fitted.effective_dof[1]))
-        found.append(slope @ fitted.coefficients)
-        half.append(t.ppf(0.975, dofs[-1]) * np.sqrt(slope @ fitted.covariance @ slope))
+        coefficients = fitted.model.coefficients
+        dofs.append(float(coefficients[1].effective_dof))
+        found.append(slope @ np.array([c.value for c in coefficients]))
+        u = np.sqrt(slope @ np.array(fitted.model.covariance) @ slope)
+        half.append(t.ppf(0.975, dofs[-1]) * u)
     covered = float(np.mean(np.abs(found) < half))
     return covered, float(np.mean(half) / (1.96 * np.std(found))), float(np.median(dofs))
 

@@ -21,9 +21,9 @@ def fit_level(logs, terms=TERMS):
 
 
 def solve_lagged(stacked, terms=LAGGED_TERMS):
-    """Survey of stacked logs with robust weights and noise of a level fit, and its solution."""
-    surveyed = lagged.Survey.of_rows(level.basis(stacked).rows)
-    return surveyed, surveyed.solve(terms, surveyed.on_grid())
+    """Search over the lags of stacked logs at the noise of a level fit, and its solution."""
+    search = lagged.LagSearch.of_rows(level.basis(stacked).rows)
+    return search, search.solve(terms, search.on_grid())
 
 
 def fit_lagged(logs, terms=LAGGED_TERMS):

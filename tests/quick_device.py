@@ -11,7 +11,7 @@ from pathlib import Path
 
 from calibkit import atomic, store
 from calibkit.fleet import device
-from calibkit.instruments.bias_temperature import figures
+from calibkit.instruments.bias import figures
 from calibkit.report.documents import Drawn
 
 

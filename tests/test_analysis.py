@@ -13,7 +13,7 @@ import pytest
 import calibkit
 from calibkit import analysis, api
 from calibkit.errors import UsageError
-from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport
+from calibkit.instruments.bias.figures import BiasCurve, BiasReport
 from calibkit.readers import in_memory
 from conftest import ROOT
 

@@ -1,5 +1,7 @@
 """Biases over temperature from several logs: a gyro's turn-on bias is new after every turn-on."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,8 +10,8 @@ from scipy.stats import t
 
 from calibkit.errors import FitError
 from calibkit.frame import Log
-from calibkit.instruments.bias_temperature import polynomials
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
 from calibkit.simulate import noise
 
@@ -44,8 +46,16 @@ def warm_ups(seed, ranges, *, turn_on, memory=0.0, rows=1000, slope=0.0):
 def fit(logs, spec=None):
     """The channel's fit."""
     spec = spec or recipe()
-    (found,) = polynomials.fit(logs, spec.polynomials, spec.errors)
-    return found
+    (channel,) = polynomials.fit(logs, spec.polynomials, spec.errors)
+    coefficients = channel.model.coefficients
+    return SimpleNamespace(
+        coefficients=np.array([c.value for c in coefficients]),
+        covariance=np.array(channel.model.covariance),
+        effective_dof=np.array([c.effective_dof for c in coefficients]),
+        components=channel.model.components,
+        residual_rms=channel.model.residual_rms,
+        flags=channel.flags,
+    )
 
 
 def drift(found, low, high):

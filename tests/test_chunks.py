@@ -9,8 +9,7 @@ from hypothesis.extra.numpy import arrays
 
 from calibkit.check import magnitude
 from calibkit.ingest import logs_on_disk
-from calibkit.instruments.bias_temperature import polynomials
-from calibkit.numeric import chunks, intervals, order_statistics
+from calibkit.numeric import chunks, dispersion, intervals, order_statistics
 from calibkit.numeric.intervals import Intervals
 
 FINITE = st.floats(-1e6, 1e6)
@@ -154,7 +153,7 @@ def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
     one, other = np.random.default_rng(2).normal(3.0, 1.0, (2, 100))
     other += one
     assert chunks.mean(one) == pytest.approx(one.mean(), rel=1e-12)
-    assert polynomials._standard_deviation(one) == pytest.approx(one.std(), rel=1e-12)
+    assert np.sqrt(dispersion.variance(one)) == pytest.approx(one.std(), rel=1e-12)
     assert magnitude._correlation(one, other) == pytest.approx(
         np.corrcoef(one, other)[0, 1], rel=1e-12
     )

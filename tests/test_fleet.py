@@ -22,7 +22,7 @@ import quick_device
 from calibkit import atomic, clock, instruments, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
-from calibkit.instruments.bias_temperature import figures
+from calibkit.instruments.bias import figures
 from conftest import ROOT, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 

@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.numeric.thermal import coil, lagged, left_out, pooled_fit
+from calibkit.numeric.thermal import coil, left_out, pooled_fit
 from calibkit.numeric.thermal.evaluate import _drivers
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
@@ -184,8 +184,8 @@ def test_the_lags_are_those_of_an_exhaustive_search():
     fit.
     """
     stacked = pooled_fit.Stack.of_logs(campaign(noise=0.02, seed=3))
-    surveyed, solution = solve_lagged(stacked)
-    problem = lagged.Search(surveyed, np.arange(1, 8), solution.turn_on_variance)
+    search, solution = solve_lagged(stacked)
+    problem = replace(search, turn_on_variance=solution.turn_on_variance)
     outer, inner = np.exp(solution.log_lags)
     grid = [
         (a, b)
@@ -284,15 +284,15 @@ def test_a_case_that_never_moves_is_refused():
 def test_leaving_out_a_ramp_is_fitting_the_others():
     """The linearised fit without a ramp predicts it as the full fit to the others does."""
     stacked = pooled_fit.Stack.of_logs(campaign(noise=0.05, seed=9))
-    surveyed, solution = solve_lagged(stacked)
-    fitted = surveyed.rows.solve(solution.columns, solution.turn_on_variance)
-    without = left_out.leave_out(stacked, surveyed.rows)
+    search, solution = solve_lagged(stacked)
+    fitted = search.rows.solve(solution.columns, solution.turn_on_variance)
+    without = left_out.leave_out(stacked, search.rows)
     predicted = solution.leave_out(without)
     for ramp, (rows, drift) in enumerate(zip(stacked.ramps, predicted, strict=True)):
-        held = replace(surveyed, rows=without[ramp])
-        others = lagged.Search(held, np.arange(1, 8), solution.turn_on_variance)
+        variance = solution.turn_on_variance
+        others = replace(search, rows=without[ramp], turn_on_variance=variance)
         full = others.minimise(solution.log_lags)
-        expected = (full.design @ full.found.coefficients)[rows]
+        expected = (full.design @ full.fit.coefficients)[rows]
         moved = (solution.columns @ fitted.coefficients)[rows]
         scale = np.std(expected - expected.mean() - moved + moved.mean())
         assert np.std(drift[rows] - expected) < 0.3 * scale + 1e-5, ramp  # °/h

@@ -16,8 +16,7 @@ import calibkit
 from calibkit import instruments, recipe, store
 from calibkit.check import series
 from calibkit.ingest import logs_on_disk
-from calibkit.instruments.thermal import channels, instrument as thermal, power_ons, simulate
-from calibkit.instruments.thermal.numeric import choice
+from calibkit.instruments.bias import channels, choice, power_ons, simulate, thermal
 from calibkit.numeric import chunks, gum, intervals, order_statistics
 from calibkit.numeric.thermal import coil, pooled_fit, uncertainty
 from calibkit.results.evaluation import RunResults, answer
@@ -293,7 +292,7 @@ def test_a_log_on_disk_takes_memory_for_some_chunks_alone(tmp_path, monkeypatch)
     monkeypatch.setattr(series, "CHUNK", 1 << 15)
     monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
     spec = instruments.parse_recipe(recipe.find(str(tmp_path / "recipe.toml"), ()))
-    log = thermal._mend(spec, thermal.read(spec, tmp_path, "a.csv"))
+    log = power_ons.mend_clock(thermal.read(spec, tmp_path, "a.csv"), spec.thermal)
     tracemalloc.start()
     found = thermal._find_faults(spec, log)
     assert power_ons.find_power_ons([log], [log], spec.thermal, 10.0)

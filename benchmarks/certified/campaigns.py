@@ -27,11 +27,11 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.bias import simulate as sweep
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.gyro_noise import simulate as static
 from calibkit.instruments.gyro_scale import simulate, simulate_rate_table
 from calibkit.instruments.inclinometer import simulate as tool
-from calibkit.instruments.thermal import simulate as sweep
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

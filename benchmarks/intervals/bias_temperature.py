@@ -16,8 +16,8 @@ import pandas as pd
 
 from calibkit.errors import CalibkitError
 from calibkit.frame import Log
-from calibkit.instruments.bias_temperature import polynomials
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
 from intervals import exact
 from intervals.rows import GROUPS, NONE, RATIOS, Case, Outcome

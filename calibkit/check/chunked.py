@@ -20,7 +20,7 @@ from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -82,8 +82,14 @@ def examine_file(
     return _examine_chunks(recipe, logs, scan.rows, every)
 
 
-def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
-    """Examine a log whose columns are on disk in chunks."""
+def find_faults(
+    recipe: Recipe, log: Log, min_rows: int, examine: Callable[[Log], list[Finding]]
+) -> list[Finding]:
+    """What `examine` finds wrong with a log; where its columns are on disk it is examined in
+    chunks, and `examine` looks at the log thinned to block means.
+    """
+    if not log.on_disk:
+        return examine(log)
     every = -(-len(log.frame) // KEPT)
     rows = CHUNK // every * every
 
@@ -92,9 +98,12 @@ def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
             yield replace(log, frame=log.frame.iloc[start : start + rows], allocate=np.empty)
             release(*(values(log.frame, str(name)) for name in log.frame.columns))
 
-    found = _examine_chunks(recipe, parts(), log.rows, every)
-    assert found is not None  # noqa: S101 (a log that was read has rows)
-    return found
+    pieced = _examine_chunks(recipe, parts(), log.rows, every)
+    assert pieced is not None  # noqa: S101 (a log that was read has rows)
+    if any(finding.refused for finding in pieced.findings):
+        return list(pieced.findings)
+    rest = [finding for finding in examine(pieced.log) if finding.name not in FOUND_IN_CHUNKS]
+    return [*check.find_too_few_rows(log, min_rows), *pieced.findings, *rest]
 
 
 def _examine_chunks(

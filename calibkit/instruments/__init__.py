@@ -151,8 +151,8 @@ SHIPPED = {
     "gyro_noise": "gyro_noise.instrument",
     "accelerometer": "accelerometer.instrument",
     "fog_thermal": "fog_thermal.instrument",
-    "thermal": "thermal.instrument",
-    "bias_temperature": "bias_temperature.instrument",
+    "thermal": "bias.thermal",
+    "bias_temperature": "bias.bias_temperature",
 }
 """Procedure → its module below this package; a recipe for unknown logs is sought in this order."""
 

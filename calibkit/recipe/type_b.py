@@ -12,7 +12,7 @@ every printed result `terms_of(terms, result, …)` gives the components that st
 one in `numeric.gum.combine`.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
@@ -20,6 +20,7 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.errors import CoefficientError, RecipeError, did_you_mean
 from calibkit.frame import is_canonical
 from calibkit.numeric import gum
@@ -159,6 +160,49 @@ def _require_unit(term: TypeB) -> None:
         units.difference_factor(term.unit, target)
     except RecipeError as error:
         raise ValueError(f"'{term.name}': {error}") from None
+
+
+THERMOMETER_STEP_DEGC = 0.05
+"""Change of a temperature for the numerical derivative of a drift along a log."""
+
+
+def enters(term: TypeB, result: str, thermometers: Collection[str]) -> bool:
+    """Whether a term says something of a result along a log that depends on these thermometers."""
+    if term.sensitivity is not None:
+        return term.result == result
+    return term.unit not in RELATIVE and (term.quantity == result or term.quantity in thermometers)
+
+
+def effects_along(
+    terms: Iterable[TypeB],
+    result: str,
+    rows: int,
+    thermometers: Mapping[str, Callable[[float], Array]],
+) -> list[tuple[str, Array, float]]:
+    """Names of the terms that enter a result along a log, effects [rows] of one standard
+    uncertainty on it, and degrees of freedom.
+
+    Parameters
+    ----------
+    terms : from the recipe.
+    result : column of the result, which a term may name as its quantity or as its `result`.
+    rows : of the log.
+    thermometers : column → result [rows] where that thermometer reads so much more [°C].
+
+    """
+    effects = []
+    for term in terms:
+        if not enters(term, result, thermometers):
+            continue
+        if term.sensitivity is not None:
+            effect = np.full(rows, term.u * term.sensitivity)
+        elif term.quantity in thermometers:
+            shifted, step = thermometers[term.quantity], THERMOMETER_STEP_DEGC
+            effect = (shifted(step) - shifted(-step)) / (2.0 * step) * term.u_of(0.0)
+        else:
+            effect = np.full(rows, term.u_of(0.0))
+        effects.append((term.name, effect, float("inf") if term.dof is None else term.dof))
+    return effects
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,14 @@
-"""Thermal drift model and its logs → mean rate at the reference temperature, earth's rate along the
-input axis, and bias.
+"""Thermal drift model and its logs → rate at rest at the reference temperature, earth's rate along
+the input axis, and bias.
 
-Also the turn-on bias of each log, and the hysteresis of the residual drift (cooling less heating).
+    ω(T_ref, at rest) = bias + ω_e (cos α cos ε cos ψ + sin α sin ε)        (`numeric.earth`)
+
+α is the latitude, ε and ψ are elevation and azimuth of the input axis. Also stated are the turn-on
+bias of each log, and the hysteresis of the residual drift (cooling less heating).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,176 +46,126 @@ NO_BIAS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class _StatedBias:
+@dataclass(slots=True)
+class StatedBias:
     """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, tables, combined
     uncertainties as JSON objects, and named hysteresis curves.
     """
 
-    figures: tuple[Figure, ...]
-    flags: tuple[str, ...]
-    tables: tuple[Table, ...]
-    uncertainty: tuple[dict[str, Any], ...]
-    hysteresis: tuple[tuple[str, Hysteresis], ...]
-    at_rest: KeyValue | None
+    figures: list[Figure] = field(default_factory=list)
+    flags: list[str] = field(default_factory=list)
+    tables: list[Table] = field(default_factory=list)
+    uncertainty: list[dict[str, Any]] = field(default_factory=list)
+    hysteresis: list[tuple[str, Hysteresis]] = field(default_factory=list)
+    at_rest: KeyValue | None = None
     """Bias where the earth's rate is known, else the rate at rest that includes it."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Rest:
-    """Rate at rest at a temperature, what the logs leave unknown of it, and the earth's rate along
-    the input axis, if known.
-    """
-
-    temp_degc: float
-    rate_dph: float
-    parts: tuple[gum.UncertaintyComponent, ...]
-    """Of its uncertainty."""
-    by_case: float
-    """Derivative of the rate at rest by case temperature [°/h/°C]."""
-    earth_dph: float | None
-    by_latitude: float
-    """Derivative of the earth's rate by latitude [°/h/°]."""
-    turn_on: tuple[tuple[str, float], ...]
-    """Names of the logs and their biases relative to the mean of all [°/h]."""
-
-    @property
-    def bias_dph(self) -> float | None:
-        """Rate at rest less the earth's rate [°/h]; None if the latter is not known."""
-        return None if self.earth_dph is None else self.rate_dph - self.earth_dph
-
-    @property
-    def uncertainty(self) -> tuple[float, float]:
-        """Standard uncertainty [°/h] without type B terms, and its effective degrees of freedom."""
-        combined = gum.combine(self.parts)
-        return combined.standard_uncertainty, combined.effective_dof
-
-    def key_value(self) -> KeyValue:
-        """Bias, or the rate at rest that includes the earth's."""
-        known, (u, _) = self.bias_dph is not None, self.uncertainty
-        name = "bias" if known else "rate at rest, earth's rate in it,"
-        value = self.rate_dph if self.bias_dph is None else self.bias_dph
-        return KeyValue(f"{name} at {self.temp_degc:g} °C", value, "°/h", u)
-
-
-@dataclass(frozen=True, slots=True)
-class _BothWays:
-    """Hysteresis (cooling less heating at equal case temperature) of the indication and of the
-    residual drift of the model, if there is one.
-
-    `constant` is the difference of the turn-on biases of cooling and heating logs and its standard
-    uncertainty [°/h]: a constant part of the hysteresis, or chance.
-    """
-
-    before: Hysteresis
-    after: Hysteresis | None
-    constant: tuple[float, float] | None
 
 
 def state_bias(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
-) -> _StatedBias:
-    """Bias at rest at the reference temperature and hysteresis, if the logs determine them."""
-    rest, ways = _at_rest(model, logs, recipe), _compare_ways(model, logs)
-    figures: list[Figure] = []
-    tables: list[Table] = []
-    flags = [NO_BIAS]
-    uncertainty: list[dict[str, Any]] = []
-    if rest is not None:
-        figures += _rest_figures(rest)
-        tables.append(_rest_table(rest))
-        flags = [*_flags(rest, recipe), *_flag_hysteresis(model), *_say_where_observed(logs)]
-        uncertainty = _uncertainty(rest, recipe)
-    sides: list[tuple[str, Hysteresis]] = []
-    if ways is not None:
-        figures += _hysteresis_figures(ways)
-        tables.append(_hysteresis_table(ways))
-        sides.append(("indication", ways.before))
-        if ways.after is not None:
-            sides.append(("left by the model", ways.after))
-    return _StatedBias(
-        tuple(figures),
-        tuple(flags),
-        tuple(tables),
-        tuple(uncertainty),
-        tuple(sides),
-        None if rest is None else rest.key_value(),
-    )
-
-
-def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
-    """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; (None, 0) if
-    latitude or axis is not given.
+) -> StatedBias:
+    """Bias at rest at the reference temperature and hysteresis, if the logs determine them; a rate
+    at rest needs a level or lagged model or a bank, which separates rate and drift.
     """
-    axis, latitude = recipe.input_axis, recipe.site.latitude_deg
-    if axis is None or latitude is None:
-        return None, 0.0
-    where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
-    return float(earth.along_axis(*where)), float(earth.along_axis_slopes(*where)[0])
-
-
-def _at_rest(
-    model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
-) -> _Rest | None:
-    """Rate at rest at the reference temperature; None without a level or lagged model, which
-    separates rate and drift.
-    """
+    stated = StatedBias()
     if model.thermal is None:
-        return None
-    thermal = model.thermal
-    temperature = thermal.nearest_fitted(recipe.reference_temp_degc)
-    rate, row = evaluate.at_rest(thermal, temperature)
+        stated.flags.append(NO_BIAS)
+    else:
+        _state_at_rest(stated, model.thermal, logs, recipe)
+        stated.flags += [*_flag_hysteresis(model.thermal), *_say_where_observed(logs)]
+    _state_hysteresis(stated, model, logs)
+    return stated
+
+
+def _state_at_rest(
+    stated: StatedBias, thermal: OnLevels, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
+) -> None:
+    """State rate at rest, earth's rate and bias, and the turn-on bias of each log."""
+    degc = thermal.nearest_fitted(recipe.reference_temp_degc)
+    if degc != recipe.reference_temp_degc:
+        stated.flags.append(
+            f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
+            f" temperatures: rate and bias are those at {degc:.1f} °C"
+        )
+    rate, row = evaluate.at_rest(thermal, degc)
     type_a = float(np.sqrt(row @ thermal.covariance @ row))
-    half_width = _spread(thermal) / np.sqrt(3.0)
     parts = [
         gum.UncertaintyComponent("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
         gum.UncertaintyComponent(
             "model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof
         ),
     ]
-    if half_width:
-        parts.append(gum.UncertaintyComponent("hysteresis", rate, half_width, "B"))
-    around = (temperature - SLOPE_STEP_DEGC, temperature + SLOPE_STEP_DEGC)
-    low, high = (evaluate.at_rest(thermal, degc)[0] for degc in around)
+    half_spread = _half_spread(thermal) / np.sqrt(3.0)
+    if half_spread:
+        parts.append(gum.UncertaintyComponent("hysteresis", rate, half_spread, "B"))
+    combined = gum.combine(parts)
+    u, dof = combined.standard_uncertainty, number_or_none(combined.effective_dof)
+    turn_on = dict(zip((log.name for log in logs), thermal.turn_on.tolist(), strict=True))
+
+    axis, latitude = recipe.input_axis, recipe.site.latitude_deg
+    stated.figures.append(Figure("mean_rate_at_reference", rate, "deg/h", u, dof))
+    rows = [("mean rate", f"{rate:+.4f}", number(u, 2))]
+    name, bias = f"rate at rest, earth's rate in it, at {degc:g} °C", rate
+    if axis is None or latitude is None:
+        unknown = "earth's rate in it: not known without [site] latitude_deg and [input_axis]"
+        rows.append((unknown, "", ""))
+    else:
+        where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
+        earth_rate = float(earth.along_axis(*where))
+        name, bias = f"bias at {degc:g} °C", rate - earth_rate
+        stated.figures.append(Figure("earth_rate_along_input_axis", earth_rate, "deg/h", 0.0))
+        stated.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
+        rows.append(("earth's rate along the input axis", f"{earth_rate:+.4f}", ""))
+        rows.append(("bias", f"{bias:+.4f}", number(u, 2)))
+        by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*where).tolist()
+        known = {
+            "latitude_deg": (latitude, -by_latitude),
+            "gyro_dph": (rate, 1.0),
+            "temp_case_degc": (degc, _slope_at_rest(thermal, degc)),
+            "input_axis_elevation_deg": (axis.elevation_deg, -by_elevation),
+            "input_axis_azimuth_deg": (axis.azimuth_deg or 0.0, -by_azimuth),
+        }
+        of_equipment = type_b.terms_of(recipe.type_b, RESULT, bias, known).components
+        if of_equipment:
+            of_bias = [replace(part, estimate=bias) for part in parts]
+            stated.uncertainty.append(
+                budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *of_equipment])
+            )
+    stated.at_rest = KeyValue(name, bias, "°/h", u)
+    for log, value in turn_on.items():
+        stated.figures.append(Figure(f"{TURN_ON}{log}", value, "deg/h", 0.0))
+        rows.append((f"turn-on bias of {log}", f"{value:+.4f}", ""))
+    title = f"At rest at {degc:g} °C [°/h]; turn-on biases of the logs against their mean"
+    stated.tables.append(Table(title, ("", "rate", "standard uncertainty"), tuple(rows)))
+
+
+def _slope_at_rest(thermal: OnLevels, degc: float) -> float:
+    """Derivative of the rate at rest by case temperature [°/h/°C]."""
+    around = degc - SLOPE_STEP_DEGC, degc + SLOPE_STEP_DEGC
+    low, high = (evaluate.at_rest(thermal, at)[0] for at in around)
     # at an end of the fitted range the rate is clamped beyond it
-    inside = np.ptp([thermal.nearest_fitted(degc) for degc in around])
-    return _Rest(
-        temperature,
-        rate,
-        tuple(parts),
-        (high - low) / inside if inside else 0.0,
-        *_earth_rate(recipe),
-        tuple(zip((log.name for log in logs), thermal.turn_on.tolist(), strict=True)),
-    )
+    inside = np.ptp([thermal.nearest_fitted(at) for at in around])
+    return float((high - low) / inside) if inside else 0.0
 
 
-def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
-    """Flag if the rate at rest is stated at another temperature than the recipe asks for."""
-    if rest.temp_degc == recipe.reference_temp_degc:
-        return []
-    outside = f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
-    return [f"{outside} temperatures: rate and bias are those at {rest.temp_degc:.1f} °C"]
-
-
-def _spread(model: OnLevels) -> float:
+def _half_spread(model: OnLevels) -> float:
     """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
     return model.bank.hysteresis(model.coefficients) if isinstance(model, BankModel) else 0.0
 
 
-def _flag_hysteresis(model: DriftModel) -> list[str]:
+def _flag_hysteresis(thermal: OnLevels) -> list[str]:
     """Flag that the rate at rest depends on which way the gyro came, by more than is known of it
     otherwise.
     """
-    spread = 0.0 if model.thermal is None else _spread(model.thermal)
-    if model.thermal is None or spread <= model.thermal.model_error:
+    spread = _half_spread(thermal)
+    if spread <= thermal.model_error:
         return []
-    return [
-        (
-            f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
-            " way the gyro came is in their uncertainty, and in that of a log until the temperature"
-            " has turned over the width of the hysteresis"
-        )
-    ]
+    flag = (
+        f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
+        " way the gyro came is in their uncertainty, and in that of a log until the temperature"
+        " has turned over the width of the hysteresis"
+    )
+    return [flag]
 
 
 def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
@@ -223,11 +176,9 @@ def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
     for log in logs:
         starts = [0, *(ramp.stop for ramp in log.ramps)]
         stops = [*(ramp.start for ramp in log.ramps), log.raw.case.size]
-        at_rest += [
-            float(log.raw.case[stop - 1])
-            for start, stop in zip(starts, stops, strict=True)
-            if stop > start and log.raw.time[stop - 1] - log.raw.time[start] >= LEAST_SOAK_S
-        ]
+        for start, stop in zip(starts, stops, strict=True):
+            if stop > start and log.raw.time[stop - 1] - log.raw.time[start] >= LEAST_SOAK_S:
+                at_rest.append(float(log.raw.case[stop - 1]))
     levels = np.sort(at_rest)
     groups = np.split(levels, np.flatnonzero(np.diff(levels) > SAME_SOAK_DEGC) + 1)
     observed = [float(group.mean()) for group in groups if group.size]
@@ -246,124 +197,58 @@ def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     """Latitude [°], and elevation and azimuth of the input axis [°], if given."""
-    found = []
-    if recipe.site.latitude_deg is not None:
-        found.append(Condition("latitude", recipe.site.latitude_deg, "deg"))
+    known = {"latitude": recipe.site.latitude_deg}
     if recipe.input_axis is not None:
-        found.append(Condition("input_axis_elevation", recipe.input_axis.elevation_deg, "deg"))
-        if recipe.input_axis.azimuth_deg is not None:
-            found.append(Condition("input_axis_azimuth", recipe.input_axis.azimuth_deg, "deg"))
-    return tuple(found)
+        known["input_axis_elevation"] = recipe.input_axis.elevation_deg
+        known["input_axis_azimuth"] = recipe.input_axis.azimuth_deg
+    return tuple(Condition(name, at, "deg") for name, at in known.items() if at is not None)
 
 
-def _rest_figures(rest: _Rest) -> list[Figure]:
-    """Figures of the rates at rest with type A standard uncertainties."""
-    u, dof = rest.uncertainty
-    known = u, number_or_none(dof)
-    found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", *known)]
-    if rest.earth_dph is not None and rest.bias_dph is not None:
-        found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
-        found.append(Figure(RESULT, rest.bias_dph, "deg/h", *known))
-    turn_on = (Figure(f"{TURN_ON}{name}", value, "deg/h", 0.0) for name, value in rest.turn_on)
-    return [*found, *turn_on]
+def _state_hysteresis(stated: StatedBias, model: DriftModel, logs: Sequence[PreparedLog]) -> None:
+    """State the hysteresis (cooling less heating at equal case temperature) of the indication and
+    of the residual drift of the model, if there is one; nothing without ramps both ways.
 
-
-def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
-    """Combined uncertainty of the bias with type B terms of latitude and rate, as a JSON object;
-    empty without a bias or such terms.
+    The turn-on biases of cooling less those of heating logs are a constant part of the hysteresis,
+    or chance.
     """
-    if rest.bias_dph is None or recipe.site.latitude_deg is None:
-        return []
-    known = {
-        "latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude),
-        "gyro_dph": (rest.rate_dph, 1.0),
-        "temp_case_degc": (rest.temp_degc, rest.by_case),
-    }
-    if (axis := recipe.input_axis) is not None:
-        held = axis.elevation_deg, axis.azimuth_deg or 0.0
-        slopes = earth.along_axis_slopes(recipe.site.latitude_deg, *held)[1:].tolist()
-        names = ("input_axis_elevation_deg", "input_axis_azimuth_deg")
-        known |= {n: (at, -slope) for n, at, slope in zip(names, held, slopes, strict=True)}
-    parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
-    if not parts:
-        return []
-    of_bias = [replace(part, estimate=rest.bias_dph) for part in rest.parts]
-    return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *parts])]
-
-
-def _rest_table(rest: _Rest) -> Table:
-    """Table of mean rate, earth's rate, bias, and the turn-on bias of each log."""
-    u = number(rest.uncertainty[0], 2)
-    rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
-    if rest.earth_dph is None:
-        rows.append(
-            ("earth's rate in it: not known without [site] latitude_deg and [input_axis]", "", "")
-        )
-    else:
-        rows.append(("earth's rate along the input axis", f"{rest.earth_dph:+.4f}", ""))
-        rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
-    rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
-    return Table(
-        f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean",
-        ("", "rate", "standard uncertainty"),
-        tuple(rows),
-    )
-
-
-def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays | None:
-    """Hysteresis of indication and residual drift; None without ramps in both directions."""
     thermal = [log.thermal for log in logs]
     try:
         before = hysteresis.compare_directions(None, thermal)
     except FitError:
-        return None
-    if model.thermal is None:
-        return _BothWays(before, None, None)
-    return _BothWays(
-        before,
-        hysteresis.compare_directions(model.thermal, thermal),
-        decision.compare_turn_on(model.thermal, logs),
+        return
+    after, of_turn_on = None, None
+    if model.thermal is not None:
+        after = hysteresis.compare_directions(model.thermal, thermal)
+        of_turn_on = decision.compare_turn_on(model.thermal, logs)
+    shown = (
+        ("hysteresis_before", "indication", before),
+        ("hysteresis", "left by the model", after),
     )
-
-
-def _hysteresis_figures(ways: _BothWays) -> list[Figure]:
-    """Figures of the hysteresis: rms beyond noise and difference at each temperature, before and
-    after compensation.
-    """
-    figures = []
-    for name, side in (("hysteresis_before", ways.before), ("hysteresis", ways.after)):
-        if side is not None:
-            each = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
-            figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
-            figures += [
-                Figure(f"{name}_at_{degc:g}_degc", float(value), "deg/h", float(u))
-                for degc, value, u in each
-            ]
-    if ways.constant is not None:
-        figures.append(
-            Figure("turn_on_bias_cooling_less_heating", ways.constant[0], "deg/h", ways.constant[1])
-        )
-    return figures
-
-
-def _hysteresis_table(ways: _BothWays) -> Table:
-    """Table of the hysteresis at each case temperature."""
-    before, after, left, rms_left = ways.before, ways.before, [""] * len(ways.before.difference), ""
-    if ways.after is not None:
-        after, rms_left = ways.after, number(ways.after.rms, 2)
-        left = [f"{value:+.4f}" for value in after.difference]
-    rows = [
-        (f"{degc:g}", f"{value:+.4f}", cell, number(float(u), 2))
-        for degc, value, cell, u in zip(
-            before.temperature, before.difference, left, after.standard_uncertainty, strict=True
-        )
-    ]
+    for name, words, side in shown:
+        if side is None:
+            continue
+        stated.hysteresis.append((words, side))
+        stated.figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
+        each = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
+        for degc, value, u in each:
+            at = f"{name}_at_{degc:g}_degc"
+            stated.figures.append(Figure(at, float(value), "deg/h", float(u)))
+    rows = []
+    for k, degc in enumerate(before.temperature):
+        left = "" if after is None else f"{after.difference[k]:+.4f}"
+        u = float((after or before).standard_uncertainty[k])
+        rows.append((f"{degc:g}", f"{before.difference[k]:+.4f}", left, number(u, 2)))
+    rms_left = "" if after is None else number(after.rms, 2)
     rows.append(("rms beyond noise", number(before.rms, 2), rms_left, ""))
-    if ways.constant is not None:
-        difference, u = ways.constant
+    if of_turn_on is not None:
+        difference, u = of_turn_on
+        name = "turn_on_bias_cooling_less_heating"
+        stated.figures.append(Figure(name, difference, "deg/h", u))
         rows.append(("turn-on biases", "", f"{difference:+.4f}", number(u, 2)))
-    return Table(
-        "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean",
-        ("case [°C]", "indication", "left by the model", "standard uncertainty"),
-        tuple(rows),
+    stated.tables.append(
+        Table(
+            "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean",
+            ("case [°C]", "indication", "left by the model", "standard uncertainty"),
+            tuple(rows),
+        )
     )

@@ -73,7 +73,7 @@ def fit(
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
     covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)
-    rest, ways = at_rest.at_rest, at_rest.hysteresis
+    rest, ways = at_rest.at_rest, tuple(at_rest.hysteresis)
     summary = Summary(
         spec.title,
         (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),

@@ -65,17 +65,9 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Findings of a log for a fit, which a refused one prevents; a log on disk is checked in
     chunks.
     """
-    if not log.on_disk:
-        return _faults(log, recipe)
-    pieced = chunked.examine_on_disk(recipe, log)
-    if any(finding.refused for finding in pieced.findings):
-        return list(pieced.findings)
-    rest = (
-        finding
-        for finding in _faults(pieced.log, recipe)
-        if finding.name not in chunked.FOUND_IN_CHUNKS
+    return chunked.find_faults(
+        recipe, log, recipe.checks.min_rows, lambda whole: _faults(whole, recipe)
     )
-    return [*check.find_too_few_rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
 
 
 def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:

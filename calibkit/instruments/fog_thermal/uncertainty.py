@@ -24,8 +24,7 @@ from calibkit.numeric import chunks, gum
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import blocks_per_figure
-from calibkit.recipe import TypeB
-from calibkit.recipe.type_b import RELATIVE
+from calibkit.recipe import TypeB, type_b
 from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
 
@@ -33,8 +32,7 @@ TURN_ON = "turn_on_bias."
 """Figures of the turn-on biases begin with this, and a log's name follows."""
 RESULT = "gyro_dph"
 """Name of the compensated rate in type B terms."""
-SHIFTS_DEGC = {"temp_case_degc": (0.05, 0.0), "temp_env_degc": (0.0, 0.05)}
-"""Changes of case and chamber temperature for the numerical derivative of the drift."""
+THERMOMETERS = ("temp_case_degc", "temp_env_degc")
 POINTS = 5
 """Number of temperatures at which the uncertainty at rest is stated."""
 
@@ -72,20 +70,12 @@ class Statement:
         }
 
 
-def _influenced(term: TypeB) -> str:
-    """Column through which a type B term enters the compensated rate: a thermometer or the rate
-    itself; empty if it does not.
-    """
-    if term.sensitivity is not None:
-        return RESULT if term.result == RESULT else ""
-    known = term.quantity == RESULT or term.quantity in SHIFTS_DEGC
-    return term.quantity if known and term.unit not in RELATIVE else ""
-
-
 def flag_unused(terms: Sequence[TypeB]) -> list[str]:
     """Flag that names the type B terms without effect on the compensated rate."""
-    idle = ", ".join(term.name for term in terms if not _influenced(term))
-    return [f"type B terms that do not enter the compensated rate: {idle}"] if idle else []
+    idle = [term.name for term in terms if not type_b.enters(term, RESULT, THERMOMETERS)]
+    if not idle:
+        return []
+    return [f"type B terms that do not enter the compensated rate: {', '.join(idle)}"]
 
 
 def _propagate(
@@ -107,25 +97,18 @@ def _propagate(
     directly, one with a sensitivity multiplied by it.
     """
 
-    def shifted(of_case: float, of_env: float) -> Evaluation:
+    def warmer_by(of_case: float, of_env: float) -> Evaluation:
         return evaluate.evaluate(
             thermal, time, case + of_case, env + of_env, reference_degc, settled=settled
         )
 
-    effects = []
-    for term in terms:
-        influenced = _influenced(term)
-        dof = float("inf") if term.dof is None else term.dof
-        if influenced in SHIFTS_DEGC:
-            of_case, of_env = SHIFTS_DEGC[influenced]
-            change = shifted(of_case, of_env).drift - shifted(-of_case, -of_env).drift
-            effect = change / (2.0 * (of_case + of_env)) * term.u_of(0.0)
-            effects.append((term.name, np.asarray(effect, dtype=np.float64), dof))
-        elif influenced:
-            u = term.u_of(0.0) if term.sensitivity is None else term.u * term.sensitivity
-            effects.append((term.name, np.full(time.size, u), dof))
-    found = shifted(0.0, 0.0)
-    return uncertainty.combine_along(thermal, found, effects, about_mean=about_mean)
+    thermometers = {
+        "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,
+        "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
+    }
+    effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
+    along = warmer_by(0.0, 0.0)
+    return uncertainty.combine_along(thermal, along, effects, about_mean=about_mean)
 
 
 def _along_blocks(
@@ -215,14 +198,12 @@ def tabulate_statements(statements: Sequence[Statement]) -> Table:
     rows = []
     for entry in statements:
         parts = {name: value for name, _, value in entry.components}
-        type_b = float(
-            np.sqrt(sum(value**2 for name, kind, value in entry.components if kind == "B"))
-        )
+        of_equipment = [value for _, kind, value in entry.components if kind == "B"]
         dof = "∞" if entry.effective_dof > 1e4 else f"{np.floor(entry.effective_dof):.0f}"
         cells = (
             parts["coefficients"],
             parts["model error on ramps left out"],
-            type_b,
+            float(np.sqrt(sum(value**2 for value in of_equipment))),
             entry.standard_uncertainty,
         )
         rows.append(

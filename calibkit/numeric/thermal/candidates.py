@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from calibkit.errors import FitError
-from calibkit.numeric.thermal.lagged import Survey
+from calibkit.numeric.thermal.lagged import LagSearch
 from calibkit.numeric.thermal.level import Basis
 from calibkit.numeric.thermal.pooled_fit import Solution
 
@@ -31,13 +31,13 @@ def solve(
     """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
     solved: list[tuple[Candidate, Solution]] = []
     refused: list[str] = []
-    survey = Survey.of_rows(basis.rows)
+    search = LagSearch.of_rows(basis.rows)
     lagged = any(candidate.form == "lagged" for candidate in candidates)
-    grid = survey.on_grid() if lagged else None
+    grid = search.on_grid() if lagged else None
     for candidate in candidates:
         try:
             if candidate.form == "lagged" and grid is not None:
-                solved.append((candidate, survey.solve(candidate.terms, grid)))
+                solved.append((candidate, search.solve(candidate.terms, grid)))
             elif candidate.form == "level":
                 solved.append((candidate, basis.solve(candidate.terms)))
         except FitError as error:

@@ -10,7 +10,7 @@ alone (Golub & Pereyra 1973).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Self, TypeAlias
 
 import numpy as np
 
@@ -46,26 +46,50 @@ DETERMINED = 0.3
 correlated with it, are not normal.
 """
 ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
+Grid: TypeAlias = list[tuple[Array, Array]]
+"""Logarithms of lags [2] and whitened rows [m, 9] of all terms at each."""
 CLOSE, SETTLED = 1e-4, 1e-10
 """Changes of the logarithm of a lag from which on steps are full, and that end the search."""
 
 
 @dataclass(frozen=True, slots=True)
-class Survey:
-    """Logs of a lagged fit, and their rows at a noise."""
+class _At:
+    """Fit at given lags."""
+
+    log_lags: Array
+    design: Array
+    """[n, k]."""
+    fit: LeastSquares
+
+    @property
+    def square(self) -> float:
+        """Sum of squares."""
+        return self.fit.square
+
+
+@dataclass(frozen=True, slots=True)
+class LagSearch:
+    """Separable least-squares problem: columns of logs that depend on the lags, at a noise of their
+    rows.
+    """
 
     along: coil.Path
     scales: Scales
     rows: Rows
+    chosen: Integers
+    """Columns of the terms beside b0."""
+    turn_on_variance: float = np.inf
 
     @classmethod
     def of_rows(cls, rows: Rows) -> Self:
-        """Survey of rows, whose spikes and noise come from another fit to the same logs."""
+        """Search over rows, whose spikes and noise come from another fit to the same logs, for all
+        terms.
+        """
         logs = rows.stacked.logs
         along = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
         middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
         scales = along.drivers(middle, middle).valid().scales()
-        return cls(along, scales, rows)
+        return cls(along, scales, rows, chosen_columns(LAGGED_TERMS)[1:])
 
     def drivers(self, log_lags: Array) -> Drivers:
         """Drivers [n] of all logs in sequence, for the logarithms of one lag or two."""
@@ -76,12 +100,14 @@ class Survey:
         """Scaled columns [n, 9] of all terms."""
         return self.drivers(log_lags).scaled_design(self.scales)
 
-    def on_grid(self) -> "Grid":
-        """Whitened terms on a grid of lags, for the start of every candidate."""
-        lags = np.log(np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), -1).reshape(-1, 2))
-        return Grid(lags, tuple(self.rows.of(self.design(each)) for each in lags))
+    def on_grid(self) -> Grid:
+        """Logarithms of lags [2] on a grid, and whitened rows [m, 9] of all terms at each, for the
+        start of every candidate.
+        """
+        pairs = np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), -1).reshape(-1, 2)
+        return [(lags, self.rows.of(self.design(lags))) for lags in np.log(pairs)]
 
-    def solve(self, terms: Sequence[str], grid: "Grid") -> Solution:
+    def solve(self, terms: Sequence[str], grid: Grid) -> Solution:
         """Fit a lagged model with these terms; the coil has one lag unless s_grad is among them,
         then two.
 
@@ -94,89 +120,54 @@ class Survey:
                 " G' = T' − G/τ_i is a sum of the others",
                 hint="drop it",
             )
-        chosen = chosen_columns(terms)[1:]
-        search = Search(self, chosen)
-        count = 2 if "s_grad" in terms else 1
-        starts = grid.starts(self, chosen, count)
+        search = replace(self, chosen=chosen_columns(terms)[1:])
+        starts = search.starts(grid, 2 if "s_grad" in terms else 1)
         rough = min((search.minimise(start) for start in starts), key=lambda at: at.square)
-        random = replace(search, turn_on_variance=rough.found.turn_on_variance())
-        return random.solution(random.minimise(rough.log_lags))
+        search = replace(search, turn_on_variance=rough.fit.turn_on_variance())
+        return search.solution(search.minimise(rough.log_lags))
 
     def refine(self, solution: Solution) -> Solution:
-        """The solution at the noise of this survey."""
-        search = Search(self, chosen_columns(solution.terms)[1:], solution.turn_on_variance)
+        """A solution at the noise of these rows."""
+        chosen, variance = chosen_columns(solution.terms)[1:], solution.turn_on_variance
+        search = replace(self, chosen=chosen, turn_on_variance=variance)
         return search.solution(search.minimise(solution.log_lags))
 
-
-@dataclass(frozen=True, slots=True)
-class Grid:
-    """Logarithms of lags [g, 2] and whitened rows [m, 9] of all terms at each."""
-
-    log_lags: Array
-    rows: tuple[Array, ...]
-
-    def starts(self, surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
+    def starts(self, grid: Grid, count: int) -> list[Array]:
         """Logarithms of `count` lags to begin with: the best MOST_STARTS local minima on the grid.
 
         The logs hardly determine which of two lags is the outer one, and each order may have a
         minimum.
         """
-        squares = np.full(len(self.rows), np.inf)
-        for k, rows in enumerate(self.rows):
-            found = surveyed.rows.solve_rows(rows[:, chosen])
-            if found is not None:
-                squares[k] = found.square
+        squares = np.full(len(grid), np.inf)
+        for k, (_, rows) in enumerate(grid):
+            fit = self.rows.solve_rows(rows[:, self.chosen])
+            if fit is not None:
+                squares[k] = fit.square
         if not np.isfinite(squares).any():
             raise _undetermined()
-        grid = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
+        over_lags = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
         around = np.lib.stride_tricks.sliding_window_view(
-            np.pad(grid, 1, constant_values=np.inf), (3, 3)
+            np.pad(over_lags, 1, constant_values=np.inf), (3, 3)
         ).min(axis=(2, 3))
-        outer, inner = np.nonzero((grid <= around) & np.isfinite(grid))
-        best = np.argsort(grid[outer, inner], kind="stable")[:MOST_STARTS]
-        return [self.log_lags[outer[k] * len(STARTS_S) + inner[k]][:count] for k in best]
-
-
-@dataclass(frozen=True, slots=True)
-class _At:
-    """Fit at given lags."""
-
-    log_lags: Array
-    design: Array
-    """[n, k]."""
-    found: LeastSquares
-
-    @property
-    def square(self) -> float:
-        """Sum of squares."""
-        return self.found.square
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """Separable least-squares problem for variable projection: the columns depend on the lags."""
-
-    survey: Survey
-    chosen: Integers
-    turn_on_variance: float = np.inf
+        outer, inner = np.nonzero((over_lags <= around) & np.isfinite(over_lags))
+        best = np.argsort(over_lags[outer, inner], kind="stable")[:MOST_STARTS]
+        return [grid[outer[k] * len(STARTS_S) + inner[k]][0][:count] for k in best]
 
     def at(self, log_lags: Array) -> _At | None:
         """Fit at given lags; None if the columns are linearly dependent."""
-        design = self.survey.design(log_lags)[:, self.chosen]
-        found = self._solve(design)
-        return None if found is None else _At(log_lags, design, found)
-
-    def _solve(self, columns: Array) -> LeastSquares | None:
-        """Fit of columns [n, k]."""
-        return self.survey.rows.solve(columns, self.turn_on_variance)
+        design = self.design(log_lags)[:, self.chosen]
+        fit = self.rows.solve(design, self.turn_on_variance)
+        return None if fit is None else _At(log_lags, design, fit)
 
     def sensitivities(self, here: _At) -> Array:
         """Derivatives [n, lags] of the fitted drift by the logarithm of each lag."""
         # inside the bounds
         shifts = np.where(here.log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
-        designs = (self.survey.design(here.log_lags + step) for step in np.diag(shifts))
-        moved = [(design[:, self.chosen] - here.design) for design in designs]
-        return np.column_stack([change @ here.found.coefficients for change in moved]) / shifts
+        changes = []
+        for step in np.diag(shifts):
+            moved = self.design(here.log_lags + step)[:, self.chosen]
+            changes.append((moved - here.design) @ here.fit.coefficients)
+        return np.column_stack(changes) / shifts
 
     def minimise(self, start: Array) -> _At:
         """Least sum of squares over the lags within BOUNDS_S, by Gauss-Newton steps with free
@@ -188,56 +179,52 @@ class Search:
             raise _undetermined()
         last = np.inf
         for _ in range(ITERATIONS):
-            whole = self._solve(np.column_stack([here.design, self.sensitivities(here)]))
-            if whole is None:
+            tangent = np.column_stack([here.design, self.sensitivities(here)])
+            linearised = self.rows.solve(tangent, self.turn_on_variance)
+            if linearised is None:
                 break
-            step = np.clip(whole.coefficients[self.chosen.size :], -LARGEST_STEP, LARGEST_STEP)
+            step = linearised.coefficients[self.chosen.size :]
+            step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
             size = float(np.max(np.abs(step)))
-            if size > CLOSE:
-                there = self._lower(here, step)
-            else:  # differences of the sum of squares are below rounding here
-                there = self._step(here, step) if size < 0.5 * last else None
-            if there is None:
+            # near the minimum, differences of the sum of squares are below rounding
+            near = size <= CLOSE
+            if near and size >= 0.5 * last:
+                break
+            for halving in range(1 if near else HALVINGS):
+                log_lags = np.clip(here.log_lags + step * 0.5**halving, *np.log(BOUNDS_S))
+                there = self.at(log_lags)
+                if there is not None and (near or there.square < here.square):
+                    break
+            else:
                 break
             here, last = there, size
             if size < SETTLED:
                 break
         return here
 
-    def _step(self, here: _At, step: Array) -> _At | None:
-        """Fit a step of the logarithms of the lags further, within BOUNDS_S."""
-        return self.at(np.clip(here.log_lags + step, *np.log(BOUNDS_S)))
-
-    def _lower(self, here: _At, step: Array) -> _At | None:
-        """First fit with a lower sum of squares along a step that is halved repeatedly."""
-        for halving in range(HALVINGS):
-            there = self._step(here, step * 0.5**halving)
-            if there is not None and there.square < here.square:
-                return there
-        return None
-
     def solution(self, here: _At) -> Solution:
         """Solution at the minimum; a lag at its bound, or without effect on drift, counts as
         given.
         """
         changes = self.sensitivities(here)
+        tangent = np.column_stack([here.design, changes])
         low, high = np.log(BOUNDS_S)
         # free only if the derivatives by the lags are independent of the columns
         free = (
             (here.log_lags > low + STEP)
             & (here.log_lags < high - STEP)
-            & (self._solve(np.column_stack([here.design, changes])) is not None)
+            & (self.rows.solve(tangent, self.turn_on_variance) is not None)
         )
         return Solution(
             form="lagged",
             terms=("b0", *(TERMS[k] for k in self.chosen)),
-            scales=self.survey.scales,
-            drivers=self.survey.drivers(here.log_lags),
+            scales=self.scales,
+            drivers=self.drivers(here.log_lags),
             columns=here.design,
             sensitivities=changes[:, free],
             log_lags=here.log_lags,
             free=free,
-            rows=self.survey.rows,
+            rows=self.rows,
             window_s=0.0,
             turn_on_variance=self.turn_on_variance,
             endless=bool(np.any(here.log_lags > high - STEP)),
@@ -258,7 +245,7 @@ def finish(solution: Solution) -> ThermalModel:
     rows = solution.rows.at_noise_of(solution.rows.stacked.indication, solution.tangent)
     solution = replace(solution, rows=rows)
     if solution.log_lags.size:
-        solution = Survey.of_rows(rows).refine(solution)
+        solution = LagSearch.of_rows(rows).refine(solution)
     model = solution.finish()
     relative = model.standard_uncertainty[9:] / np.array(model.lags)
     flags: list[str] = []

@@ -106,18 +106,14 @@ class Stack:
         """
         if not logs:
             raise FitError("no log to fit", hint="check the file names in [logs]")
-        for log in logs:
-            if not all(
-                np.isfinite(values).all()
-                for values in (log.time, log.case, log.env, log.indication)
-            ):
+        log_rows, ramps, ramp_log, names, row = [], [], [], [], 0
+        for number, log in enumerate(logs):
+            columns = log.time, log.case, log.env, log.indication
+            if not all(np.isfinite(column).all() for column in columns):
                 raise FitError(
                     f"{log.name}: a value that is not finite reached the fit",
                     hint="exclude the rows that hold it",
                 )
-        ramps, owners, names, log_rows = [], [], [], []
-        row = 0
-        for number, log in enumerate(logs):
             edges = [0, *(np.flatnonzero(np.diff(log.part)) + 1).tolist(), log.part.size]
             for k, (start, stop) in enumerate(pairwise(edges), start=1):
                 if stop - start < 10:
@@ -128,19 +124,18 @@ class Stack:
                         ' another unit: state it, [columns.time_s] unit = "min"',
                     )
                 ramps.append(slice(row + start, row + stop))
-                owners.append(number)
+                ramp_log.append(number)
                 names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
             log_rows.append(slice(row, row + log.part.size))
             row += log.part.size
+        every = (np.ones(log.time.size, bool) if log.fitted is None else log.fitted for log in logs)
         return cls(
             tuple(logs),
             np.concatenate([log.indication for log in logs]),
-            np.concatenate(
-                [np.ones(log.time.size, bool) if log.fitted is None else log.fitted for log in logs]
-            ),
+            np.concatenate(list(every)),
             tuple(log_rows),
             tuple(ramps),
-            np.array(owners, dtype=np.int64),
+            np.array(ramp_log, dtype=np.int64),
             tuple(names),
         )
 
@@ -397,26 +392,42 @@ class Solution:
     def finish(self) -> ThermalModel:
         """Drift model in raw units, with its covariance by the noise of the rows.
 
+        b0 is the mean of the levels of the logs: of its variance, τ²/logs is that of their turn-on
+        biases, which is the scatter of the levels beyond their own uncertainty.
+
         Raises FitError naming the terms that the logs cannot determine.
         """
         chosen, rows, stacked = chosen_columns(self.terms)[1:], self.rows, self.rows.stacked
         solved, _ = rows.solve_terms(self.columns, self.terms[1:])
         tangent = rows.solve(self.tangent, self.turn_on_variance) or solved
-        logs, level = solved.logs, solved.levels
-        matrix = _to_raw_and_lags(self, logs, chosen)
+        logs, level, lags = solved.logs, solved.levels, np.exp(self.log_lags)
+        # from (levels, scaled coefficients, logarithms of the free lags) to (raw units, seconds);
+        # terms and lags that were not fitted have zero rows
+        free = np.flatnonzero(self.free)
+        to_terms = np.zeros((9 + lags.size, logs + chosen.size + free.size))
+        to_terms[0, :logs] = 1.0 / logs
+        to_terms[chosen, logs + np.arange(chosen.size)] = 1.0
+        to_terms[9 + free, logs + chosen.size + np.arange(free.size)] = lags[free]
+        to_raw = np.eye(9 + lags.size)
+        to_raw[:9, :9] = self.scales.to_raw()
+        matrix = to_raw @ to_terms
         covariance = matrix @ tangent.covariance @ matrix.T
-        turn_on_variance = _turn_on_variance(level, tangent.covariance)
+        turn_on_variance = 0.0
+        if logs > 1:
+            of_levels = tangent.covariance[:logs, :logs]
+            alone = float(np.mean(np.diag(of_levels)) - np.mean(of_levels))
+            turn_on_variance = max(float(np.var(level, ddof=1)) - alone, 0.0) / logs
         covariance[0, 0] += turn_on_variance
         scaled = np.concatenate([[level.mean()], np.zeros(8)])
         scaled[chosen] = solved.coefficients
         drift = self.columns @ solved.coefficients
         residual = (stacked.indication - drift - stacked.level_columns @ level)[rows.blocks]
-        dof = residual.size - chosen.size - int(self.free.sum()) - logs
+        dof = residual.size - chosen.size - free.size - logs
         return ThermalModel(
             form=self.form,
             terms=self.terms,
             coefficients=self.scales.to_raw() @ scaled,
-            lags=tuple(np.exp(self.log_lags).tolist()),
+            lags=tuple(lags.tolist()),
             covariance=covariance,
             window_s=self.window_s,
             valid=Drivers(*(values[stacked.fitted] for values in self.drivers)).valid(),
@@ -431,30 +442,3 @@ class Solution:
             entangled=(),
             flags=(),
         )
-
-
-def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
-    """Matrix [9 + lags, logs + k + free lags] from (offsets, scaled coefficients, logarithms of the
-    free lags) to raw units and seconds.
-    """
-    k, lags = chosen.size, solution.log_lags.size
-    scaled = np.zeros((9 + lags, logs + k + int(solution.free.sum())))
-    scaled[0, :logs] = 1.0 / logs
-    scaled[chosen, logs + np.arange(k)] = 1.0
-    free = np.flatnonzero(solution.free)
-    scaled[9 + free, logs + k + np.arange(free.size)] = np.exp(solution.log_lags[free])
-    raw = np.eye(9 + lags)
-    raw[:9, :9] = solution.scales.to_raw()
-    # terms that were not fitted have zero rows in `scaled`
-    return np.asarray(raw @ scaled, dtype=np.float64)
-
-
-def _turn_on_variance(level: Array, covariance: Array) -> float:
-    """Variance [(°/h)²] of the mean turn-on bias: the scatter of the logs' offsets beyond their own
-    uncertainty, over their number.
-    """
-    count = level.size
-    if count < 2:
-        return 0.0
-    own = float(np.mean(np.diag(covariance)[:count]) - np.mean(covariance[:count, :count]))
-    return max(float(np.var(level, ddof=1)) - own, 0.0) / count

@@ -1,5 +1,5 @@
-"""Bias of each channel of a static instrument as a polynomial of a temperature: logs →
-bias.json.
+"""Bias of each channel of a static instrument as a polynomial of a temperature, or of any other
+abscissa: logs → bias.json.
 """
 
 from __future__ import annotations
@@ -18,13 +18,9 @@ from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.bias_temperature import (
-    certificate,
-    figures as pages,
-    polynomials,
-    sensitivities,
-)
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.bias import certificate, figures, polynomials, sensitivities
+from calibkit.instruments.bias.forms import POLYNOMIALS
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
@@ -42,6 +38,8 @@ if TYPE_CHECKING:
 Recipe = BiasTemperatureRecipe
 KEY_FIGURES = (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",)
 FORMS = (POLYNOMIAL,)
+CAMPAIGNS = None
+"""The simulated campaigns of this package are of `thermal`."""
 
 
 def read(
@@ -51,77 +49,61 @@ def read(
     return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))
 
 
-def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
-    """What is wrong with a log; one on disk is looked at in pieces."""
-    if not log.on_disk:
-        return _find_faults(spec, log)
-    pieced = chunked.examine_on_disk(spec, log)
-    if any(finding.refused for finding in pieced.findings):
-        return list(pieced.findings)
-    rest = (
-        finding
-        for finding in _find_faults(spec, pieced.log)
-        if finding.name not in chunked.FOUND_IN_CHUNKS
-    )
-    return [*checks.find_too_few_rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
-
-
 def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
-    """What is wrong with a log that is looked at whole."""
-    early = [
-        *checks.find_too_few_rows(log, spec.polynomials.min_rows),
-        *checks.find_missing_values(log, list(log.frame.columns)),
-    ]
-    if any(finding.refused for finding in early):
-        return early
-    timed = "time_s" in log.frame.columns
-    found = [
-        *early,
-        *(checks.find_unordered_times(log) if timed else ()),
-        *(checks.find_gaps(log, spec.polynomials.max_gap_s) if timed else ()),
-        *checks.find_constant_columns(log, [spec.polynomials.abscissa]),
-    ]
-    if any(finding.refused for finding in found):
-        return found
-    for column in spec.still_columns():
-        found += checks.series.check_indication(log, column, units.column_unit(column))
-    if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
-        found += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
-        found += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
-    return [
-        *found,
-        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
-    ]
+    """What is wrong with a log."""
+
+    def examine(log: Log) -> list[Finding]:
+        found = [
+            *checks.find_too_few_rows(log, spec.polynomials.min_rows),
+            *checks.find_missing_values(log, list(log.frame.columns)),
+        ]
+        if any(finding.refused for finding in found):
+            return found
+        timed = "time_s" in log.frame.columns
+        if timed:
+            found += checks.find_unordered_times(log)
+            found += checks.find_gaps(log, spec.polynomials.max_gap_s)
+        found += checks.find_constant_columns(log, [spec.polynomials.abscissa])
+        if any(finding.refused for finding in found):
+            return found
+        for column in spec.still_columns():
+            found += checks.series.check_indication(log, column, units.column_unit(column))
+        if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
+            found += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
+            found += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
+        return [*found, *checks.magnitude.find_compensated_names(log, spec, spec.still_columns())]
+
+    return chunked.find_faults(spec, log, spec.polynomials.min_rows, examine)
 
 
 def faults(spec: BiasTemperatureRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    return Examined(tuple(_findings(spec, log)))
+    return Examined(tuple(_find_faults(spec, log)))
 
 
 def fit(
     spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[pages.BiasReport]:
+) -> Fitted[figures.BiasReport]:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.refuse_copies(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
-        found = _findings(spec, log)
+        found = _find_faults(spec, log)
         refuse(found)
         logs.append(log)
         flags += [f"{log.file}: {note}" for note in log.notes]
         flags += [str(finding) for finding in found if finding.flagged]
-    fits = polynomials.fit(logs, spec.polynomials, spec.errors)
-    flags += [flag for found in fits for flag in found.flags]
-    result = polynomials.result(fits, flags)
+    channels = polynomials.fit(logs, spec.polynomials, spec.errors)
+    flags += [flag for channel in channels for flag in channel.flags]
+    result = polynomials.result(channels, flags)
     influences = sensitivities.find(result)
     tables = tabulate_fit([result], spec, influences, _list_coefficients)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        polynomials.summary(spec, fits, flags, tables),
-        pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
+        polynomials.summary(spec, channels, flags, tables),
+        figures.BiasReport(spec.polynomials.abscissa, tuple(channel.curve for channel in channels)),
         sensitivities=influences,
     )
 
@@ -139,8 +121,8 @@ def _list_coefficients(stated: Stated) -> tuple[Block, ...]:
 def correct(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Take each channel's polynomial, zero at the reference, out of every row."""
     log = read(spec, data.parent, data.name)
-    refuse(_findings(spec, log))
-    columns, flags = polynomials.compensate(log, records["bias.json"], spec)
+    refuse(_find_faults(spec, log))
+    columns, flags = polynomials.compensate(log, records[POLYNOMIALS], spec)
     added = {}
     for name, corrected in columns.items() if spec.output.drift else ():
         stem, unit = name.rsplit("_", 1)
@@ -157,17 +139,16 @@ def validate(
     """Standard deviation of each channel before and after, of logs that were not fitted."""
     entries = []
     for log in logs:
-        refuse(_findings(spec, log))
-        entries.append(polynomials.validation_entry(log, records["bias.json"], spec))
+        refuse(_find_faults(spec, log))
+        entries.append(polynomials.validation_entry(log, records[POLYNOMIALS], spec))
     return {"logs": entries}, polynomials.validation_summary(entries, spec)
-
-
-def _keys_of(channels: Sequence[str]) -> dict[str, str]:
-    """Polynomials of channels, where they are not those of the shipped recipe."""
-    bias = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
-    return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{bias}]"}
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
-    return evidence.choose_at_rest("bias_temperature", _keys_of)
+
+    def keys_of(channels: Sequence[str]) -> dict[str, str]:
+        listed = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
+        return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{listed}]"}
+
+    return evidence.choose_at_rest("bias_temperature", keys_of)

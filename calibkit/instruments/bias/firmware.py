@@ -1,21 +1,24 @@
-"""thermal.json → chain of steps by which firmware follows the bias of every channel, updated once
-per interval.
+"""bias.json → chain without memory; thermal.json → chain of steps by which firmware follows the
+bias of every channel, updated once per interval.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 
+from calibkit import units
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
-from calibkit.firmware.draft import Draft
+from calibkit.firmware.draft import BEYOND, Draft, powers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments.thermal.forms import CASE_RANGE, FILE
-from calibkit.instruments.thermal.recipe import ThermalRecipe
+from calibkit.instruments.bias.forms import CASE_RANGE, POLYNOMIALS, THERMAL
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe, ThermalRecipe
+from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.thermal_forms import CASE, RATE
 
 HISTORY = (
@@ -40,18 +43,78 @@ of its input, and number of updates.
 """
 
 
-def files(_: ThermalRecipe) -> tuple[str, ...]:
+def files(spec: BiasTemperatureRecipe | ThermalRecipe) -> tuple[str, ...]:
     """Coefficient file that the chain takes its numbers from."""
-    return (FILE,)
+    return (THERMAL if isinstance(spec, ThermalRecipe) else POLYNOMIALS,)
 
 
-def chain(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
+def chain(spec: BiasTemperatureRecipe | ThermalRecipe, records: Mapping[str, Record]) -> Chain:
+    """Chain of the bias of every channel, which is zero at the reference."""
+    if isinstance(spec, ThermalRecipe):
+        return _follow_terms(spec, records)
+    return _polynomials(spec, records)
+
+
+def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
+    """Bias of each channel, zero at the reference temperature; of an abscissa that is no
+    temperature at the middle of its range.
+    """
+    record = required_record(records, POLYNOMIALS, spec)
+    draft = Draft(padded=spec.export.layout == "padded")
+    for number, model in enumerate(record.models):
+        (column, valid), name = next(iter(model.valid.items())), model.name
+        for text in (column, name):
+            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
+                raise OutputError(
+                    f"column '{text}' cannot be a name in C",
+                    hint="rename it in the recipe's [columns]",
+                )
+        unit = units.column_unit(column)
+        middle, half = exact.span(*valid)
+        reach = (middle - BEYOND * half, middle + BEYOND * half)
+        draft.input(column, unit, "abscissa of the bias", reach)
+        if number == 0:
+            draft.ranges.append(f"{column} {exact.limits_text(*valid, 6)} {unit}")
+            draft.map("u", column, valid, flag="TEMP_CLAMPED")
+        low, high = (Fraction(limit) for limit in valid)
+        reference = (
+            Fraction(spec.reference_temp_degc) if column.endswith("_degc") else (low + high) / 2
+        )
+        found = exact.mapped(powers(model, "p"), middle, half)
+        at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
+        bias = exact.add(found, (-at_rest,))
+        if not exact.trimmed(bias):
+            raise OutputError(
+                f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
+            )
+        terms = draft.polynomial(f"p_{name}", bias, "u", order=HIGHEST_ORDER)
+        source = draft.sum(f"bias_{name}", terms)
+        meaning = f"bias of {name}, to be subtracted from it"
+        draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
+    return draft.chain(
+        [model.form for model in record.models],
+        f"corrected = indication - bias, each channel in its unit; {_zero(spec)}",
+    )
+
+
+def _zero(spec: BiasTemperatureRecipe) -> str:
+    """Where the bias of every channel is 0, in words."""
+    column = spec.polynomials.abscissa
+    if not column.endswith("_degc"):
+        return f"the bias is 0 in the middle of the fitted range of {column}"
+    return (
+        f"the bias is 0 at {spec.reference_temp_degc:g} degC, or at the end of the fitted range"
+        " nearest to it"
+    )
+
+
+def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of all channels that vary, each zero at rest at the reference temperature; OutputError
     where none does.
     """
     models = [
         model
-        for model in required_record(records, FILE, spec).models
+        for model in required_record(records, THERMAL, spec).models
         if any(coefficient.value for coefficient in model.coefficients[1:])
     ]
     if not models:

@@ -13,8 +13,8 @@ from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.solve import Fit, predict
 from calibkit.frame import values
-from calibkit.instruments.bias_temperature import blocks
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.bias import blocks
+from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour
 from calibkit.planning.schedule import Clock, Schedule

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
 from calibkit import check as checks, units
@@ -10,28 +11,34 @@ from calibkit.coefficients import Input, Record
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.thermal import (
+from calibkit.instruments.bias import (
     channels,
     compensate,
-    figures,
     forms,
     power_ons,
     sensitivities,
     tables,
 )
-from calibkit.instruments.thermal.recipe import ThermalRecipe
+from calibkit.instruments.bias.figures import Course, ThermalReport
+from calibkit.instruments.bias.recipe import ThermalRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
 
 Recipe = ThermalRecipe
 KEY_FIGURES = (r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",)
-FORMS = tuple(forms.FORMS.values())
+FORMS = (forms.LEVEL, forms.LAGGED)
+prepare_plan = simulate_plan = None
+"""The campaigns that a plan of this package chooses are of `bias_temperature`."""
+SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis in "xyz"]
+"""Channels of the shipped recipe."""
 
 
 def read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
@@ -39,28 +46,20 @@ def read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.rea
     return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 
 
-def _mend(spec: ThermalRecipe, log: Log) -> Log:
-    """Log whose clock goes on after a restart."""
-    stated = spec.thermal.interval_s
-    interval_s = power_ons.USUAL_INTERVAL_S if stated == "auto" else float(stated)
-    return power_ons.mend_clock(log, interval_s)
-
-
 def _find_unusable(spec: ThermalRecipe, log: Log, min_rows: int) -> list[Finding]:
     """What is wrong with a log whose clock was mended, for compensation."""
-    early = [
+    found = [
         *checks.find_too_few_rows(log, min_rows),
         *checks.find_missing_values(log, list(log.frame.columns)),
     ]
-    if any(finding.refused for finding in early):
-        return early
-    rates = [name for name in spec.thermal.channels if name.endswith("_dph")]
-    return [
-        *early,
-        *checks.find_unordered_times(log),
-        *checks.find_implausible_temperatures(log, [power_ons.CASE]),
-        *(finding for name in rates for finding in checks.find_implausible_rates(log, name)),
-    ]
+    if any(finding.refused for finding in found):
+        return found
+    found += checks.find_unordered_times(log)
+    found += checks.find_implausible_temperatures(log, [power_ons.CASE])
+    for name in spec.thermal.channels:
+        if name.endswith("_dph"):
+            found += checks.find_implausible_rates(log, name)
+    return found
 
 
 def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
@@ -75,22 +74,20 @@ def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
     found += checks.thermometers.find_lost_sign(log, power_ons.CASE)
     for column in spec.still_columns():
         found += checks.series.check_indication(log, column, units.column_unit(column))
-    return [
-        *found,
-        # an instrument that is left alone may warm as slowly as it likes
-        *checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0),
-        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
-    ]
+    # an instrument that is left alone may warm as slowly as it likes
+    found += checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0)
+    found += checks.magnitude.find_compensated_names(log, spec, spec.still_columns())
+    return found
 
 
 def faults(spec: ThermalRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    return Examined(tuple(_find_faults(spec, _mend(spec, log))))
+    return Examined(tuple(_find_faults(spec, power_ons.mend_clock(log, spec.thermal))))
 
 
 def fit(
     spec: ThermalRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[figures.ThermalReport]:
+) -> Fitted[ThermalReport]:
     """Fit every channel over the power-ons of all logs: bias + powers of T + terms of its rate, by
     a level or a lagged model, as many terms as left-out stretches ask for (`channels`).
     """
@@ -98,7 +95,7 @@ def fit(
     for log in copies.refuse_copies(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
-        mended = _mend(spec, log)
+        mended = power_ons.mend_clock(log, spec.thermal)
         found = _find_faults(spec, mended)
         refuse(found)
         raw.append(log)
@@ -114,16 +111,20 @@ def fit(
         channels.fit_channel(name, together, spec, interval_s)
         for name in progress(spec.thermal.channels, "fitting")
     ]
-    flags += [flag for one in fitted for flag in one.flags]
+    flags += [flag for channel in fitted for flag in channel.flags]
     flags += channels.flag_one_power_on(together, spec)
     flags = list(dict.fromkeys(flags))
     result = channels.result(fitted, interval_s, flags)
+    courses = tuple(
+        Course((one.blocks.time - one.blocks.time[0]) / 60.0, one.blocks.case, ~one.fitted)
+        for one in together
+    )
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in raw),
         tables.fit_summary(spec, fitted, flags),
-        tables.report_data(fitted, together, spec.reference_temp_degc),
-        exports=any(one.varies for one in fitted),
+        ThermalReport(courses, tuple(channel.curves for channel in fitted)),
+        exports=any(channel.varies for channel in fitted),
         sensitivities=sensitivities.find(result),
     )
 
@@ -132,7 +133,7 @@ def correct(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> A
     """Take the bias of each channel, zero at the reference, out of every row."""
     models = compensate.read_models(records, spec)
     log = read(spec, data.parent, data.name)
-    mended = _mend(spec, log)
+    mended = power_ons.mend_clock(log, spec.thermal)
     refuse(_find_unusable(spec, mended, 1))
     columns, added, flags = compensate.compensate_log(mended, log, models, spec)
     return write_back.rewrite_log(spec, data, log, columns, added), flags
@@ -146,7 +147,21 @@ def validate(
     """
     models, entries = compensate.read_models(records, spec), []
     for log in logs:
-        mended = _mend(spec, log)
+        mended = power_ons.mend_clock(log, spec.thermal)
         refuse(_find_unusable(spec, mended, 3))
         entries.append(compensate.validation_entry(mended, log, models, spec))
     return {"logs": entries}, tables.validation_summary(entries, spec)
+
+
+def propose(evidence: Evidence) -> RecipeChoice | None:
+    """Choice of the recipe for channels at rest beside one temperature that goes up and down; a
+    single warm-up determines no more than a polynomial.
+    """
+    if not (evidence.cycles("temp_case_degc") or evidence.cycles("temp_env_degc")):
+        return None
+
+    def keys_of(listed: Sequence[str]) -> dict[str, str]:
+        same = sorted(listed) == sorted(SHIPPED)
+        return {} if same else {"channels": json.dumps(list(listed))}
+
+    return evidence.choose_at_rest("thermal", keys_of)

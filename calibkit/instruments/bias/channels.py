@@ -1,19 +1,19 @@
 """Power-ons → chosen model of each channel, and thermal.json."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import thermal_forms, units
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Component, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Component, Figure, Parameter, StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.thermal import forms
-from calibkit.instruments.thermal.numeric import choice
-from calibkit.instruments.thermal.numeric.choice import Choice
-from calibkit.instruments.thermal.power_ons import PowerOn
-from calibkit.instruments.thermal.recipe import EFFECT, GROUP, ThermalRecipe
+from calibkit.instruments.bias import choice, forms
+from calibkit.instruments.bias.choice import Choice
+from calibkit.instruments.bias.figures import ChannelCurves
+from calibkit.instruments.bias.power_ons import PowerOn
+from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
 from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import linear
@@ -21,6 +21,9 @@ from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_terms
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
 
 REACH = 1.0 / 3.0
 """Share of a fitted range by which a model is carried beyond each of its ends; further out it is
@@ -36,8 +39,8 @@ NO_TERM = "no drift term needed: no model is clearly better than a constant on l
 class FittedChannel:
     """Chosen model of one channel and what it leaves, in the channel's unit."""
 
-    name: str
     choice: Choice
+    curves: ChannelCurves
     before: float
     """Rms of the fitted blocks about the turn-on biases, without the model."""
     after: float
@@ -52,9 +55,14 @@ class FittedChannel:
     flags: tuple[str, ...]
 
     @property
+    def name(self) -> str:
+        """Name of the channel."""
+        return self.curves.name
+
+    @property
     def unit(self) -> str:
         """Unit of the channel."""
-        return units.column_unit(self.name)
+        return self.curves.unit
 
     @property
     def varies(self) -> bool:
@@ -83,49 +91,42 @@ def fit_channel(
     name: str, power_ons: Sequence[PowerOn], spec: ThermalRecipe, interval_s: float
 ) -> FittedChannel:
     """Choose and fit the terms of one channel; raises FitError that names it."""
-    stacked = Stack.of_logs([one.of_channel(name) for one in power_ons])
-    forms_of = spec.thermal.model
-    candidates = [one for one in choice.CANDIDATES if forms_of in ("auto", one.form)]
+    stacked = Stack.of_logs([power_on.of_channel(name) for power_on in power_ons])
+    family = spec.thermal.model
+    candidates = [one for one in choice.CANDIDATES if family in ("auto", one.form)]
     try:
-        found = choice.choose(stacked, candidates, figure_blocks=blocks_per_figure(interval_s))
+        chosen = choice.choose(stacked, candidates, figure_blocks=blocks_per_figure(interval_s))
     except FitError as error:
         raise FitError(f"{name}: {error.message}", hint=error.hint) from None
-    found, components = _share_turn_on(found, name, power_ons, spec)
-    left = [
-        log.indication - evaluate_wide(found.model, log, spec.reference_temp_degc).drift
-        for log in stacked.logs
-    ]
-    raw = [log.indication for log in stacked.logs]
-    masks = [stacked.fitted[rows] for rows in stacked.log_rows]
-    variances = (
-        dispersion.variances_within(values[mask], values[mask])
-        for values, mask in zip(left, masks, strict=True)
-    )
-    before, after = (rms(_about_level(values, masks, masks)) for values in (raw, left))
-    out = [~mask for mask in masks]
+    chosen, components = _share_turn_on(chosen, name, power_ons, spec)
+    # what a turn-on changes is the level of a power-on: all is shown about that of its fitted rows
+    raw: list[Array] = []
+    left: list[Array] = []
+    within = []
+    for power_on, log in zip(power_ons, stacked.logs, strict=True):
+        drift = evaluate_wide(chosen.model, log, spec.reference_temp_degc).drift
+        for curve, indication in ((raw, log.indication), (left, log.indication - drift)):
+            curve.append(np.asarray(indication - indication[power_on.fitted].mean()))
+        corrected = (log.indication - drift)[power_on.fitted]
+        within.append(dispersion.variances_within(corrected, corrected))
+    fitted = np.concatenate([power_on.fitted for power_on in power_ons])
+    both = np.concatenate(raw), np.concatenate(left)
+    before, after = (rms(indication[fitted]) for indication in both)
     withheld = None
-    if not stacked.fitted.all():
-        both = [rms(_about_level(values, masks, out)) for values in (raw, left)]
-        withheld = both[0], both[1]
-    no_term = (NO_TERM,) if found.chosen.candidate is choice.CONSTANT else ()
-    flags = (*found.model.flags, *no_term, *_flag_turn_on_drift(name, found, power_ons))
+    if not fitted.all():
+        withheld = rms(both[0][~fitted]), rms(both[1][~fitted])
+    no_term = (NO_TERM,) if chosen.chosen.candidate is choice.CONSTANT else ()
+    flags = (*chosen.model.flags, *no_term, *_flag_turn_on_drift(name, chosen, power_ons))
     return FittedChannel(
-        name,
-        found,
+        chosen,
+        ChannelCurves(name, units.column_unit(name), tuple(raw), tuple(left)),
         before,
         after,
-        dispersion.over_noise(after, variances),
+        dispersion.over_noise(after, within),
         withheld,
         chunks.extremes(np.concatenate([one.blocks.case[one.fitted] for one in power_ons])),
         components,
         tuple(f"{name}: {flag}" for flag in flags),
-    )
-
-
-def _about_level(values: Iterable[Array], level: Iterable[Mask], shown: Iterable[Mask]) -> Array:
-    """Values [m] of all power-ons at the rows of `shown`, each about its mean over `level`."""
-    return np.concatenate(
-        [own[rows] - own[mask].mean() for own, mask, rows in zip(values, level, shown, strict=True)]
     )
 
 
@@ -190,44 +191,30 @@ def flag_one_power_on(power_ons: Sequence[PowerOn], spec: ThermalRecipe) -> tupl
 def result(
     channels: Sequence[FittedChannel], interval_s: float, flags: Sequence[str]
 ) -> StageResult:
-    """thermal.json: one model of each channel, named by it, with the errors of all candidates."""
-    return StageResult(
-        "thermal",
-        models=tuple(_model(one, interval_s) for one in channels),
-        figures=tuple(figure for one in channels for figure in _figures(one)),
-        flags=tuple(flags),
-    )
-
-
-def _model(one: FittedChannel, interval_s: float) -> Model:
-    """Model of one channel."""
-    model = one.choice.model
-    form = forms.LEVEL if model.form == "level" else forms.LAGGED
-    return thermal_forms.write_terms(
-        form,
-        one.name,
-        model,
-        interval_s,
-        one.unit,
-        components=one.components,
-        more=tuple(
-            Parameter(name, value, "degC")
-            for name, value in zip(forms.CASE_RANGE, one.case, strict=True)
-        ),
-    )
-
-
-def _figures(one: FittedChannel) -> list[Figure]:
-    """Figures of one channel: rms before and after, on left-out stretches, withheld."""
-    both = [
-        (f"rms_before.{one.name}", one.before),
-        (f"rms_after.{one.name}", one.after),
-        *(
-            (f"left_out_rms.{one.name}.{tested.candidate.name}", tested.pooled)
-            for tested in one.choice.tested
-        ),
-    ]
-    if one.withheld is not None:
-        raw, left = one.withheld
-        both += [(f"withheld_rms_before.{one.name}", raw), (f"withheld_rms_after.{one.name}", left)]
-    return [Figure(name, value, one.unit, 0.0) for name, value in both]
+    """thermal.json: one model of each channel, named by it, with its rms before and after, on
+    stretches left out by each candidate, and on withheld ones.
+    """
+    models, figures = [], []
+    for channel in channels:
+        model = channel.choice.model
+        range_of_case = zip(forms.CASE_RANGE, channel.case, strict=True)
+        models.append(
+            thermal_forms.write_terms(
+                forms.LEVEL if model.form == "level" else forms.LAGGED,
+                channel.name,
+                model,
+                interval_s,
+                channel.unit,
+                components=channel.components,
+                more=tuple(Parameter(name, value, "degC") for name, value in range_of_case),
+            )
+        )
+        rms_of = {f"rms_before.{channel.name}": channel.before}
+        rms_of[f"rms_after.{channel.name}"] = channel.after
+        for tested in channel.choice.tested:
+            rms_of[f"left_out_rms.{channel.name}.{tested.candidate.name}"] = tested.pooled
+        if channel.withheld is not None:
+            for when, value in zip(("before", "after"), channel.withheld, strict=True):
+                rms_of[f"withheld_rms_{when}.{channel.name}"] = value
+        figures += [Figure(name, value, channel.unit, 0.0) for name, value in rms_of.items()]
+    return StageResult("thermal", tuple(models), tuple(figures), flags=tuple(flags))

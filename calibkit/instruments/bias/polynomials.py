@@ -1,81 +1,71 @@
-"""Channels of a static instrument → bias.json: bias of each as a polynomial of any abscissa."""
+"""Bias of the channels of a static instrument as a polynomial of any abscissa T → bias.json.
+
+    y = Σ_k p_k T^k + b_log + w_log(t) + flicker + white                             (1)
+
+b_log is the turn-on bias of a log, w_log its wander with time (`blocks`). A turn-on bias is new in
+every log, so that the degrees of freedom of p0 are those of the logs, never those of their rows.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
-from calibkit.coefficients import (
-    Component,
-    Criterion,
-    Model,
-    Record,
-    StageResult,
-    at_most,
-    over_stated_u,
-)
+from calibkit.certificate.words import unit_mark
+from calibkit.coefficients import Criterion, Model, Record, StageResult, at_most, over_stated_u
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
 from calibkit.fit.unseen import unseen
 from calibkit.forms import POLYNOMIAL, components_of, power_unit
 from calibkit.frame import Log, values
-from calibkit.instruments.bias_temperature import blocks as bias_blocks
-from calibkit.instruments.bias_temperature.blocks import (
+from calibkit.instruments.bias import blocks as bias_blocks
+from calibkit.instruments.bias.blocks import (
     COURSES,
     LEAST_LOGS,
     Blocks,
     between_logs,
     turn_on_bias,
 )
-from calibkit.instruments.bias_temperature.figures import BiasCurve
-from calibkit.instruments.bias_temperature.overview import summarize_drifts
-from calibkit.instruments.bias_temperature.quantities import reference_of
-from calibkit.instruments.bias_temperature.recipe import (
+from calibkit.instruments.bias.figures import BiasCurve
+from calibkit.instruments.bias.quantities import reference_of
+from calibkit.instruments.bias.recipe import (
     Bias,
     BiasAcceptance,
     BiasTemperatureRecipe,
     Polynomials,
 )
 from calibkit.numeric import chunks, dispersion, gum
-from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.numeric.flicker import Turned
 from calibkit.numeric.least_squares import fold, polynomial
 from calibkit.numeric.least_squares.fit import rank
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
+from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
-BINS, POINTS = 200, 9
+BINS = 200
+"""Equal steps of the abscissa of which the figure shows means."""
+POINTS = 9
+"""Abscissae at which the degrees of freedom of the bias are found, for those of p0."""
 
 Allocate = Callable[[int], Array]
 
 
 @dataclass(frozen=True, slots=True)
-class _BiasFit:
-    """One channel's polynomial: raw powers of the abscissa in its own unit, with their
-    covariance.
-    """
+class ChannelFit:
+    """Polynomial of one channel in raw powers of the abscissa."""
 
-    indication: str
-    abscissa: str
-    coefficients: Array
-    covariance: Array
-    effective_dof: Array
-    """[p], degrees of freedom of the standard uncertainties of the coefficients."""
-    dof: int
-    residual_rms: float
+    model: Model
     over_noise: float
     """Residual rms over the noise within parts of the logs."""
-    valid: tuple[float, float]
     curve: BiasCurve
-    components: tuple[Component, ...]
     flags: tuple[str, ...]
 
 
@@ -90,7 +80,7 @@ class _Rows:
     allocate: Allocate
 
 
-def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[_BiasFit]:
+def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[ChannelFit]:
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
     rows of all logs, each of which has a turn-on bias of its own.
 
@@ -98,37 +88,30 @@ def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[_BiasFit
     white. Few cold rows leave few degrees of freedom.
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
-    abscissa = _concatenate(logs, spec.abscissa, allocate)
     # the rows that are fitted: a file has more where some are excluded or lack a value
     ends = np.cumsum([0, *(len(log.frame) for log in logs)]).tolist()
     bounds = tuple(pairwise(ends))
-    return [
-        _fit_channel(
-            entry,
-            spec.abscissa,
-            _Rows(abscissa, _concatenate(logs, entry.indication, allocate), bounds, allocate),
-            errors,
-        )
-        for entry in spec.bias
-    ]
+
+    def column_of_all(column: str) -> Array:
+        parts = [values(log.frame, column) for log in logs]
+        if len(parts) == 1:
+            return parts[0]
+        whole = allocate(ends[-1])
+        for part, (first, _) in zip(parts, bounds, strict=True):
+            for start, stop in chunks.ranges_along(part):
+                whole[first + start : first + stop] = part[start:stop]
+                chunks.release(whole)
+        return whole
+
+    abscissa = column_of_all(spec.abscissa)
+    channels = []
+    for entry in spec.bias:
+        rows = _Rows(abscissa, column_of_all(entry.indication), bounds, allocate)
+        channels.append(_fit_channel(entry, spec.abscissa, rows, errors))
+    return channels
 
 
-def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
-    """A column [n] of all logs, one after the other, in an array that `allocate` makes."""
-    parts = [values(log.frame, column) for log in logs]
-    if len(parts) == 1:
-        return parts[0]
-    whole = allocate(sum(part.size for part in parts))
-    row = 0
-    for part in parts:
-        for start, stop in chunks.ranges_along(part):
-            whole[row : row + stop - start] = part[start:stop]
-            row += stop - start
-            chunks.release(whole)
-    return whole
-
-
-def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFit:
+def _fit_channel(entry: Bias, abscissa: str, rows: _Rows, errors: Errors) -> ChannelFit:
     """One channel's polynomial over the abscissa of that name.
 
     Where logs have no error in common, as one log alone, the coefficients are those of ordinary
@@ -141,45 +124,52 @@ def _fit_channel(entry: Bias, name: str, rows: _Rows, errors: Errors) -> _BiasFi
     blocks = Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
     turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
     offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
-    several = len(rows.bounds) > 1
-    if several:
+    many_logs = len(rows.bounds) > 1
+    if many_logs:
         offered += blocks.wander(turned, unit)
     stated = state_sizes(errors, offered)
-    shared = stated if several else []
+    shared = stated if many_logs else []
     if shared and shared[0].size is None:
         _require_levels_apart(shared[0], turned.rows(blocks.design), names)
-    fitted = bias_blocks.fit(blocks, turned, unit, shared, names)
-    coefficients, levels = fitted.parameters, np.zeros(len(rows.bounds))
+    estimate = bias_blocks.fit(blocks, turned, unit, shared, names)
+    coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows.bounds)), estimate.mixed
     if shared:
-        levels = fitted.mixed[0].errors[:, 0]
+        turn_on = estimate.mixed[0].errors[:, 0]
     else:
         coefficients = fold.linear(
             design, rows.indication, names=names, allocate=rows.allocate
         ).coefficients
-        fitted = fitted.linear(_least_squares(blocks, turned), turned.rows(blocks.indication))
-        fitted = fitted.widened_by([one for one in stated if one.size is not None])
-    held = np.vander(np.linspace(*chunks.extremes(rows.abscissa), POINTS), count, increasing=True)
-    along = np.vstack([np.eye(count), held]) @ np.asarray(to_raw, dtype=np.float64)
-    covariance, dof = fitted.covariance, fitted.dof_along(along)
-    wanders = any(size.error.effect in COURSES for size in fitted.mixed)
+        estimate = estimate.linear(_least_squares(blocks, turned), turned.rows(blocks.indication))
+        estimate = estimate.widened_by([error for error in stated if error.size is not None])
+    if not many_logs:  # the rows of one log show nothing of its turn-on bias: it is as stated
+        sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in stated)
+    valid = chunks.extremes(rows.abscissa)
+    at = np.vander(np.linspace(*valid, POINTS), count, increasing=True)
+    along = np.vstack([np.eye(count), at]) @ np.asarray(to_raw, dtype=np.float64)
+    covariance, dof = estimate.covariance, estimate.dof_along(along)
+    wanders = any(size.error.effect in COURSES for size in estimate.mixed)
     if wanders and len(rows.bounds) >= LEAST_LOGS:
-        covariance, dof = between_logs(fitted, turned.rows(blocks.design), blocks.log, along)
+        covariance, dof = between_logs(estimate, turned.rows(blocks.design), blocks.log, along)
     raw, covariance = polynomial.in_raw_powers(coefficients, covariance, to_raw)
     dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
-    shown, rms, over_noise = _bin_means(rows, levels, raw)
-    sizes = fitted.mixed if several else _of_one_log(stated)
-    return _BiasFit(
+    means, residual_rms, over_noise = _bin_means(rows, turn_on, raw)
+    per = units.column_unit(abscissa)
+    model = POLYNOMIAL.write(
         entry.indication,
-        name,
-        raw,
+        [(f"p{k}", p, power_unit(unit, per, k)) for k, p in enumerate(raw.tolist())],
         covariance,
-        dof[:count],
-        rows.indication.size - raw.size,
-        rms,
+        dof=rows.indication.size - raw.size,
+        effective_dof=dof[:count],
+        residual_rms=residual_rms,
+        residual_unit=unit,
+        valid={abscissa: valid},
+        components=components_of(sizes),
+    )
+    fitted = np.vander(means[0], count, increasing=True) @ raw
+    return ChannelFit(
+        model,
         over_noise,
-        chunks.extremes(rows.abscissa),
-        BiasCurve(entry.indication, *shown, np.vander(shown[0], count, increasing=True) @ raw),
-        components_of(sizes),
+        BiasCurve(entry.indication, *means, fitted),
         tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_levels(sizes)),
     )
 
@@ -192,11 +182,6 @@ def _least_squares(blocks: Blocks, turned: Turned) -> Array:
     P = np.linalg.solve(weighted.T @ blocks.design, weighted.T)
     # P y = P (Uᵀ D^½)⁻¹ · turned y, log by log
     return np.hstack([np.linalg.solve(turn.T, P[:, rows].T).T for rows, turn in turned.parts])
-
-
-def _of_one_log(stated: Sequence[Shared]) -> list[SharedSize]:
-    """The turn-on bias of one log, whose rows show nothing of it, as large as it is stated."""
-    return [SharedSize(one, one.size or 0.0, 0.0, 0, np.zeros((1, 1))) for one in stated]
 
 
 def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
@@ -212,53 +197,48 @@ def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) ->
         )
 
 
-def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
+def result(channels: Sequence[ChannelFit], flags: Sequence[str]) -> StageResult:
     """bias.json: one polynomial/1 model per channel, coefficients ascending, p<k> multiplies the
     k-th power.
     """
-    return StageResult("bias", models=tuple(map(_model, fits)), flags=tuple(flags))
+    models = tuple(channel.model for channel in channels)
+    return StageResult("bias", models=models, flags=tuple(flags))
 
 
-def _model(found: _BiasFit) -> Model:
-    """polynomial/1 model of one channel."""
-    unit, per = units.column_unit(found.indication), units.column_unit(found.abscissa)
-    return POLYNOMIAL.write(
-        found.indication,
-        [
-            (f"p{k}", value, power_unit(unit, per, k))
-            for k, value in enumerate(found.coefficients.tolist())
-        ],
-        found.covariance,
-        dof=found.dof,
-        effective_dof=found.effective_dof,
-        residual_rms=found.residual_rms,
-        residual_unit=unit,
-        valid={found.abscissa: found.valid},
-        components=found.components,
-    )
-
-
-def _judge_noise(name: str, over_noise: float, limits: BiasAcceptance) -> tuple[Criterion, ...]:
+def _judge_noise(name: str, over_noise: float, limits: BiasAcceptance) -> list[Criterion]:
     """Criterion that a channel's residuals are as small as its noise, where the recipe limits
     them.
     """
     limit = limits.max_residual_over_noise
-    return (
-        () if limit is None else (at_most(f"{name}: residual over noise", over_noise, limit, "1"),)
-    )
+    if limit is None:
+        return []
+    return [at_most(f"{name}: residual over noise", over_noise, limit, "1")]
 
 
 def summary(
     spec: BiasTemperatureRecipe,
-    fits: Sequence[_BiasFit],
+    channels: Sequence[ChannelFit],
     flags: Sequence[str],
     tables: Sequence[Table],
 ) -> Summary:
-    """Summary of a fit with the tables of its results."""
-    judged = (_judge_noise(one.indication, one.over_noise, spec.acceptance) for one in fits)
-    first = summarize_drifts([(one.curve, one.residual_rms, one.over_noise) for one in fits])
-    limits = tuple(chain.from_iterable(judged))
-    return Summary(spec.title, tuple(tables), tuple(flags), limits, overview=first)
+    """Summary of a fit with the tables of its results; on the first screen how far each channel
+    drifts, and what is left.
+    """
+    drifts, key_values, limits = [], [], []
+    for channel in channels:
+        name, left = channel.model.name, channel.model.residual_rms
+        unit, drift = unit_mark(units.column_unit(name)), float(np.ptp(channel.curve.polynomial))
+        drifts.append(
+            f"{name} drifts by {drift:.3g} {unit} over its range; {left:.3g} {unit} (rms) is"
+            f" left, {channel.over_noise:.3g} times the noise."
+        )
+        key_values += [
+            KeyValue(f"drift of {name}", drift, unit),
+            KeyValue(f"residual rms of {name}", left, unit),
+        ]
+        limits += _judge_noise(name, channel.over_noise, spec.acceptance)
+    first_screen = Overview(drifts[0], tuple(drifts[1:]), tuple(key_values[:4]))
+    return Summary(spec.title, tuple(tables), tuple(flags), tuple(limits), overview=first_screen)
 
 
 def compensate(
@@ -295,51 +275,48 @@ def compensate(
 def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> dict[str, Any]:
     """JSON object of one validated log: standard deviation of every channel before and after."""
     columns, flags = compensate(log, record, spec)
+    channels = []
+    for name, output in columns.items():
+        after = float(np.sqrt(dispersion.variance(output)))
+        parts = (
+            dispersion.variances_within(output[a:b], output[a:b])
+            for a, b in chunks.ranges_along(output)
+        )
+        channels.append(
+            {
+                "name": name,
+                "unit": units.column_unit(name),
+                "before": float(np.sqrt(dispersion.variance(values(log.frame, name)))),
+                "after": after,
+                "residual_over_noise": dispersion.over_noise(after, parts),
+                **_judge_drift(record.model(name), log, spec),
+            }
+        )
     return {
         "name": log.file,
         "sha256": log.sha256,
         "rows": log.rows,
-        "channels": [
-            {
-                "name": name,
-                "unit": units.column_unit(name),
-                "before": _standard_deviation(values(log.frame, name)),
-                "after": _standard_deviation(output),
-                "residual_over_noise": dispersion.over_noise(
-                    _standard_deviation(output),
-                    (
-                        dispersion.variances_within(output[a:b], output[a:b])
-                        for a, b in ranges_along(output)
-                    ),
-                ),
-                **_judge_drift(record.model(name), log, spec),
-            }
-            for name, output in columns.items()
-        ],
+        "channels": channels,
         "flags": list(flags),
     }
 
 
 def validation_summary(entries: Sequence[dict[str, Any]], spec: BiasTemperatureRecipe) -> Summary:
     """Summary of a validation."""
-    rows = tuple(
-        (entry["name"], c["name"], number(c["before"]), number(c["after"]), c["unit"])
-        for entry in entries
-        for c in entry["channels"]
-    )
-    judged = over_stated_u(
-        (f"{entry['name']} {c['name']}: drift", c) for entry in entries for c in entry["channels"]
-    )
-    limited = (
-        _judge_noise(f"{entry['name']} {c['name']}", c["residual_over_noise"], spec.acceptance)
-        for entry in entries
-        for c in entry["channels"]
-    )
+    rows, limits, drifts = [], [], []
+    for entry in entries:
+        for c in entry["channels"]:
+            cells = number(c["before"]), number(c["after"]), c["unit"]
+            rows.append((entry["name"], c["name"], *cells))
+            name = f"{entry['name']} {c['name']}"
+            drifts.append((f"{name}: drift", c))
+            limits += _judge_noise(name, c["residual_over_noise"], spec.acceptance)
+    heads = ("log", "channel", "before", "after", "unit")
     return Summary(
         "",
-        (Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows),),
+        (Table("Standard deviation", heads, tuple(rows)),),
         tuple(flag for entry in entries for flag in entry["flags"]),
-        (*judged, *chain.from_iterable(limited)),
+        (*over_stated_u(drifts), *limits),
     )
 
 
@@ -352,15 +329,15 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     low, high = chunks.extremes(x)
     if order == 0 or low == high:
         return {}
-    of_model = Bias(indication=model.name, order=order)
     rows = _Rows(x, values(log.frame, model.name), ((0, x.size),), log.allocate)
-    own = _fit_channel(of_model, abscissa, rows, Errors())
+    of_log = _fit_channel(Bias(indication=model.name, order=order), abscissa, rows, Errors()).model
     # the rows that it corrects, about their mean: of all powers but the level, which cancels
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
     along = powers - powers.mean(axis=0)
-    both = own.covariance + np.array(model.covariance) + _type_b(model, abscissa, spec.type_b)
+    both = np.array(of_log.covariance) + np.array(model.covariance)
+    both += _type_b(model, abscissa, spec.type_b)
     judged = unseen(
-        along @ (own.coefficients - POLYNOMIAL.read(model))[1:],
+        along @ (POLYNOMIAL.read(of_log) - POLYNOMIAL.read(model))[1:],
         along @ gum.square_root(both[1:, 1:]),
         dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
     )
@@ -414,10 +391,3 @@ def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Arra
     means = sums[0][full] / count[full], sums[1][full] / count[full]
     rms = float(np.sqrt(square / rows.indication.size))
     return means, rms, dispersion.over_noise(rms, within)
-
-
-def _standard_deviation(values: Array) -> float:
-    """Standard deviation of values [n] about their mean (divided by n)."""
-    centre = mean(values)
-    square = sum(float(np.sum((values[a:b] - centre) ** 2)) for a, b in ranges_along(values))
-    return float(np.sqrt(square / values.size))

@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.frame import Log, values
-from calibkit.instruments.thermal.recipe import Terms
+from calibkit.instruments.bias.recipe import Terms
 from calibkit.numeric import chunks, intervals
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
@@ -46,29 +46,15 @@ class _Span:
     stop: int
     begins: float
     """Instant of the first row [s], on the clock of all logs of `clock`."""
+    lasts: float
+    """Duration [s]."""
     clock: str
-    new: bool
+    switched_on: bool
     """Whether the instrument was switched on again before."""
     apart: bool
     """Whether the temperature before it is not known."""
     note: str
     """Why it is another power-on, where a gap makes it one."""
-
-    @property
-    def rows(self) -> slice:
-        """Its rows."""
-        return slice(self.first, self.stop)
-
-    @property
-    def lasts(self) -> float:
-        """Duration [s]."""
-        time = values(self.log.frame, "time_s")
-        return float(time[self.stop - 1] - time[self.first])
-
-    @property
-    def ends(self) -> float:
-        """Instant of the last row [s]."""
-        return self.begins + self.lasts
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,12 +88,13 @@ def _restarted_rows(time: Array) -> Array:
     return np.asarray(back[anew & (elapsed > RESTARTED_S)])
 
 
-def mend_clock(log: Log, interval_s: float) -> Log:
-    """Log whose time goes on where its clock begins anew, a whole interval later."""
+def mend_clock(log: Log, spec: Terms) -> Log:
+    """Log whose time goes on where its clock begins anew, a whole model interval later."""
     import pandas as pd
 
     if "time_s" not in log.frame.columns:
         return log
+    interval_s = USUAL_INTERVAL_S if spec.interval_s == "auto" else float(spec.interval_s)
     time = values(log.frame, "time_s")
     rows = _restarted_rows(time) if chunks.all_finite(time) else np.zeros(0, dtype=np.int64)
     if not rows.size:
@@ -138,27 +125,24 @@ def find_power_ons(
     """Power-ons of all logs, of which `raw` are as they were read, before their clocks were
     mended.
     """
-    spans = [
-        span
-        for log, own in zip(logs, raw, strict=True)
-        for span in _cut(log, own, spec, interval_s)
-    ]
+    spans: list[_Span] = []
+    for log, as_read in zip(logs, raw, strict=True):
+        spans += _cut(log, as_read, spec, interval_s)
+    # in the order of time where all logs have dates, else in the order of the files
+    if all(span.clock.startswith("date-times") for span in spans):
+        spans.sort(key=lambda span: span.begins)
     groups: list[list[_Span]] = []
-    for span in _in_order(spans):
+    for span in spans:
         if groups and _goes_on(groups[-1][-1], span, spec):
             groups[-1].append(span)
         else:
             groups.append([span])
     names = [" + ".join(dict.fromkeys(span.log.name for span in group)) for group in groups]
-    return [
-        _average(
-            group,
-            spec,
-            interval_s,
-            name if names.count(name) == 1 else f"{name}:{names[:k].count(name) + 1}",
-        )
-        for k, (group, name) in enumerate(zip(groups, names, strict=True))
-    ]
+    power_ons = []
+    for k, (group, name) in enumerate(zip(groups, names, strict=True)):
+        numbered = name if names.count(name) == 1 else f"{name}:{names[:k].count(name) + 1}"
+        power_ons.append(_average(group, spec, interval_s, numbered))
+    return power_ons
 
 
 def cut_stretches(
@@ -167,23 +151,29 @@ def cut_stretches(
     """Power-ons cut into stretches that are left out in turn, and notes on those that are too short
     to be fitted. Raises FitError for logs too short to leave stretches out.
     """
-    counts = [int(np.count_nonzero(one.fitted)) for one in power_ons]
-    long = [one for one, count in zip(power_ons, counts, strict=True) if count >= LEAST_BLOCKS]
-    count = sum(count for count in counts if count >= LEAST_BLOCKS)
-    if count < 4 * LEAST_BLOCKS:
+    counts = [int(np.count_nonzero(power_on.fitted)) for power_on in power_ons]
+    total = sum(count for count in counts if count >= LEAST_BLOCKS)
+    if total < 4 * LEAST_BLOCKS:
         raise FitError(
-            f"{', '.join(one.name for one in power_ons)}: {count} intervals of {interval_s:g} s in"
+            f"{', '.join(one.name for one in power_ons)}: {total} intervals of {interval_s:g} s in"
             f" power-ons of at least {LEAST_BLOCKS}, expected at least {4 * LEAST_BLOCKS} to leave"
             " stretches out",
             hint="log longer, or shorten [thermal] interval_s",
         )
-    size = max(count / STRETCHES, LEAST_BLOCKS)
-    notes = tuple(
-        f"{one.name}: a power-on of {own} intervals is not fitted, expected at least {LEAST_BLOCKS}"
-        for one, own in zip(power_ons, counts, strict=True)
-        if own < LEAST_BLOCKS
-    )
-    return [_with_stretches(one, size) for one in long], notes
+    size = max(total / STRETCHES, LEAST_BLOCKS)
+    cut, notes = [], []
+    for power_on, count in zip(power_ons, counts, strict=True):
+        if count < LEAST_BLOCKS:
+            notes.append(
+                f"{power_on.name}: a power-on of {count} intervals is not fitted, expected at least"
+                f" {LEAST_BLOCKS}"
+            )
+            continue
+        stretches = max(round(count / size), 1)
+        place = np.cumsum(power_on.fitted) - 1
+        part = np.clip(place * stretches // count, 0, stretches - 1).astype(np.int64)
+        cut.append(replace(power_on, blocks=replace(power_on.blocks, part=part)))
+    return cut, tuple(notes)
 
 
 def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
@@ -200,37 +190,26 @@ def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
     unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, excluded)} - again
     again |= unexplained
     edges = sorted({0, time.size} | again | {int(row) + 1 for row in gaps})
-    origin = log.origin
-    zero = 0.0 if origin is None else origin.nanoseconds / 1e9
-    clock = log.file if origin is None else origin.kind
+    zero, clock = 0.0, log.file
+    if log.origin is not None:
+        zero, clock = log.origin.nanoseconds / 1e9, log.origin.kind
     for first, stop in pairwise(edges):
-        gap = float(time[first] - time[first - 1]) if first in unexplained else 0.0
-        yield _Span(
-            log,
-            first,
-            stop,
-            zero + float(time[first]),
-            clock,
-            first in again,
-            first > 0,
-            f"{log.place(first)}: after a gap of {gap:g} s the instrument counts as switched on"
-            " again; if it stayed on, raise [thermal] max_gap_s"
-            if gap
-            else "",
-        )
-
-
-def _in_order(spans: Sequence[_Span]) -> list[_Span]:
-    """Spans in the order of time where all logs have dates, else in the order of the files."""
-    dated = all(span.clock.startswith("date-times") for span in spans)
-    return sorted(spans, key=lambda span: span.begins) if dated else list(spans)
+        note = ""
+        if first in unexplained:
+            note = (
+                f"{log.place(first)}: after a gap of {float(time[first] - time[first - 1]):g} s the"
+                " instrument counts as switched on again; if it stayed on, raise [thermal]"
+                " max_gap_s"
+            )
+        begins, lasts = zero + float(time[first]), float(time[stop - 1] - time[first])
+        yield _Span(log, first, stop, begins, lasts, clock, first in again, first > 0, note)
 
 
 def _goes_on(before: _Span, span: _Span, spec: Terms) -> bool:
     """Whether a span belongs to the power-on of the one before: in the same log, in a log that goes
     on where the other ended, or as the recipe states.
     """
-    if span.new:
+    if span.switched_on:
         return False
     if before.log is span.log:
         return True
@@ -243,7 +222,8 @@ def _goes_on(before: _Span, span: _Span, spec: Terms) -> bool:
 
 def _adjoins(before: _Span, span: _Span, spec: Terms) -> bool:
     """Whether a span begins on the same clock after another one has ended, without a long gap."""
-    return before.clock == span.clock and 0.0 < span.begins - before.ends <= spec.max_gap_s
+    apart = span.begins - (before.begins + before.lasts)
+    return before.clock == span.clock and 0.0 < apart <= spec.max_gap_s
 
 
 def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) -> PowerOn:
@@ -254,49 +234,43 @@ def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) 
     notes = [span.note for span in group if span.note]
     row, begins = 0, 0.0
     for k, span in enumerate(group):
-        time, case = (values(span.log.frame, column)[span.rows] for column in COLUMNS)
-        held = intervals.Intervals.find(time, interval_s, span.log.steps.usual)
+        rows, log = slice(span.first, span.stop), span.log
+        time, case = (values(log.frame, column)[rows] for column in COLUMNS)
+        held = intervals.Intervals.find(time, interval_s, log.steps.usual)
         means, temperature = held.means(time, origin=float(time[0])), held.means(case)
-        joined = k > 0 and not span.apart and _adjoins(group[k - 1], span, spec)
+        before = group[k - 1]
+        joined = k > 0 and not span.apart and _adjoins(before, span, spec)
         if k:
-            begins += group[k - 1].lasts + (
-                span.begins - group[k - 1].ends if joined else interval_s
-            )
+            gap = span.begins - (before.begins + before.lasts) if joined else interval_s
+            begins += before.lasts + gap
         if not joined:
             rate = _starting_rate(means, temperature)
             starts.append((row, rate))
-            notes += _note_rate(span.log.file, rate)
-        for channel, found in channels.items():
-            column = values(span.log.frame, channel)[span.rows]
-            found.append(occupancy.means(column, held, without=occupancy.spikes(column, held)))
-        parts.append((means + begins, temperature, _fitted(means + time[0], span.log, spec)))
-        spans.append((span.log.file, span.first, span.stop, begins))
+            if rate:
+                notes.append(
+                    f"{log.file}: begins while the temperature changes by {rate:+.2g} °C/min:"
+                    " lags are taken as those of a steady ramp"
+                )
+        for channel, blocks in channels.items():
+            column = values(log.frame, channel)[rows]
+            blocks.append(occupancy.means(column, held, without=occupancy.spikes(column, held)))
+        fitted, instants = np.ones(means.size, dtype=bool), means + time[0]
+        for entry in spec.withheld:
+            if entry.log in (log.file, log.name):
+                fitted &= (instants < entry.from_s) | (instants > entry.to_s)
+        parts.append((means + begins, temperature, fitted))
+        spans.append((log.file, span.first, span.stop, begins))
         row += means.size
     time, case, fitted = (np.concatenate(part) for part in zip(*parts, strict=True))
     still, part = np.zeros_like(time), np.zeros(time.size, dtype=np.int64)
     return PowerOn(
         name,
         ThermalLog(name, time, case, case, still, part, fitted, tuple(starts)),
-        {channel: np.concatenate(found) for channel, found in channels.items()},
+        {channel: np.concatenate(blocks) for channel, blocks in channels.items()},
         fitted,
         tuple(spans),
         tuple(notes),
     )
-
-
-def _note_rate(file: str, rate: float) -> list[str]:
-    """Note on a span that starts on a ramp."""
-    found = f"{file}: begins while the temperature changes by {rate:+.2g} °C/min"
-    return [f"{found}: lags are taken as those of a steady ramp"] if rate else []
-
-
-def _fitted(time: Array, log: Log, spec: Terms) -> Mask:
-    """Whether blocks at times [n, s] of a log are fitted."""
-    kept = np.ones(time.size, dtype=bool)
-    for entry in spec.withheld:
-        if entry.log in (log.file, log.name):
-            kept &= (time < entry.from_s) | (time > entry.to_s)
-    return kept
 
 
 def _starting_rate(time: Array, case: Array) -> float:
@@ -317,15 +291,6 @@ def _starting_rate(time: Array, case: Array) -> float:
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
     return 0.5 * (first + second) if steady and sure and abs(first) >= MOVING_DEGC_MIN else 0.0
-
-
-def _with_stretches(one: PowerOn, size: float) -> PowerOn:
-    """Power-on cut into stretches of about `size` fitted blocks."""
-    before = np.cumsum(one.fitted) - 1
-    total = int(before[-1]) + 1
-    count = max(round(total / size), 1)
-    part = np.clip(before * count // total, 0, count - 1)
-    return replace(one, blocks=replace(one.blocks, part=part.astype(np.int64)))
 
 
 def refuse_little_change(logs: Sequence[Log], spec: Terms) -> None:

@@ -1,1 +1,0 @@
-"""Bias of any channel as a polynomial of temperature."""

@@ -1,1 +1,0 @@
-"""Bias of the channels of a static instrument against one thermometer."""

@@ -1,1 +1,0 @@
-"""Equations of the bias of a static instrument: arrays in, arrays out."""
