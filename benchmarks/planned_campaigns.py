@@ -77,11 +77,11 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     assumed = plan.assumed
     planned = triad_plan.planned_dwells(held, assumed.noise_of(held[0].duration_s))
     sizes = {name: assumed.size(*name) for name in triad_errors.UNITS}
-    rows, _ = triad_plan.simulate_dwells(rng, indicate, planned, sizes)
+    indication, degc, _ = triad_plan.simulate_dwells(rng, indicate, planned, sizes)
     count = len(spots)
     dwells = triad_dwells.DwellSet(
-        np.column_stack([rows[f"accel_{axis}_g"] for axis in "xyz"]),
-        rows["temp_case_degc"],
+        indication,
+        degc,
         *spots.T,
         np.full((count, 3), np.nan),
         np.array([one.start_s for one in held]),
@@ -106,7 +106,9 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     rng = np.random.default_rng(seed)
     assumed = plan.assumed
     holds = gyro_plan.planned_holds(plan.schedule, assumed, spec.find_axis)
-    rows, order = holds.rows, assumed.device.order
+    order, line = assumed.device.order, np.zeros_like(holds.run)
+    rate = holds.rate_dps
+    rows = equation.Rows(rate, rate, holds.run, holds.degc, holds.hours, line, line)
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
@@ -137,9 +139,9 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
         for one in equation.shared_errors(rows, terms, np.array([K0]), np.array([K0]))
     ]
     fitted = solve(lambda p: equation.residual(p, rows, terms), terms.start, shared)
-    at, line = spec.reference_temp_degc, equation.best_line(terms, rows.rate_dps)
+    at, best_line = spec.reference_temp_degc, equation.best_line(terms, rows.rate_dps)
     x = polynomial.powers(terms.mapped(np.array([at])), order)[0]
-    found = fitted.of(lambda p: np.stack([x @ one[0] for one in line(p)]))
+    found = fitted.of(lambda p: np.stack([x @ one[0] for one in best_line(p)]))
     powers = ((at - 25.0) / 100.0) ** np.arange(order + 1)
     truth = K0 * np.array([1.0 + powers @ K + slope, powers @ F0 + zero])
     unit = np.array([1e6, 3600.0]) / K0

@@ -20,7 +20,7 @@ import numpy as np
 
 from calibkit import instruments, plans, recipe
 from calibkit.planning import document, equipment, exchange
-from calibkit.planning.search import Candidate
+from calibkit.planning.search import Design
 from calibkit.planning.task import Task
 
 ASKED = {
@@ -59,7 +59,7 @@ RATES = (5, 7, 9, 12, 17, 22, 30, 41, 55, 74, 100)
 """Usual rates [°/s] of a table, in steps of one ratio."""
 
 
-def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterator[Candidate]:
+def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterator[Design]:
     """Usual campaigns of a procedure, that of the sample logs last."""
     spec = instruments.parse_recipe(recipe.find(procedure))
     task = Task(equipment.read_equipment(None), range_degc=range_degc)
@@ -121,7 +121,7 @@ def main() -> None:
             saved = 100.0 * (1.0 - found["hours"] / hours)
             label = found["plan"] if found["results"] and _met(found) else "not reached"
             print(
-                f"| {procedure} | {usual.design.label} | {hours:.3g} | {size:.3g} {unit} |"
+                f"| {procedure} | {usual.label} | {hours:.3g} | {size:.3g} {unit} |"
                 f" {label} |"
                 f" {found['hours']:.3g} | {saved:.0f} % | {took:.0f} |",
                 flush=True,

@@ -81,7 +81,7 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
         request.have is not None and any((request.have / WITHHELD).glob("*")),
     )
     proposal = search.propose(prepare(spec, task))
-    logs = proposal.schedule.by_log()
+    logs = proposal.campaign.schedule.by_log()
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
     summary = page.summarize(proposal, spec.title or spec.procedure, request.within_h)
@@ -89,7 +89,7 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, text_of_recipe))
     beside = {
-        document.SCHEDULE: proposal.schedule.to_csv(),
+        document.SCHEDULE: proposal.campaign.schedule.to_csv(),
         document.RECIPE: text_of_recipe.encode(),
     }
     text = document.plan_document(proposal, task, source, spec.procedure, beside)
@@ -120,7 +120,7 @@ def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instr
     """A function of the plan of a procedure; UsageError where it is not planned."""
     function = instruments.optional(procedure, name)
     if function is None:
-        able = [one for one in instruments.list_usable() if instruments.optional(one, name)]
+        able = [other for other in instruments.list_usable() if instruments.optional(other, name)]
         raise UsageError(
             f"campaigns of '{procedure}' are not planned", hint=f"there are {', '.join(able)}"
         )
@@ -148,9 +148,9 @@ def _as_logged(spec: recipe.Recipe, campaign: Campaign) -> Campaign:
     are no plain CSV.
     """
     others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
-    mapped = {name: one for name, one in spec.columns.items() if name in campaign.decimals}
-    for name, one in mapped.items():
-        keys = one.model_fields_set & NOT_NUMBERS
+    mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
+    for name, mapping in mapped.items():
+        keys = mapping.model_fields_set & NOT_NUMBERS
         others += [f"[columns.{name}] {key}" for key in keys]
     if spec.chamber is not None:
         others.append("[chamber]")
@@ -164,12 +164,12 @@ def _as_logged(spec: recipe.Recipe, campaign: Campaign) -> Campaign:
         dict(campaign.decimals),
         {file: dict(log) for file, log in campaign.logs.items()},
     )
-    for name, one in mapped.items():
-        stated = units.unit_in_header(one.source)
-        ends = column_values.unmap_values(np.array([0.0, 1.0]), one, name, spec, stated)
+    for name, mapping in mapped.items():
+        stated = units.unit_in_header(mapping.source)
+        ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, stated)
         slope = abs(float(ends[1] - ends[0]))
-        decimals[one.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
+        decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
         for log in logs.values():
             column = np.asarray(log.pop(name), dtype=np.float64)
-            log[one.source] = column_values.unmap_values(column, one, name, spec, stated)
+            log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, stated)
     return replace(campaign, logs=logs, decimals=decimals)

@@ -20,7 +20,7 @@ from calibkit.fit.solve import predict
 from calibkit.planning import comparison, document, equipment, schedule, search
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
-from calibkit.planning.search import Candidate, Design, Predicted, choose, find_front
+from calibkit.planning.search import Design, Predicted, choose, find_front
 from calibkit.planning.task import Task, Wish
 from conftest import ROOT
 
@@ -247,9 +247,12 @@ def test_a_wish_is_taken_in_the_unit_of_its_result():
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():
     """And where none meets them, the one that comes nearest."""
     tried = [
-        Candidate(
-            Design(str(h), Schedule((Action(0.0, "wait", 25.0, duration_s=3600.0 * h),)), (), None),
-            {"a": Predicted("a", "g", u, u, {})},
+        Design(
+            str(h),
+            Schedule((Action(0.0, "wait", 25.0, duration_s=3600.0 * h),)),
+            (),
+            None,
+            results={"a": Predicted("a", "g", u, u, {})},
         )
         for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))
     ]
@@ -457,7 +460,7 @@ def test_what_is_measured_counts_and_the_cheapest_addition_is_planned(planned, b
     source = recipe.find("accelerometer", LOW_ORDERS)
     found = plans.plan(source, request, tmp_path / "plan").proposal
     whole = document.load_plan(planned)
-    assert found.schedule.hours < 0.75 * whole.schedule.hours
+    assert found.campaign.hours < 0.75 * whole.schedule.hours
     assert found.results[0].expanded <= 0.012
 
 
@@ -589,7 +592,7 @@ def test_a_dividing_head_is_remounted(bench, tmp_path):
     """In one mounting gravity never leaves a plane; what rounding leaves does not count."""
     request = plans.Request(range_degc=(-20.0, 60.0), attitudes="dividing-head", equipment=bench)
     found = plans.plan(recipe.find("accelerometer", LOW_ORDERS), request, tmp_path / "plan")
-    assert "remount" in {one.action for one in found.proposal.schedule.actions}
+    assert "remount" in {one.action for one in found.proposal.campaign.schedule.actions}
 
 
 def run_cli(*arguments):
@@ -624,7 +627,7 @@ def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earl
     assert found.assumed.noise == pytest.approx(0.6, rel=0.05)
     assert size["drift"] == pytest.approx(0.4, rel=0.1)
     assert size["turn-on"] == pytest.approx(0.02, rel=0.6)
-    assert found.schedule.hours <= 8.0
+    assert found.campaign.hours <= 8.0
 
 
 def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path):
@@ -647,14 +650,14 @@ def test_ramps_that_are_measured_count(tmp_path):
     asked = plans.Request(wishes=wish, have=logs)
     found = plans.plan(source, asked, tmp_path / "plan").proposal
     assert found.results[0].expanded <= 0.03
-    assert 0.0 < found.schedule.hours < 0.8 * whole.schedule.hours
-    made = {one.log for one in found.schedule.actions if one.log}
+    assert 0.0 < found.campaign.hours < 0.8 * whole.campaign.hours
+    made = {one.log for one in found.campaign.schedule.actions if one.log}
     assert all(Path(name).name.startswith("added_ramp_") for name in made)
     spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
     assert spec.logs.files == ("*.csv", "added_ramp_*.csv")
     every = plans.Request(wishes=wish, have=ROOT / "datasets" / "fog_thermal")
     enough = plans.plan(source, every, tmp_path / "enough")
-    assert enough.proposal.schedule.hours == 0.0
+    assert enough.proposal.campaign.hours == 0.0
     # the sample logs have withheld ramps, the three have none and one is planned
     assert plans.UNJUDGED not in (*enough.proposal.notes, *found.notes)
     unseen = copy_logs(
@@ -675,7 +678,7 @@ def test_a_plan_of_runs_adds_the_temperature_that_is_missing(tmp_path):
     logs = copy_logs(names, "rate_table", tmp_path / "logs")
     asked = plans.Request(have=logs)
     found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
-    fitted = [one for one in found.schedule.recorded("rate") if "withheld" not in one.log]
+    fitted = [one for one in found.campaign.schedule.recorded("rate") if "withheld" not in one.log]
     assert {one.set_degc for one in fitted} == {60.0}
 
 
@@ -686,7 +689,7 @@ def test_a_triad_is_completed_about_each_axis(tmp_path):
     logs = copy_logs(names, "gyro_triad", tmp_path / "logs")
     asked = plans.Request(wishes=("angle<=0.004 deg",), have=logs)
     found = plans.plan(recipe.find("gyro_triad"), asked, tmp_path / "plan").proposal
-    held = {one.log: one.set_degc for one in found.schedule.recorded("rate")}
+    held = {one.log: one.set_degc for one in found.campaign.schedule.recorded("rate")}
     fitted = {log: degc for log, degc in held.items() if "withheld" not in log}
     about = {axis: {d for log, d in fitted.items() if f"_{axis}_" in log} for axis in "xyz"}
     assert about == {"x": set(), "y": {60.0}, "z": {-40.0, 0.0, 25.0, 60.0}}
@@ -715,7 +718,7 @@ def test_the_shortest_plan_of_ramps_is_fitted(tmp_path):
     lacks = inspection.check(recipe.find("fog_thermal"), two).judgement.lacks
     assert "--have" in lacks[-1]
     added = plans.plan(recipe.find("fog_thermal"), plans.Request(have=two), tmp_path / "added")
-    assert added.proposal.schedule.hours > 0.0
+    assert added.proposal.campaign.hours > 0.0
 
 
 def test_a_temperature_beyond_the_order_is_not_beside_another(planned):

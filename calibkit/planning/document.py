@@ -12,7 +12,7 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
-from calibkit.planning.search import COVERAGE, Candidate, Predicted, Proposal, name_source
+from calibkit.planning.search import COVERAGE, Design, Proposal, name_source
 from calibkit.planning.task import Assumed, Task
 from calibkit.recipe import Recipe, Source, toml_text
 from calibkit.recipe.tables import ErrorComponent
@@ -39,7 +39,9 @@ class Plan:
         """What the plan assumes; UsageError for an error of a plan of calibkit 0.2 whose unit in a
         fit the sample bench does not tell.
         """
-        set_degc = [one.set_degc for one in self.schedule.actions if math.isfinite(one.set_degc)]
+        set_degc = [
+            action.set_degc for action in self.schedule.actions if math.isfinite(action.set_degc)
+        ]
         range_degc = self.range_degc or (min(set_degc), max(set_degc))
         components = tuple(map(ErrorComponent.model_validate, self.document["components"]))
         noise = self.document["noise"]
@@ -64,11 +66,13 @@ class Plan:
             noise_s=over_s,
         )
         bench = read_equipment(None).device.values()
-        units = {(one.group, one.effect): one.unit for known in bench for one in known.component}
-        for one in components:
-            if units.get((one.group, one.effect)) != one.unit:
+        units = {
+            (error.group, error.effect): error.unit for known in bench for error in known.component
+        }
+        for error in components:
+            if units.get((error.group, error.effect)) != error.unit:
                 raise UsageError(
-                    f"the plan states {name_source(one)} in {one.unit}: calibkit 0.2 wrote it",
+                    f"the plan states {name_source(error)} in {error.unit}: calibkit 0.2 wrote it",
                     hint="plan again to simulate it",
                 )
         return Assumed(device, value, range_degc, components, ())
@@ -90,7 +94,7 @@ def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
     """Text of the recipe by which the logs of a plan are fitted, with the errors that were assumed.
     Logs that are `added` stand beside those that the recipe reads already.
     """
-    design = proposal.campaign.design
+    design = proposal.campaign
     tables = spec.model_dump(mode="json", by_alias=True, exclude_unset=True)
     files = list(design.logs)
     if added:
@@ -99,7 +103,7 @@ def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
         tables = {name: value for name, value in tables.items() if name not in _OF_OTHER_LOGS}
     tables["logs"] = {**tables["logs"], "files": files}
     if proposal.components:
-        assumed = [one.model_dump(mode="json") for one in proposal.components]
+        assumed = [error.model_dump(mode="json") for error in proposal.components]
         tables["errors"] = {**tables.get("errors", {}), "component": assumed}
     for name, value in design.changes.items():
         tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
@@ -115,13 +119,28 @@ def plan_document(
     files: Mapping[str, bytes],
 ) -> str:
     """Sealed text of plan.json."""
-    assumed, schedule, more = proposal.assumed, proposal.schedule, proposal.longer_campaign
+    results = []
+    for result in proposal.results:
+        wanted = proposal.wanted(result.name)
+        results.append(
+            {
+                "name": result.name,
+                "unit": result.unit,
+                "standard_uncertainty_rms": result.u,
+                "standard_uncertainty_max": result.largest_u,
+                "expanded_uncertainty": result.expanded,
+                "wanted": wanted,
+                "met": None if wanted is None else result.expanded <= wanted,
+                "limits": [{"source": key, "share": share} for key, share in result.limits.items()],
+            }
+        )
+    assumed, schedule, more = proposal.assumed, proposal.campaign.schedule, proposal.longer_campaign
     return sealed.seal(
         {
             "format": FORMAT,
             "software": SOFTWARE,
             "procedure": procedure,
-            "plan": proposal.campaign.design.label,
+            "plan": proposal.campaign.label,
             "recipe": {"name": source.name, "sha256": source.sha256},
             "equipment": task.equipment.name,
             "attitudes": task.attitudes,
@@ -130,9 +149,7 @@ def plan_document(
             "hours": schedule.hours,
             "operator_h": schedule.operator_h,
             "coverage_factor": COVERAGE,
-            "results": [
-                _result(result, proposal.wanted(result.name)) for result in proposal.results
-            ],
+            "results": results,
             "coefficients": [asdict(coefficient) for coefficient in proposal.coefficients],
             "device": assumed.device.model_dump(mode="json", exclude={"component"}),
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
@@ -148,24 +165,10 @@ def plan_document(
     )
 
 
-def _result(result: Predicted, wanted: float | None) -> dict[str, Any]:
-    """A result as JSON."""
-    return {
-        "name": result.name,
-        "unit": result.unit,
-        "standard_uncertainty_rms": result.u,
-        "standard_uncertainty_max": result.largest_u,
-        "expanded_uncertainty": result.expanded,
-        "wanted": wanted,
-        "met": None if wanted is None else result.expanded <= wanted,
-        "limits": [{"source": key, "share": share} for key, share in result.limits.items()],
-    }
-
-
-def _campaign(campaign: Candidate) -> dict[str, Any]:
+def _campaign(campaign: Design) -> dict[str, Any]:
     """A campaign as JSON."""
     return {
-        "name": campaign.design.label,
+        "name": campaign.label,
         "hours": campaign.hours,
         "expanded_uncertainty": {
             name: result.expanded for name, result in campaign.results.items()

@@ -100,15 +100,6 @@ class Equipment(Table):
     rate_table: RateTable | None = None
     device: dict[str, Device]
 
-    def require_reached(self, low: float, high: float) -> None:
-        """Raise UsageError for a range [°C] that the chamber does not reach."""
-        if not self.chamber.low_degc <= low < high <= self.chamber.high_degc:
-            raise UsageError(
-                f"--range {low:g} {high:g}: the chamber reaches {self.chamber.low_degc:g} to"
-                f" {self.chamber.high_degc:g} °C",
-                hint="state a range within it, the lower end first",
-            )
-
     def known_device(self, procedure: str, noise_unit: str | None = None) -> Device:
         """What is known of the devices of a procedure; UsageError where nothing is, or where the
         noise has another unit than the procedure needs.

@@ -64,7 +64,7 @@ def cover_range(
     """
     if range_degc[1] - range_degc[0] <= ONE_LEVEL_DEGC:
         fewest = 1
-    found = np.sort(np.fromiter(temperatures, dtype=np.float64))
+    degc = np.sort(np.fromiter(temperatures, dtype=np.float64))
     ends = np.array(range_degc) + np.array([1.0, -1.0]) * ONE_LEVEL_DEGC
-    reached = found.size and found[0] <= ends[0] and found[-1] >= ends[1]
-    return bool(reached and 1 + np.sum(np.diff(found) > ONE_LEVEL_DEGC) >= fewest)
+    reached = degc.size and degc[0] <= ends[0] and degc[-1] >= ends[1]
+    return bool(reached and 1 + np.sum(np.diff(degc) > ONE_LEVEL_DEGC) >= fewest)

@@ -29,7 +29,7 @@ RECORDED = "#cc3311"
 
 def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary:
     """What is printed of a plan; its verdict is that on the wishes and on the hours."""
-    schedule, sought, longer = proposal.schedule, proposal.sought, proposal.longer_campaign
+    schedule, sought, longer = proposal.campaign.schedule, proposal.sought, proposal.longer_campaign
     criteria = tuple(
         at_most(f"U of {wish.name}", proposal.campaign.expanded(wish.name), wish.value, wish.unit)
         for wish in proposal.wishes
@@ -39,8 +39,9 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
     failed = [criterion for criterion in criteria if not criterion.passed]
     head = "cannot be met" if failed else "met" if criteria else "planned"
     reached = [
-        f"{one.name} {concise(one.value)} {one.unit}, wanted at most {concise(one.limit)}"
-        for one in failed or criteria
+        f"{criterion.name} {concise(criterion.value)} {criterion.unit},"
+        f" wanted at most {concise(criterion.limit)}"
+        for criterion in failed or criteria
     ]
     person = f", {_duration(schedule.operator_h)} with a person" if schedule.operator_h else ""
     largest = sorted(sought.limits.items(), key=lambda item: -item[1])[:NAMED]
@@ -48,15 +49,15 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
     bought = "nothing"
     if longer is not None:
         u, hours = concise(longer.expanded(sought.name)), _duration(longer.hours)
-        bought = f"U {u} {sought.unit} in {hours}: {longer.design.label}"
+        bought = f"U {u} {sought.unit} in {hours}: {longer.label}"
     what = "A third more hours" if schedule.actions else "A small addition"
     numbers = [Column(name, ".3g") for name in ("u, rms", "U, largest", "wanted U")]
     results = Table(
         "Predicted uncertainty over the range of use (k = 2)",
         ("result", *numbers, "unit"),
         tuple(
-            (one.name, one.u, one.expanded, proposal.wanted(one.name), one.unit)
-            for one in proposal.results
+            (result.name, result.u, result.expanded, proposal.wanted(result.name), result.unit)
+            for result in proposal.results
         ),
     )
     return Summary(
@@ -66,8 +67,7 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
         criteria,
         conclusion=f"{head}: {'; '.join(reached) or _duration(schedule.hours)}",
         overview=Overview(
-            f"{_duration(schedule.hours)} of the chamber{person}:"
-            f" {proposal.campaign.design.label}.",
+            f"{_duration(schedule.hours)} of the chamber{person}: {proposal.campaign.label}.",
             (
                 f"What limits {sought.name}: {limits} of the variance.",
                 f"{what} would buy {bought}.",
@@ -83,7 +83,7 @@ def _duration(hours: float) -> str:
 
 def make_page(summary: Summary, proposal: Proposal) -> bytes:
     """The page as UTF-8; it loads nothing."""
-    schedule, sought, assumed = proposal.schedule, proposal.sought, proposal.assumed
+    schedule, sought, assumed = proposal.campaign.schedule, proposal.sought, proposal.assumed
     drawn = [_draw_time(schedule)] if schedule.actions else []
     if schedule.recorded("dwell"):
         drawn.append(_draw_attitudes(schedule))
@@ -122,8 +122,8 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
                 "Campaigns that no other one beats in both hours and U",
                 ["campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")],
                 [
-                    (one.design.label, one.hours, one.expanded(sought.name))
-                    for one in proposal.curve
+                    (campaign.label, campaign.hours, campaign.expanded(sought.name))
+                    for campaign in proposal.curve
                 ],
             ),
         ],
@@ -149,7 +149,8 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
         ],
     }
     sections = [
-        element("section", element("h2", head), join_markup(made)) for head, made in parts.items()
+        element("section", element("h2", head), join_markup(content))
+        for head, content in parts.items()
     ]
     return html.whole_page(
         summary.title, [*top, element("main", join_markup(sections), id="content")]
@@ -209,8 +210,8 @@ def _draw_hours(proposal: Proposal) -> Figure:
         ax.plot(hours, expanded, style, color=colour, label=label)
     if (wanted := proposal.wanted(name)) is not None:
         ax.axhline(wanted, color="#777777", linestyle="--", label="wanted")
-    if proposal.schedule.hours > 0.0:
-        ax.set_xlim(right=SHOWN * proposal.schedule.hours)
+    if proposal.campaign.hours > 0.0:
+        ax.set_xlim(right=SHOWN * proposal.campaign.hours)
     ax.set_xlabel("chamber time [h]")
     ax.set_ylabel(f"U [{unit}]")
     ax.legend(loc="upper right")

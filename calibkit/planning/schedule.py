@@ -90,7 +90,10 @@ def read_schedule(text: str, name: str) -> Schedule:
     names = [field.name for field in fields(Action)]
     rows = list(csv.reader(io.StringIO(text)))
     # plans were once without azimuths
-    if not rows or rows[0] not in (names, [one for one in names if one != "azimuth_deg"]):
+    if not rows or rows[0] not in (
+        names,
+        [column for column in names if column != "azimuth_deg"],
+    ):
         raise CoefficientError(
             f"{name}: not a schedule: its first line is not {','.join(names)}",
             hint="restore the file that calibkit plan wrote",

@@ -41,25 +41,6 @@ Sources = dict[str, "Array"]
 
 
 @dataclass(frozen=True, slots=True)
-class Design:
-    """A campaign that could be run."""
-
-    label: str
-    """What it is, in a few words."""
-    schedule: Schedule
-    logs: tuple[str, ...]
-    """Names of its logs, as a recipe lists them."""
-    rows: Any
-    """What the instrument predicts its uncertainty from."""
-    changes: Mapping[str, Any] = field(default_factory=dict)
-    """Keys and tables of its recipe with other values."""
-
-
-NOTHING = Design("nothing to add to what is measured", Schedule(()), (), None)
-"""A campaign that adds nothing to what is measured."""
-
-
-@dataclass(frozen=True, slots=True)
 class Predicted:
     """Predicted uncertainty of a result."""
 
@@ -79,17 +60,25 @@ class Predicted:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
-    """A campaign with what it will give."""
+class Design:
+    """A campaign that could be run."""
 
-    design: Design
-    results: Mapping[str, Predicted]
-    """By name."""
+    label: str
+    """What it is, in a few words."""
+    schedule: Schedule
+    logs: tuple[str, ...]
+    """Names of its logs, as a recipe lists them."""
+    rows: Any
+    """What the instrument predicts its uncertainty from."""
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    """Keys and tables of its recipe with other values."""
+    results: Mapping[str, Predicted] = field(default_factory=dict)
+    """What it will give, by name; none before that is predicted."""
 
     @property
     def hours(self) -> float:
         """How long it takes."""
-        return self.design.schedule.hours
+        return self.schedule.hours
 
     def expanded(self, name: str) -> float:
         """Expanded uncertainty of a result."""
@@ -98,6 +87,10 @@ class Candidate:
     def excess(self, wishes: Sequence[Wish]) -> float:
         """Largest U relative to what is wished: at most 1 where every wish is met."""
         return max((self.expanded(wish.name) / wish.value for wish in wishes), default=0.0)
+
+
+NOTHING = Design("nothing to add to what is measured", Schedule(()), (), None)
+"""A campaign that adds nothing to what is measured."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,21 +107,16 @@ class Coefficient:
 class Proposal:
     """The campaign that is chosen, beside others."""
 
-    campaign: Candidate
+    campaign: Design
     wishes: tuple[Wish, ...]
     """In the units of the results."""
     assumed: Assumed
     coefficients: tuple[Coefficient, ...]
     components: tuple[ErrorComponent, ...]
     """Assumed errors that the recipe of the campaign states."""
-    curve: tuple[Candidate, ...]
+    curve: tuple[Design, ...]
     """Campaigns none of which another one beats in both hours and uncertainty."""
     notes: tuple[str, ...]
-
-    @property
-    def schedule(self) -> Schedule:
-        """Actions of the campaign."""
-        return self.campaign.design.schedule
 
     @property
     def results(self) -> tuple[Predicted, ...]:
@@ -136,13 +124,15 @@ class Proposal:
         return tuple(self.campaign.results.values())
 
     @property
-    def longer_campaign(self) -> Candidate | None:
+    def longer_campaign(self) -> Design | None:
         """The best campaign of a third more hours, and of a plan of none the best that is as short
         as any; None where they buy nothing.
         """
         sought = self.sought
-        shortest = min((one.hours for one in self.curve if one.hours > 0.0), default=0.0)
-        hours = self.schedule.hours * LONGER or shortest
+        shortest = min(
+            (campaign.hours for campaign in self.curve if campaign.hours > 0.0), default=0.0
+        )
+        hours = self.campaign.hours * LONGER or shortest
         better = [
             campaign
             for campaign in self.curve
@@ -206,7 +196,7 @@ class Bench(ABC):
         """Rows of what is measured already and of a design."""
         return join([self.have, design.rows])
 
-    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Assumed errors that the recipe of a campaign states: those that its fit will have."""
         groups = self.spec.error_groups
         sources = {source for result in campaign.results.values() for source in result.limits}
@@ -216,11 +206,11 @@ class Bench(ABC):
             if error.group in groups and name_source(error) in sources
         ]
 
-    def notes(self, campaign: Candidate) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
+    def notes(self, campaign: Design) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
         """What is to be said of a campaign beside the assumptions."""
         return ()
 
-    def predict(self, design: Design) -> Candidate:
+    def predict(self, design: Design) -> Design:
         """A design with its uncertainties."""
         results = {}
         for name, parts in self.variances(design).items():
@@ -229,7 +219,7 @@ class Bench(ABC):
             limits = {source: float(part.mean()) / mean for source, part in parts.items()}
             u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
             results[name] = Predicted(name, self.results[name], u, largest_u, limits)
-        return Candidate(design, results)
+        return replace(design, results=results)
 
 
 @dataclass(frozen=True)
@@ -274,8 +264,7 @@ class TourBench(Bench):
         """First coefficients of a polynomial in powers of °C, from the covariance of all of its
         coefficients for the temperature mapped from the range of use to [-1, 1].
         """
-        middle_half = polynomial.middle_and_half(np.array(self.assumed.range_degc))
-        to_raw = polynomial.to_raw_powers(*middle_half, self.order)
+        to_raw = polynomial.to_raw_powers(*self.assumed.middle_half, self.order)
         _, raw = polynomial.in_raw_powers(np.zeros(self.order + 1), covariance, to_raw)
         for k, u in enumerate(np.sqrt(np.diag(raw))[:count].tolist()):
             yield Coefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), u)
@@ -306,7 +295,7 @@ def propose(bench: Bench) -> Proposal:
         best,
         wishes,
         assumed,
-        tuple(bench.coefficients(best.design)),
+        tuple(bench.coefficients(best)),
         tuple(bench.passed_on(best)),
         tuple(find_front(candidates, name)),
         (*bench.notes(best), *assumed.notes),
@@ -321,11 +310,11 @@ def judge(bench: Bench) -> tuple[Predicted, ...]:
         return ()
 
 
-def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
+def find_front(candidates: Iterable[Design], name: str) -> list[Design]:
     """Campaigns none of which another beats in hours and in the uncertainty of a result, by
     hours.
     """
-    front: list[Candidate] = []
+    front: list[Design] = []
     for campaign in sorted(
         candidates, key=lambda campaign: (campaign.hours, campaign.expanded(name))
     ):
@@ -335,8 +324,8 @@ def find_front(candidates: Iterable[Candidate], name: str) -> list[Candidate]:
 
 
 def choose(
-    candidates: Sequence[Candidate], wishes: Sequence[Wish], within_h: float | None, name: str
-) -> Candidate:
+    candidates: Sequence[Design], wishes: Sequence[Wish], within_h: float | None, name: str
+) -> Design:
     """The campaign of the fewest hours that meets the wishes, or of the least uncertainty of a
     result within hours; where none meets them, the one that comes nearest within the hours.
     """

@@ -24,7 +24,8 @@ ADDED = "added_"
 """Names of logs that are added to a campaign begin with this."""
 EARLIER_DOF = 20.0
 """Degrees of freedom of what an earlier run found."""
-_WISH = re.compile(r"^\s*(?P<name>.+?)\s*<=\s*(?P<value>[-+.\deE]+)\s*(?P<unit>\S+)\s*$")
+_NUMBER = r"\+?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+_WISH = re.compile(rf"^\s*(?P<name>.+?)\s*<=\s*(?P<value>{_NUMBER})\s*(?P<unit>\S+)\s*$")
 
 Units: TypeAlias = "Mapping[tuple[str, str], str]"
 """(group, effect) → unit of its standard deviation in a fit."""
@@ -44,11 +45,7 @@ class Wish:
         for another text, name or unit.
         """
         match = _WISH.match(text)
-        names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
-        try:
-            value = float(match["value"]) if match else 0.0
-        except ValueError:
-            value = 0.0
+        value = float(match["value"]) if match else 0.0
         if match is None or not 0.0 < value < float("inf"):
             fault = 'expected "NAME<=VALUE UNIT"'
         elif match["name"] not in offered:
@@ -61,6 +58,7 @@ class Wish:
                 return cls(match["name"], value * factor, unit)
             except RecipeError:
                 fault = f"'{asked}' is no unit of '{match['name']}'"
+        names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
         raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}") from None
 
 
@@ -118,10 +116,16 @@ class Assumed:
         sizes = {(error.group, error.effect): error.value for error in self.components}
         return sizes.get((group, effect), 0.0)
 
+    @property
+    def middle_half(self) -> tuple[float, float]:
+        """Middle and half-width [°C] of the range of use, whose width is taken as 1 °C at least."""
+        low, high = self.range_degc
+        return (low + high) / 2.0, max(high - low, 1.0) / 2.0
+
     def mapped(self, degc: Array) -> Array:
         """Temperatures [n] [°C] mapped from the range of use to [-1, 1]."""
-        low, high = self.range_degc
-        return np.asarray((2.0 * degc - low - high) / max(high - low, 1.0))
+        middle, half = self.middle_half
+        return np.asarray((degc - middle) / half)
 
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
@@ -141,18 +145,19 @@ def assume(
     units: Units,
     *,
     default_degc: tuple[float, float] | None = None,
+    file: str = "",
     earlier: Sequence[ErrorComponent] = (),
     noise: float | None = None,
-    notes: tuple[str, ...] = (),
 ) -> Assumed:
-    """Assumptions of a plan: errors of the equipment, over them those of an earlier run, over these
-    what the recipe states; so the noise. Without a default the campaign is at the reference
-    temperature.
+    """Assumptions of a plan: errors of the equipment, over them those of an earlier run, which its
+    coefficient file or the caller states, over these what the recipe states; so the noise. Without
+    a default the campaign is at the reference temperature.
 
     Raises UsageError for an error that the procedure does not have, and for a range that the
     chamber does not reach, or that is asked of a campaign at one temperature; measured logs may
     have one.
     """
+    notes: tuple[str, ...] = ()
     if default_degc is None:
         if task.range_degc and not task.have:
             raise UsageError(
@@ -162,10 +167,18 @@ def assume(
         low = high = spec.reference_temp_degc
     else:
         low, high = task.range_degc or default_degc
-        task.equipment.require_reached(low, high)
+        chamber = task.equipment.chamber
+        if not chamber.low_degc <= low < high <= chamber.high_degc:
+            raise UsageError(
+                f"--range {low:g} {high:g}: the chamber reaches {chamber.low_degc:g} to"
+                f" {chamber.high_degc:g} °C",
+                hint="state a range within it, the lower end first",
+            )
         if not task.range_degc:
-            notes = (*notes, f"no --range: planned for {low:g} to {high:g} °C")
-    earlier = [one for one in earlier if (one.group, one.effect) in units]
+            notes = (f"no --range: planned for {low:g} to {high:g} °C",)
+    if file:
+        earlier = seen_errors(read_earlier(task, spec.procedure, file))
+    earlier = [error for error in earlier if (error.group, error.effect) in units]
     if task.earlier is not None:
         sizes = [
             f"{error.effect} of the {error.group} {error.value:.2g} {error.unit}"
@@ -173,9 +186,8 @@ def assume(
         ]
         sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
         notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
-    every = (*device.component, *earlier, *spec.errors.component)
     components = {}
-    for error in every:
+    for error in (*device.component, *earlier, *spec.errors.component):
         name = error.group, error.effect
         if name not in units:
             raise UsageError(
@@ -202,7 +214,9 @@ def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | Stage
 
 def seen_errors(records: Iterable[Record | StageResult]) -> list[ErrorComponent]:
     """Shared errors of the models of an earlier run where they were seen, the largest of each."""
-    components = [one for record in records for model in record.models for one in model.components]
+    components = [
+        component for record in records for model in record.models for component in model.components
+    ]
     largest = {}
     for component in sorted(components, key=lambda component: component.value):
         if component.value > component.standard_uncertainty:

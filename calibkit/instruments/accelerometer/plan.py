@@ -1,5 +1,9 @@
 """Campaigns of a triad: which attitudes at which temperatures, in which order; where attitudes are
 unknown, how many positions by hand, how long each.
+
+What dwells will tell is predicted by the equation, the shared errors and the noise of the fit
+(`equation`, `shared_errors`, `triad`), for a triad without an error. The best attitudes of each
+number are sought by exchange, at the temperatures of the shortest campaign; then all are compared.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -106,27 +110,25 @@ class TriadBench(TourBench):
         """Directions of gravity [c, 3] of the attitudes."""
         return attitude.gravity_vector(*self.spots.T)
 
-    def state(self, dwells: DwellSet) -> list[Shared]:
-        """Errors that a fit of the dwells has, with the sizes that are assumed; of lengths those
-        whose sizes are stated.
+    def equation(self, dwells: DwellSet) -> tuple[Residual, list[Shared], Array]:
+        """Residual of the fit of the dwells, errors that they share, with the sizes that are
+        assumed (of lengths those alone), and noise [n] of the residuals.
         """
-        gravity = dwells.indication
+        gravity, t = dwells.indication, self.assumed.mapped(dwells.temperature)
         along = np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         if self.lengths:
             along = gravity[:, None]
-        listed = shared_errors.state_errors(dwells, gravity, along, self.spec)
-        return [one for one in listed if one.size is not None or not self.lengths]
-
-    def residual(self, dwells: DwellSet) -> Residual:
-        """Residual of the fit."""
-        t = self.assumed.mapped(dwells.temperature)
-        return triad.residual_of(dwells, self.terms, t, lengths=self.lengths)
+        shared = shared_errors.state_errors(dwells, gravity, along, self.spec)
+        if self.lengths:
+            shared = [error for error in shared if error.size is not None]
+        residual = triad.residual_of(dwells, self.terms, t, lengths=self.lengths)
+        return residual, shared, triad.relative_noise(dwells, lengths=self.lengths)
 
     def fit(self, rows: DwellSet) -> Fit:
         """What a fit will tell of the parameters, or of K."""
-        noise, nominal = triad.relative_noise(rows, lengths=self.lengths), self.terms.nominal
-        residual, shared = self.residual(rows), self.state(rows)
-        fit = predict(residual, nominal, shared, noise=noise, names=self.terms.names)
+        residual, shared, noise = self.equation(rows)
+        names = self.terms.names
+        fit = predict(residual, self.terms.nominal, shared, noise=noise, names=names)
         if not self.k:
             return fit
         form = published.corrections(self.k, rows.indication, self.assumed.mapped(rows.temperature))
@@ -153,22 +155,20 @@ class TriadBench(TourBench):
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """In powers of °C."""
-        fit, (low, high) = self.fit(self.rows(design)), self.assumed.range_degc
-        middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
+        fit, middle_half = self.fit(self.rows(design)), self.assumed.middle_half
         if self.k:
-            of_axis = np.asarray(published.to_degrees(*middle_half), dtype=np.float64)
-            to_raw = np.kron(np.eye(3), of_axis)
-            numbered = list(zip(k_factor.NAMES, forms.K_UNITS, strict=True))
-            named = [(model, *words) for model in forms.K_MODELS for words in numbered]
+            to_raw = np.kron(np.eye(3), np.asarray(published.to_degrees(*middle_half), np.float64))
+            numbers = list(zip(k_factor.NAMES, forms.K_UNITS, strict=True))
+            labels = [(model, *number) for model in forms.K_MODELS for number in numbers]
             fitted = [number in part.fitted for part in self.k for number in range(10)]
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
-            named = [("triad", term.name, term.unit) for term in self.terms.listed]
-            fitted = [True] * len(named)
+            labels = [("triad", term.name, term.unit) for term in self.terms.listed]
+            fitted = [True] * len(labels)
         u = fit.of(lambda p: to_raw @ p).u.tolist()
-        for words, size, stated in zip(named, u, fitted, strict=True):
-            if stated:
-                yield Coefficient(*words, size)
+        for label, size, is_fitted in zip(labels, u, fitted, strict=True):
+            if is_fitted:
+                yield Coefficient(*label, size)
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
@@ -195,14 +195,13 @@ class TriadBench(TourBench):
                     if self.mounting[k] == mounting:
                         clock.dwell(self.fixture, self.spots[k].tolist(), dwell_s, name)
         schedule = clock.schedule()
-        fitted = [one for one in schedule.recorded("dwell") if one.log == log]
         levels = count(len(set(degc)), "temperature")
         label = f"{len(choice)} attitudes, {levels}, dwells of {dwell_s:g} s"
         if self.lengths:
             label = f"{len(choice)} positions of {dwell_s:g} s"
         # logs beside those that are measured are as these are
         mode = {} if self.task.have or self.lengths else {"dwells": {"mode": "rows"}}
-        rows = planned_dwells(fitted, self.noise_of(dwell_s))
+        rows = planned_dwells(schedule.by_log()[log], self.noise_of(dwell_s))
         return Design(label, schedule, (log,), rows, mode)
 
     def choices(self) -> Iterator[list[int]]:
@@ -236,16 +235,19 @@ class TriadBench(TourBench):
             ]
             clock.now_s += soak_s
         dwells = planned_dwells(actions, self.noise_of(dwell_s))
-        stated = [one for one in self.state(dwells) if one.size]
-        single = [one for one in stated if (one.group, one.effect) == shared_errors.INDEX]
-        residual = self.residual(dwells)
+        residual, shared, noise = self.equation(dwells)
+        of_candidates, of_all = list[Shared](), list[Shared]()
+        for error in shared:
+            if error.size:
+                index = (error.group, error.effect) == shared_errors.INDEX
+                (of_candidates if index else of_all).append(error)
         place = np.tile(np.arange(number), len(degc))
         return pool(
             derivative(lambda p: residual(p).ravel(), self.terms.nominal),
-            [one for one in stated if one not in single],
-            single,
-            triad.relative_noise(dwells, lengths=self.lengths),
-            np.repeat(place, 1 if self.lengths else 3),
+            of_all,
+            of_candidates,
+            noise,
+            np.repeat(place, len(noise) // len(place)),
             next(iter(replace(self, k=()).slopes.values())),
         )
 
@@ -279,14 +281,14 @@ def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
     noise [g] of its mean.
     """
     number = len(actions)
-    tilt, roll = np.array([(one.inclination_deg, one.toolface_deg) for one in actions]).T
+    tilt, roll = np.array([(dwell.inclination_deg, dwell.toolface_deg) for dwell in actions]).T
     return DwellSet(
         indication=np.round(attitude.gravity_vector(tilt, roll), DECIMALS),
-        temperature=np.array([float(one.set_degc) for one in actions]),
+        temperature=np.array([float(dwell.set_degc) for dwell in actions]),
         inclination=tilt,
         toolface=roll,
         noise=np.full((number, 3), noise),
-        time=np.array([one.start_s + one.duration_s / 2.0 for one in actions]),
+        time=np.array([dwell.start_s + dwell.duration_s / 2.0 for dwell in actions]),
         log=np.zeros(number, dtype=np.int64),
         place=(),
         flags=(),
@@ -410,14 +412,17 @@ def simulate_plan(
     actions = schedule.recorded("dwell")
     dwells = planned_dwells(actions, assumed.noise_of(actions[0].duration_s))
     indicate = partial(simulated.indications, sensors)
-    measured, drawn = simulate_dwells(rng, indicate, dwells, sizes)
-    time = np.array([one.start_s + one.duration_s / 2.0 for one in actions])
-    columns = {"time_s": time, **measured}
-    for axis in simulated.AXES:
-        columns[f"accel_{axis}_g"] *= sign
-    names = np.array([one.log for one in actions])
+    indication, degc, drawn = simulate_dwells(rng, indicate, dwells, sizes)
+    columns = {
+        "time_s": dwells.time,
+        "temp_case_degc": degc,
+        "inclination_deg": dwells.inclination,
+        "toolface_deg": dwells.toolface,
+        **_by_axis(sign * indication),
+    }
+    log_of = np.array([dwell.log for dwell in actions])
     logs = {
-        log: {column: values[names == log] for column, values in columns.items()}
+        log: {name: column[log_of == log] for name, column in columns.items()}
         for log in schedule.by_log()
     }
     truth = {"shared_errors": drawn, "sensors": simulated.describe(sensors)}
@@ -429,34 +434,37 @@ def simulate_dwells(
     indicate: Callable[[Array, Array], Array],
     dwells: DwellSet,
     sizes: Mapping[tuple[str, str], float],
-) -> tuple[dict[str, Array], dict[str, Any]]:
-    """Columns of dwells of a triad that indicates gravity [n, 3] [g] at temperatures [n] [°C], and
-    the shared errors that were drawn, of sizes by (group, effect).
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Indications [n, 3] [g] and case temperatures [n] [°C] of dwells of a triad that indicates
+    gravity [n, 3] [g] at temperatures [n] [°C], and the shared errors that were drawn, of sizes by
+    (group, effect).
 
     Errors of the table and the fixture turn gravity before the sensors see it; those of the
     sensors are added to what they indicate.
     """
     shape = dwells.indication.shape
-    of_gravity, of_sensors = np.zeros(shape), np.zeros(shape)
-    drawn, axes = {}, np.broadcast_to(np.eye(3), (*shape, 3))
-    # a zero drifts, whether a fit of one soak can tell or not
+    axes = np.broadcast_to(np.eye(3), (*shape, 3))
+    of_gravity, of_sensors, drawn = np.zeros(shape), np.zeros(shape), {}
+    # a zero drifts, whether a fit of a single soak can tell or not
     for error in shared_errors.list_errors(dwells, dwells.indication, axes, timed=True):
         size = rng.normal(0.0, 1.0, (error.levels, error.width))
         size *= sizes.get((error.group, error.effect), 0.0)
-        turned = of_gravity if error.unit == "rad" else of_sensors
-        turned += error.along(size).reshape(shape)
+        errors = of_gravity if error.unit == "rad" else of_sensors
+        errors += error.along(size).reshape(shape)
         drawn[f"{error.effect} of the {error.group}"] = size.tolist()
-    seen = dwells.indication + of_gravity
-    seen /= np.linalg.norm(seen, axis=1)[:, None]
+    gravity = dwells.indication + of_gravity
+    gravity /= np.linalg.norm(gravity, axis=1)[:, None]
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
     case = dwells.temperature + rng.normal(0.0, CHAMBER_DEGC, soak.size)[soak]
-    indicated = indicate(seen, case) + of_sensors + rng.normal(0.0, dwells.noise)
+    indication = indicate(gravity, case) + of_sensors + rng.normal(0.0, dwells.noise)
+    return indication, case + rng.normal(0.0, THERMOMETER_DEGC, case.size), drawn
+
+
+def _by_axis(indication: Array) -> dict[str, Array]:
+    """Columns of indications [n, 3]."""
     return {
-        "temp_case_degc": case + rng.normal(0.0, THERMOMETER_DEGC, case.size),
-        "inclination_deg": dwells.inclination,
-        "toolface_deg": dwells.toolface,
-        **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(simulated.AXES)},
-    }, drawn
+        f"accel_{axis}_g": column for axis, column in zip(simulated.AXES, indication.T, strict=True)
+    }
 
 
 def _simulate_lengths(
@@ -474,21 +482,17 @@ def _simulate_lengths(
     noise = assumed.noise_of(simulate_magnitude.INTERVAL_S)
     logs: dict[str, dict[str, Array]] = {}
     for name, actions in schedule.by_log().items():
-        spots = np.array([(one.inclination_deg, one.toolface_deg) for one in actions])
-        gravity = attitude.gravity_vector(*spots.T) + rng.normal(0.0, BY_HAND, (len(actions), 3))
+        planned = planned_dwells(actions, noise).reference
+        gravity = planned + rng.normal(0.0, BY_HAND, planned.shape)
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
         along = simulate_magnitude.path(rng, gravity, actions[0].duration_s) @ axes.T
-        seen = (1.0 + k) * (along + second * along**2) + b + zero
-        seen = sign * (seen + rng.normal(0.0, noise, seen.shape))
-        logs[name] = {
-            "time_s": simulate_magnitude.INTERVAL_S * np.arange(len(seen), dtype=np.float64),
-            **{f"accel_{axis}_g": seen[:, i] for i, axis in enumerate("xyz")},
-        }
+        indication = (1.0 + k) * (along + second * along**2) + b + zero
+        indication += rng.normal(0.0, noise, indication.shape)
+        time_s = simulate_magnitude.INTERVAL_S * np.arange(float(len(indication)))
+        logs[name] = {"time_s": time_s, **_by_axis(sign * indication)}
     # with M the inverse of the axes: k_i0 = M_ii/(1 + k_i), z_i0 = b_i k_i0, c_ij = -M_ij/M_jj
-    matrix = np.linalg.inv(axes)
-    scale = np.diag(matrix) / (1.0 + k)
-    cross = -matrix / np.diag(matrix)
-    truth = [*scale, *(b * scale), cross[1, 0], cross[2, 0], cross[2, 1]]
-    named = dict(zip(asked_terms(spec).names, map(float, truth), strict=True))
-    coefficients = {"coefficients": {"triad": named}}
-    return Campaign(logs, simulate_magnitude.DECIMALS, coefficients)
+    M = np.linalg.inv(axes)
+    scale, cross = np.diag(M) / (1.0 + k), -M / np.diag(M)
+    truth = np.array([*scale, *(b * scale), cross[1, 0], cross[2, 0], cross[2, 1]])
+    coefficients = dict(zip(asked_terms(spec).names, truth.tolist(), strict=True))
+    return Campaign(logs, simulate_magnitude.DECIMALS, {"coefficients": {"triad": coefficients}})

@@ -20,14 +20,13 @@ from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
-    Candidate,
     Coefficient,
     Design,
     TourBench,
     count,
     join,
 )
-from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.planning.task import Assumed, Task, assume
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
@@ -115,9 +114,9 @@ class BiasBench(TourBench):
         label = f"{logs} at {places}, {dwell_s / 60.0:g} min each"
         return Design(label, clock.schedule(), (f"{stem}_*.csv",), means)
 
-    def notes(self, campaign: Candidate) -> tuple[str, ...]:
+    def notes(self, campaign: Design) -> tuple[str, ...]:
         """How the instrument is switched on."""
-        return (RESTART,) if campaign.design.rows else ()
+        return (RESTART,) if campaign.rows else ()
 
 
 def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
@@ -125,17 +124,18 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
     without times.
     """
     device, polynomials = task.equipment.known_device(spec.procedure), spec.polynomials
-    other = [one for one in spec.still_columns() if units.column_unit(one) != device.noise_unit]
-    order = max(one.order for one in polynomials.bias)
+    other = [
+        column for column in spec.still_columns() if units.column_unit(column) != device.noise_unit
+    ]
+    order = max(channel.order for channel in polynomials.bias)
     if other or units.column_unit(polynomials.abscissa) != "degC" or order < 1:
         raise UsageError(
             f"a plan is for channels in {device.noise_unit} as polynomials of a temperature in"
             f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
-    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
     units_of = {TURN_ON: device.noise_unit}
-    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
+    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, file=FILE)
     measured = []
     for log in task.have:
         if "time_s" not in log.frame.columns:
@@ -160,18 +160,18 @@ def simulate_plan(
     turn_on, noise = assumed.size(*TURN_ON), assumed.noise_of(1.0)
     size, abscissa = DRIFT * assumed.noise_of(60.0), spec.polynomials.abscissa
     biases = {
-        one.indication: np.polynomial.Polynomial(
-            rng.normal(0.0, size, one.order + 1) / (1.0 + np.arange(one.order + 1.0)),
+        channel.indication: np.polynomial.Polynomial(
+            rng.normal(0.0, size, channel.order + 1) / (1.0 + np.arange(channel.order + 1.0)),
             domain=assumed.range_degc,
         )
-        for one in spec.polynomials.bias
+        for channel in spec.polynomials.bias
     }
     logs: dict[str, dict[str, Array]] = {}
     for name, actions in schedule.by_log().items():
         # the case follows the chamber at 1 Hz; a soak without a ramp before it is settled
         chamber = [
-            np.linspace(one.start_degc, one.set_degc, int(one.duration_s), endpoint=False)
-            for one in actions
+            np.linspace(action.start_degc, action.set_degc, int(action.duration_s), endpoint=False)
+            for action in actions
         ]
         case = follow_with_lag(np.concatenate(chamber), max(assumed.device.lags_s))
         case += rng.normal(0.0, REACHED_DEGC)

@@ -137,7 +137,9 @@ class RampBench(Bench):
         moments = problem.gram(problem.rows, bank_fit.STATIC_MEAN, columns).matrix
         B, C, D = moments[SHARED:, :SHARED], moments[SHARED:, SHARED:], self.precision[SHARED:]
         o = np.linalg.solve(C + np.diag(D), B)
-        turn_on, start = ((o[own].T * D[own]) @ o[own] for own in (slice(0, 1), slice(1, None)))
+        turn_on, start = (
+            (o[errors].T * D[errors]) @ o[errors] for errors in (slice(0, 1), slice(1, None))
+        )
         return np.stack([moments[:SHARED, :SHARED] - B.T @ o - turn_on - start, turn_on, start])
 
     @cached_property
@@ -166,7 +168,7 @@ class RampBench(Bench):
         at_rest = np.zeros((LEVELS, SHARED))
         powers = np.arange(1, forward.POWERS + 1)
         at_rest[:, BANK.part("s")] = (z[:, None] / forward.SCALE_DEGC) ** powers
-        of_drift = np.concatenate([(one - one.mean(axis=0))[::EVERY] for one in along])
+        of_drift = np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in along])
         return {"drift": of_drift, "drift at rest": at_rest}
 
     def variances(self, design: Design) -> dict[str, Sources]:
@@ -266,7 +268,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     if not (assumed.size(*DRIFT) and assumed.size(*TURNED_ON)):
         raise UsageError(
             f"components of [device.{spec.procedure}]:"
-            f" {', '.join(f'{one.effect} of {one.group}' for one in assumed.components)}",
+            f" {', '.join(f'{error.effect} of {error.group}' for error in assumed.components)}",
             hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
         )
     rates = tuple(rate for rate in RATES if rate <= task.equipment.fastest(device))
@@ -281,7 +283,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     for log in task.have:
         examined = ramps.examine(spec, log)
         refuse(examined.findings)
-        measured_rates += [one.level for one in examined.held if one.kind == "ramp"]
+        measured_rates += [stretch.level for stretch in examined.held if stretch.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
         measured.append(bench.information(silent_log(log.file, blocks.time, blocks.case)))
     return replace(bench, have=measured, measured_rates=tuple(measured_rates))
@@ -292,17 +294,17 @@ def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[
     noise of a run; UsageError for one that does not state them.
     """
     levels = {form.name for form in forms.ON_LEVELS.values()}
-    model = next((one for one in record.models if one.form in levels), None)
+    model = next((fitted for fitted in record.models if fitted.form in levels), None)
     if model is None:
         raise UsageError(
             "that run has no level, lagged or bank model of a gyro's drift, which states noise and"
             " turn-on biases",
             hint="name another run, or state the sizes in [device] of the equipment file",
         )
-    stated = {one.name: one.value for one in model.parameters}
-    figures = {one.name: one.value for one in record.figures}
-    names = [one.removeprefix(BEFORE) for one in figures if one.startswith(BEFORE)]
-    squares = [figures[BEFORE + one] ** 2 - figures[NOISE + one] ** 2 for one in names]
+    stated = {parameter.name: parameter.value for parameter in model.parameters}
+    figures = {figure.name: figure.value for figure in record.figures}
+    names = [name.removeprefix(BEFORE) for name in figures if name.startswith(BEFORE)]
+    squares = [figures[BEFORE + name] ** 2 - figures[NOISE + name] ** 2 for name in names]
     turn_on = [value for name, value in figures.items() if name.startswith(TURN_ON)]
     spread = float(np.std(turn_on, ddof=1)) if len(turn_on) > 1 else 0.0
     sizes = {
@@ -339,5 +341,5 @@ def simulate_plan(
         )
     logs = simulated.logs(device, runs, seed, chamber)
     truth = simulated.describe(device, chamber, runs, logs)
-    columns = {name: one.columns for name, one in logs.items()}
+    columns = {name: log.columns for name, log in logs.items()}
     return Campaign(columns, simulated.DECIMALS, truth)

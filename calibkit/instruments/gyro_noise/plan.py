@@ -1,4 +1,8 @@
-"""Records of gyros at rest: how long a log has to be for the wanted uncertainty of its terms."""
+"""Records of gyros at rest: how long a log has to be for the wanted uncertainty of its terms.
+
+No equation of rows tells it: the uncertainty of a term is the scatter of fits to drawn Allan
+deviations (`predict_terms`).
+"""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,7 +17,7 @@ from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.predicted import predict_terms
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import NOISE, Bench, Candidate, Coefficient, Design, Sources
+from calibkit.planning.search import NOISE, Bench, Coefficient, Design, Sources
 from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
@@ -65,8 +69,8 @@ class RecordBench(Bench):
         """The terms of one log."""
         results = self.predict(design).results
         for name in self.terms:
-            one = results[WORDS[name]]
-            yield Coefficient("gyro_noise", term_name(name, LOG), one.unit, one.largest_u)
+            result = results[WORDS[name]]
+            yield Coefficient("gyro_noise", term_name(name, LOG), result.unit, result.largest_u)
 
     def design(self, length_s: float) -> Design:
         """One log at the reference temperature, after the instrument has warmed up."""
@@ -82,14 +86,14 @@ class RecordBench(Bench):
         """Logs of all lengths."""
         yield from map(self.design, self.assumed.device.dwell_s)
 
-    def notes(self, campaign: Candidate) -> Iterator[str]:
+    def notes(self, campaign: Design) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
         for name, value in self.terms.items():
-            one = campaign.results[WORDS[name]]
-            if value < SHOWN * one.expanded:
+            result = campaign.results[WORDS[name]]
+            if value < SHOWN * result.expanded:
                 yield (
-                    f"{one.name} of {value:g} {one.unit}, as it is assumed, is hardly observable"
-                    " in this log: log for longer"
+                    f"{result.name} of {value:g} {result.unit}, as it is assumed, is hardly"
+                    " observable in this log: log for longer"
                 )
         sizes = ", ".join(
             f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in self.terms.items()

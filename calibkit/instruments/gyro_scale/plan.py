@@ -1,18 +1,24 @@
-"""Campaigns of gyros on a rate table: which rates at which temperatures, about which axes."""
+"""Campaigns of gyros on a rate table: which rates at which temperatures, about which axes.
+
+What held rates will tell is predicted by equation (1) of `equation`, that of the fit, with gyros
+whose scale factor is 1, the runs about each axis a line of their own. Results follow from K(T) and
+F0(T) of the best straight lines: an angle between two input axes is what a gyro shows about an axis
+across its own, N the ratio of two scale factors.
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, partial
 from itertools import chain, combinations, product
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
-from calibkit.fit.solve import predict
+from calibkit.fit.solve import Fit, predict
 from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
@@ -22,9 +28,7 @@ from calibkit.planning.equipment import RateTable
 from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour, list_tours
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
-    NOTHING,
     WITHHELD,
-    Candidate,
     Coefficient,
     Design,
     Sources,
@@ -85,26 +89,15 @@ class Holds:
     noise: Array
     """Of the mean over each hold [°/s]."""
 
-    @property
-    def rows(self) -> equation.Rows:
-        """Rows of the fit, of a gyro whose scale factor is 1."""
-        line = np.zeros_like(self.run)
-        return equation.Rows(
-            self.rate_dps, self.rate_dps, self.run, self.degc, self.hours, line, line
-        )
-
-    def select(self, kept: Mask) -> Self:
-        """Some of the holds."""
-        parts = {field.name: getattr(self, field.name)[kept] for field in fields(self)}
-        return replace(self, **parts | {"run": np.unique(parts["run"], return_inverse=True)[1]})
-
 
 def planned_holds(schedule: Schedule, assumed: Assumed, find_axis: Callable[[str], str]) -> Holds:
     """Holds of a schedule as the fit will see them: means over whole revolutions. The table axis of
     a log is found by its name.
     """
     holds: list[tuple[Any, ...]] = []
-    logs = {log: own for log, own in schedule.by_log().items() if not log.startswith(WITHHELD)}
+    logs = {
+        log: actions for log, actions in schedule.by_log().items() if not log.startswith(WITHHELD)
+    }
     for run, (log, actions) in enumerate(logs.items()):
         middle_s = (actions[0].start_s + actions[-1].end_s) / 2.0
         for hold in actions:
@@ -129,46 +122,56 @@ class GyroBench(TourBench):
     table: RateTable
     reference_degc: float
 
-    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
-        """Variances of each result from those of the best straight line about each axis."""
-        return dict(lines[0])
+    def lines(self, holds: Holds, degc: Array) -> tuple[Fit, Array, Array]:
+        """What holds will tell of gyros whose scale factor is 1, and the derivatives [axes, m, p]
+        by which scale factors [ppm] and zeros [°/h] follow at temperatures [m] [°C]: of the best
+        straight line about each axis.
+        """
+        axis = np.array([self.axes.index(name) for name in holds.axis.tolist()])
+        rate, order = holds.rate_dps, self.order
+        rows = equation.Rows(rate, rate, holds.run, holds.degc, holds.hours, axis, axis)
+        shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rate)) > 0.0 else ()
+        terms = equation.Terms(len(self.axes), (order, order), self.assumed.middle_half, shapes)
+        every = np.ones(len(self.axes))
+        # of temperatures that change within runs a plan knows nothing
+        shared = [
+            error
+            for error in equation.shared_errors(rows, terms, every, every)
+            if (error.group, error.effect) in UNITS
+        ]
+        fit = predict(
+            partial(equation.residual, rows=rows, terms=terms),
+            terms.start,
+            self.assumed.state(shared),
+            noise=holds.noise,
+            names=terms.names * terms.lines,
+        )
+        powers, line = polynomial.powers(terms.mapped(degc), order), equation.best_line(terms, rate)
+        scale, zero = derivative(
+            lambda p: np.stack([part @ powers.T for part in line(p)]), terms.start
+        )
+        return fit, PPM * scale, DPH_PER_DPS * zero
+
+    def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:
+        """Variances of each result from `lines`."""
+        return {SCALE: split_variance(fit, scale[0]), ZERO: split_variance(fit, zero[0])}
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variances of each result over the range of use."""
         degc = np.linspace(*self.assumed.range_degc, LEVELS)
-        return self.results_of([self.line(holds, degc) for holds in self.about_axes(design)])
+        return self.results_of(*self.lines(self.rows(design), degc))
 
-    def line(self, holds: Holds, degc: Array) -> dict[str, Sources]:
-        """Variances of scale factor [ppm²] and zero [(°/h)²] about one axis, at temperatures [m]
-        [°C]: of the best straight line over the holds.
+    def angle(
+        self, fit: Fit, scale: Array, without: Sequence[tuple[str, str]], mountings: int
+    ) -> Sources:
+        """Variances [°²] of what gyros show about an axis across their own, by derivatives [m, p]
+        of scale factors [ppm], beside the errors that matter along the own axis alone.
         """
-        rows, (low, high) = holds.rows, self.assumed.range_degc
-        shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rows.rate_dps)) > 0.0 else ()
-        middle_half = (low + high) / 2.0, max(high - low, 1.0) / 2.0
-        terms = equation.Terms(1, (self.order,) * 2, middle_half, shapes)
-        # of temperatures that change within runs a plan knows nothing
-        listed = equation.shared_errors(rows, terms, np.ones(1), np.ones(1))
-        fit = predict(
-            partial(equation.residual, rows=rows, terms=terms),
-            terms.start,
-            self.assumed.state(one for one in listed if (one.group, one.effect) in UNITS),
-            noise=holds.noise,
-            names=terms.names,
-        )
-        powers = polynomial.powers(terms.mapped(degc), self.order)
-        best_line = equation.best_line(terms, rows.rate_dps)
-        scale, zero = derivative(
-            lambda p: np.stack([powers @ part[0] for part in best_line(p)]), terms.start
-        )
-        return {
-            SCALE: split_variance(fit, PPM * scale),
-            ZERO: split_variance(fit, DPH_PER_DPS * zero),
-        }
-
-    def about_axes(self, design: Design) -> list[Holds]:
-        """Holds about each axis, those that are measured too."""
-        holds = self.rows(design)
-        return [holds.select(holds.axis == axis) for axis in self.axes]
+        along = {f"{effect} of the {group}" for group, effect in without}
+        sources = split_variance(fit, DEG_PER_PPM * scale)
+        mounted = np.full(len(scale), mountings * self.assumed.size(*MOUNTING) ** 2)
+        across = {name: part for name, part in sources.items() if name not in along}
+        return across | {"angle of the mounting": mounted}
 
     def temperatures(self, rows: Holds) -> list[Array]:
         """Of the holds about each axis."""
@@ -176,16 +179,18 @@ class GyroBench(TourBench):
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """K and F0 of each gyro at the reference temperature."""
-        (holds,) = self.about_axes(design)
-        line = self.line(holds, np.array([self.reference_degc]))
+        lines = self.lines(self.rows(design), np.array([self.reference_degc]))
+        variances = self.results_of(*lines)
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
-            u = float(np.sqrt(total_variance(line[name]))[0])
+            u = float(np.sqrt(total_variance(variances[name]))[0])
             yield Coefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
-    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
         known = self.spec.component_units
-        return [one for one in super().passed_on(campaign) if (one.group, one.effect) in known]
+        return [
+            error for error in super().passed_on(campaign) if (error.group, error.effect) in known
+        ]
 
     def choices(self) -> list[tuple[int, ...]]:
         """Rates [°/s] up to the fastest, in even steps so that a bend of the response shows."""
@@ -206,10 +211,12 @@ class GyroBench(TourBench):
     @cached_property
     def measured(self) -> dict[str, list[float]]:
         """Table axis → temperatures [°C] of the runs about it that are measured."""
-        if self.have is None:
-            return {axis: [] for axis in self.axes}
-        holds = zip(self.axes, self.about_axes(NOTHING), strict=True)
-        return {axis: list(own.rows.temp_degc) for axis, own in holds}
+        measured: dict[str, list[float]] = {axis: [] for axis in self.axes}
+        if self.have is not None:
+            for run in range(self.have.run.max() + 1):
+                rows = self.have.run == run
+                measured[self.have.axis[rows][0]].append(float(self.have.degc[rows].mean()))
+        return measured
 
     def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
@@ -269,27 +276,31 @@ class TriadBench(GyroBench):
 
     names, axes = (SCALE, ANGLE), forms.AXES
 
-    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
+    def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:  # noqa: ARG002
         """Variances of the scale factor of the axis that is known worst, and of the angle between
         two gyros, which is what each shows about the axis of the other, where no scale factor
         matters.
         """
-        scales = sorted(
-            (line[SCALE] for line in lines), key=lambda scale: float(total_variance(scale).mean())
-        )
-        angle = as_angle(*scales[-2:], without=[RUN_SCALE])
-        mounted = np.full_like(total_variance(angle), 2.0 * self.assumed.size(*MOUNTING) ** 2)
-        return {SCALE: scales[-1], ANGLE: angle | {"angle of the mounting": mounted}}
+        by_axis = [split_variance(fit, slopes) for slopes in scale]
+        *_, second, worst = np.argsort([total_variance(axis).mean() for axis in by_axis])
+        both = scale[second] + scale[worst]
+        return {SCALE: by_axis[worst], ANGLE: self.angle(fit, both, [RUN_SCALE], mountings=2)}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone."""
-        at_one, lines = replace(self, order=0), []
-        for holds in self.about_axes(design):
-            nearest = holds.degc[np.argmin(np.abs(holds.degc - self.reference_degc))]
-            near = holds.select(np.abs(holds.degc - nearest) <= ONE_LEVEL_DEGC)
-            near = replace(near, degc=np.full(near.run.size, nearest))
-            lines.append(at_one.line(near, np.array([self.reference_degc])))
-        u = float(np.sqrt(total_variance(self.results_of(lines)[ANGLE]))[0])
+        holds = self.rows(design)
+        near = np.zeros(holds.run.size, dtype=np.bool_)
+        for axis in self.axes:
+            of_axis = holds.axis == axis
+            off = np.where(of_axis, np.abs(holds.degc - self.reference_degc), np.inf)
+            nearest = holds.degc[np.argmin(off)]
+            near |= of_axis & (np.abs(holds.degc - nearest) <= ONE_LEVEL_DEGC)
+        parts = {field.name: getattr(holds, field.name)[near] for field in fields(holds)}
+        parts["run"] = np.unique(parts["run"], return_inverse=True)[1]
+        parts["degc"] = np.full(near.sum(), self.reference_degc)
+        at_one = replace(self, order=0)
+        lines = at_one.lines(Holds(**parts), np.array([self.reference_degc]))
+        u = float(np.sqrt(total_variance(self.results_of(*lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
@@ -307,19 +318,14 @@ class PairBench(GyroBench):
     names, axes = (RATIO, ANGLE), ("a", "b")
     withheld = 1
 
-    def results_of(self, lines: Sequence[Mapping[str, Sources]]) -> dict[str, Sources]:
+    def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:  # noqa: ARG002
         """Variances of N, and of the angle that B shows about A's axis, where it turns little and
         neither scale factor nor response matters.
         """
-        a, b = (line[SCALE] for line in lines)
-        one = np.ones_like(total_variance(a))
+        a, b = scale
         apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
-        angle = as_angle(a, without=[RUN_SCALE, RESPONSE])
-        mounted = {"angle of the mounting": self.assumed.size(*MOUNTING) ** 2 * one}
-        return {
-            RATIO: add_variances(a, b) | {"temperature of the run": apart**2 * one},
-            ANGLE: angle | mounted,
-        }
+        ratio = split_variance(fit, b - a) | {"temperature of the run": np.full(len(a), apart**2)}
+        return {RATIO: ratio, ANGLE: self.angle(fit, a, [RUN_SCALE, RESPONSE], mountings=1)}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """N and the angle between the axes."""
@@ -327,10 +333,10 @@ class PairBench(GyroBench):
         yield Coefficient("pair", "N", "1", results[RATIO].u / PPM)
         yield Coefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
-    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
         stated = super().passed_on(campaign)
-        return [one for one in stated if (one.group, one.effect) == MOUNTING]
+        return [error for error in stated if (error.group, error.effect) == MOUNTING]
 
     def tours(self) -> list[Tour]:
         """One run about each axis: none about one that is measured."""
@@ -343,22 +349,6 @@ class PairBench(GyroBench):
 
 BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairBench}
 """Procedure → its campaigns."""
-
-
-def add_variances(*parts: Sources) -> Sources:
-    """Variances of a sum of independent parts."""
-    none = np.zeros_like(total_variance(parts[0]))
-    names = dict.fromkeys(name for part in parts for name in part)
-    return {name: np.sum([part.get(name, none) for part in parts], axis=0) for name in names}
-
-
-def as_angle(*scales: Sources, without: Sequence[tuple[str, str]]) -> Sources:
-    """Variances [°²] of what gyros show about an axis across their own, from those of scale factors
-    [ppm²], beside the errors that matter along the own axis alone.
-    """
-    along = {f"{effect} of the {group}" for group, effect in without}
-    parts = add_variances(*scales).items()
-    return {name: DEG_PER_PPM**2 * part for name, part in parts if name not in along}
 
 
 def prepare_plan(spec: Spec, task: Task) -> GyroBench:
@@ -377,7 +367,7 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
     records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
     earlier = seen_errors(records)
     for record in records:
-        off = [one.value for one in record.figures if one.name.startswith(OFF_LINE)]
+        off = [figure.value for figure in record.figures if figure.name.startswith(OFF_LINE)]
         value = rms(off) * DPH_PER_DPS
         earlier.append(
             ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
@@ -393,7 +383,8 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
                 f"{len(task.have)} logs, expected one of each table axis",
                 hint="name the log of each axis under [pair]",
             )
-        reference = float(have.rows.temp_degc.mean())
+        by_run = np.bincount(have.run, have.degc) / np.bincount(have.run)
+        reference = float(by_run.mean())
         assumed = replace(assumed, range_degc=(reference, reference))
     bench = BENCHES[spec.procedure]
     results = {name: UNIT[name] for name in bench.names}
@@ -458,7 +449,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
         gyros = {name: replace(gyro, K_per_degc=per_degc) for name, gyro in gyros.items()}
     directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    shortest_s = min(one.duration_s for one in schedule.recorded("rate"))
+    shortest_s = min(hold.duration_s for hold in schedule.recorded("rate"))
     table = simulate_rate_table.Table(interval_s=1.0, shortest_hold_s=shortest_s)
     # the base is mounted with its axes, or with the axis of each gyro of a pair, along the table's
     mounted = directions if isinstance(spec, GyroPairRecipe) else np.eye(3)
@@ -481,7 +472,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
             )
         degc = actions[0].set_degc - table.warming_degc / 2.0
         degc += rng.normal(0.0, assumed.size(*TEMPERATURE))
-        rates = [one.table_rate_dps for one in actions]
+        rates = [hold.table_rate_dps for hold in actions]
         logs[log] = simulate_rate_table.run(moved, table, rates, degc, rng)
     truth: dict[str, Any] = {
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},

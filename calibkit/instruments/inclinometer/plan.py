@@ -1,5 +1,10 @@
 """Campaigns of a four-position inclinometer: which stations at which temperatures, how long in each
 position.
+
+    s = Σ_k s_k x^k + δ ∂s/∂δ + b of the log + b of the station + e       (1) of `scale_fit`
+
+s are the roots that stations will give, x the temperature mapped to [-1, 1], δ a turn of the gyros
+against the accelerometers. An azimuth is uncertain by s and δ: dψ = tan φ tan θ sin ψ ds + dδ.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +31,6 @@ from calibkit.planning.levels import LEVELS, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
-    Candidate,
     Coefficient,
     Design,
     Sources,
@@ -34,7 +38,7 @@ from calibkit.planning.search import (
     count,
     split_variance,
 )
-from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.planning.task import Assumed, Task, assume
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
@@ -130,8 +134,8 @@ class StationBench(TourBench):
 
     def temperatures(self, rows: Roots) -> list[Array]:
         """Of all stations."""
-        low, high = self.assumed.range_degc
-        return [low + (rows.x + 1.0) / 2.0 * (high - low)]
+        middle, half = self.assumed.middle_half
+        return [middle + half * rows.x]
 
     def variances(self, design: Design) -> dict[str, Sources]:
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
@@ -152,11 +156,12 @@ class StationBench(TourBench):
         for axis in self.spec.axes:
             yield from self.powers_of_degc(axis, "s", "1", covariance, self.order + 1)
 
-    def passed_on(self, campaign: Candidate) -> list[ErrorComponent]:
+    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A single log shows no difference between logs."""
-        several = len(self.task.have) + len(campaign.design.logs) > 1
-        stated = super().passed_on(campaign)
-        return [one for one in stated if several or (one.group, one.effect) != OF_LOG]
+        errors = super().passed_on(campaign)
+        if len(self.task.have) + len(campaign.logs) > 1:
+            return errors
+        return [error for error in errors if (error.group, error.effect) != OF_LOG]
 
     def design(self, degc: Tour, choice: list[int], dwell_s: float) -> Design:
         """Stations at places, at each of the temperatures in their order; where nothing is withheld
@@ -217,8 +222,7 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     what cannot be planned, FitError for measured stations without temperatures.
     """
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
-    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
+    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, file=FILE)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
@@ -248,39 +252,46 @@ def simulate_plan(
 ) -> Campaign:
     """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
     rng = np.random.default_rng(seed)
-    dwells = schedule.recorded("dwell")
-    noise, pairs = assumed.noise_of(dwells[0].duration_s), []
-    for _ in "xy":
-        drawn = simulated.draw(rng, gyro_noise_dph=noise, ideal=True)
-        drawn |= {
+    noise = assumed.noise_of(schedule.recorded("dwell")[0].duration_s)
+    pairs = [
+        simulated.draw(rng, gyro_noise_dph=noise, ideal=True)
+        | {
             "s_per_degc": rng.normal(0.0, PER_DEGC),
             "s_repeat": assumed.size(*SCATTER),
             "bias_walk_dph": assumed.size(*WALK),
             "accel_noise_g": assumed.size(*ACCEL),
             "gyro_turn_deg": rng.normal(0.0, assumed.size(*TURN)),
         }
-        pairs.append(drawn)
+        for _ in "xy"
+    ]
     sign = 1.0 if spec.reference.convention == "gravity" else -1.0
     logs: dict[str, dict[str, Array]] = {}
     for name, actions in schedule.by_log().items():
-        spots = [(one.inclination_deg, one.azimuth_deg, one.set_degc) for one in actions[::4]]
+        spots = [
+            (dwell.inclination_deg, dwell.azimuth_deg, dwell.set_degc) for dwell in actions[::4]
+        ]
         tilt, azimuth, set_degc = np.array(spots).T
         attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
         soak = np.unique(set_degc, return_inverse=True)[1]
         degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, tilt.size)[soak], 2)
         x, y = (pair | {"s": pair["s"] + rng.normal(0.0, assumed.size(*OF_LOG))} for pair in pairs)
         tool = simulated.Tool((x, y), index_deg=assumed.size(*INDEX))
-        stood, _ = tool.stations(attitudes, spec.site.latitude_deg, degc, rng)
-        columns: dict[str, Array] = {name: np.asarray(column) for name, column in stood.items()}
-        columns["time_s"] = np.array([one.start_s for one in actions])
+        columns, _ = tool.stations(attitudes, spec.site.latitude_deg, degc, rng)
+        log: dict[str, Array] = {key: np.asarray(column) for key, column in columns.items()}
+        log["time_s"] = np.array([dwell.start_s for dwell in actions])
         for axis in "xy":
-            columns[f"accel_{axis}_g"] = sign * columns[f"accel_{axis}_g"]
-        for column in simulated.REFERENCE if name.startswith(WITHHELD) else ():
-            columns[column] = np.repeat(getattr(attitudes, column), 4)
-        logs[name] = columns
-    truth = {}
-    for axis, pair in zip("xy", pairs, strict=True):
-        s0 = pair["s"] - simulated.REFERENCE_DEGC * pair["s_per_degc"]
-        truth[axis] = {"s0": s0, "s1": pair["s_per_degc"], "s2": 0.0, "s3": 0.0}
+            log[f"accel_{axis}_g"] = sign * log[f"accel_{axis}_g"]
+        if name.startswith(WITHHELD):
+            log |= {angle: np.repeat(getattr(attitudes, angle), 4) for angle in simulated.REFERENCE}
+        logs[name] = log
+    truth = {
+        axis: {
+            "s0": pair["s"] - simulated.REFERENCE_DEGC * pair["s_per_degc"],
+            "s1": pair["s_per_degc"],
+            "s2": 0.0,
+            "s3": 0.0,
+        }
+        for axis, pair in zip("xy", pairs, strict=True)
+    }
     decimals = simulated.DECIMALS | dict.fromkeys(simulated.REFERENCE, 4)
     return Campaign(logs, decimals, {"coefficients": truth})
