@@ -112,19 +112,22 @@ class Form:
         [p, p]; standard uncertainties are the roots of its diagonal, with effective degrees of
         freedom [p] where they are not `dof`. Raises FitError where a number is not finite.
         """
-        _require_finite(name, [*(v for _, v, _ in coefficients), *covariance.flat, residual_rms])
-        own_dof = (
-            [None] * len(coefficients)
-            if effective_dof is None
-            else np.minimum(effective_dof, INFINITE_DOF).tolist()
-        )
+        values = [value for _, value, _ in coefficients]
+        if not np.isfinite([*values, *covariance.flat, residual_rms]).all():
+            raise FitError(
+                f"model '{name}': a coefficient, covariance or residual is not a number",
+                hint="the data do not determine it: measure more conditions, or lower the orders",
+            )
+        dof_of_each = [None] * len(coefficients)
+        if effective_dof is not None:
+            dof_of_each = np.minimum(effective_dof, INFINITE_DOF).tolist()
         uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         return Model(
             name=name,
             form=self.name,
             coefficients=tuple(
-                Coefficient(*entry, u, own)
-                for entry, u, own in zip(coefficients, uncertainty, own_dof, strict=True)
+                Coefficient(*entry, u, own_dof)
+                for entry, u, own_dof in zip(coefficients, uncertainty, dof_of_each, strict=True)
             ),
             covariance=tuple(map(tuple, covariance.tolist())),
             dof=dof,
@@ -160,15 +163,6 @@ class Form:
         if self.further is not None:
             variance = variance + self.further(model, at) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
-
-
-def _require_finite(name: str, numbers: Sequence[float]) -> None:
-    """Raise FitError where a number of a model that is to be written is none."""
-    if not np.isfinite(numbers).all():
-        raise FitError(
-            f"model '{name}': a coefficient, covariance or residual is not a number",
-            hint="the data do not determine it: measure more conditions, or lower the orders",
-        )
 
 
 def within_ranges(model: Model, at: Inputs) -> tuple[Inputs, Mask]:

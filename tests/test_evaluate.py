@@ -182,7 +182,7 @@ def test_an_input_may_be_typed_in_units_of_its_own_kind(tmp_path, typed, column,
 
 def test_accelerations_need_the_local_gravity(tmp_path):
     """980 mg is 0.98 g; m/s² is converted by the recipe's gravity, and refused without one."""
-    one_g = inputs.Names({"accel_x_g": inputs.Input("accel_x_g")}, 9.8)
+    one_g = inputs.Names({"accel_x_g": inputs.QuantityInput("accel_x_g")}, 9.8)
     assert one_g.parse_value("accel_x=980mg") == ("accel_x_g", pytest.approx(0.98))
     assert one_g.parse_value("accel_x=4.9m/s^2") == ("accel_x_g", pytest.approx(0.5))
     with pytest.raises(RecipeError, match="gravity"):

@@ -40,7 +40,11 @@ def average(fits: Sequence[Fit]) -> Fit:
     for fit in fits:
         if not np.array_equal(fit.used, first.used) or fit.slopes.shape != first.slopes.shape:
             raise ValueError("orders are compared on the same rows, with the same shared errors")
-    aic = np.array([_information_criterion(fit) for fit in fits])
+    aic = np.zeros(len(fits))
+    for k, fit in enumerate(fits):
+        coefficients = int(fit.used.sum()) - fit.dof
+        sizes = int(np.sum(fit.solution.prior_variances.free))
+        aic[k] = likelihood.unrestricted(fit.solution) + 2.0 * (coefficients + sizes)
     weights = np.exp(-0.5 * (aic - aic.min()))
     weights /= weights.sum()
 
@@ -68,13 +72,6 @@ def average(fits: Sequence[Fit]) -> Fit:
         members=tuple(fits),
         weights=weights,
     )
-
-
-def _information_criterion(fit: Fit) -> float:
-    """AIC of (1)."""
-    coefficients = int(fit.used.sum()) - fit.dof
-    sizes = int(np.sum(fit.solution.prior_variances.free))
-    return likelihood.unrestricted(fit.solution) + 2.0 * (coefficients + sizes)
 
 
 def _mean_size(weights: Array, sizes: Sequence[SharedSize]) -> SharedSize:

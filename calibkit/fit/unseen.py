@@ -58,25 +58,21 @@ def unseen(
     (Satterthwaite 1946), over those of u, which combine those of both parts after Welch and
     Satterthwaite.
     """
+    from scipy.special import chdtri, fdtri
+
     variance = np.sum(shared**2, axis=1) + own
     if not (variance > 0.0).all():
         raise FitError("an error without an uncertainty", hint="state the uncertainty of the log")
-    common, alone = shared / np.sqrt(variance)[:, None], own / variance
-    inner = common.T @ common
-    correlation = np.sum(inner**2) + np.sum(alone * (alone + 2.0 * np.sum(common**2, axis=1)))
-    parts = np.trace(inner) / error.size, float(alone.mean())
-    inverse = sum(part**2 / count for part, count in zip(parts, dof, strict=True))
-    return Unseen(
-        float(np.sqrt(np.mean(error**2 / variance))),
-        _limit(error.size**2 / float(correlation), 1.0 / inverse if inverse else np.inf),
-    )
-
-
-def _limit(dof: float, of_u: float) -> float:
-    """Root of the quantile of F."""
-    from scipy.special import chdtri, fdtri
-
-    square = (
-        chdtri(dof, FALSE_ALARM) / dof if np.isinf(of_u) else fdtri(dof, of_u, 1.0 - FALSE_ALARM)
-    )
-    return max(float(np.sqrt(square)), TOLERATED)
+    # R = C Cᵀ + diag(a), of unit diagonal; ‖R‖² and the shares of both parts without a matrix n × n
+    C, a = shared / np.sqrt(variance)[:, None], own / variance
+    CC = C.T @ C
+    norm2 = float(np.sum(CC**2) + np.sum(a * (a + 2.0 * np.sum(C**2, axis=1))))
+    shares = float(np.trace(CC)) / error.size, float(a.mean())
+    nu = error.size**2 / norm2
+    inverse_of_u = sum(share**2 / count for share, count in zip(shares, dof, strict=True))
+    if inverse_of_u:
+        square = fdtri(nu, 1.0 / inverse_of_u, 1.0 - FALSE_ALARM)
+    else:  # u is known: F is χ²/ν
+        square = chdtri(nu, FALSE_ALARM) / nu
+    ratio = float(np.sqrt(np.mean(error**2 / variance)))
+    return Unseen(ratio, max(float(np.sqrt(square)), TOLERATED))

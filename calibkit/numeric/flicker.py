@@ -91,18 +91,17 @@ class Flicker:
         self._ends = np.cumsum(self._response.reshape(-1, FINER), axis=0).ravel()
         self._size = 1 << (2 * self._response.size - 1).bit_length()
         self._spectrum = np.fft.rfft(self._response, self._size)
-        self._at_lags = [(lag, self._covariances(lag)) for lag in lags]
+        # lag, and covariances [count − lag] between each mean and the one `lag` behind it
+        self._at_lags: list[tuple[int, Array]] = []
+        h = self._response
+        for lag in lags:
+            products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
+            self._at_lags.append((lag, np.cumsum(products)[FINER - 1 :: FINER]))
 
     @cached_property
     def _whole(self) -> Array:
         """Sums [count] of the covariances of each mean with all of them."""
         return self._sums(0, self._count)
-
-    def _covariances(self, lag: int) -> Array:
-        """Covariances [count − lag] between each mean and the one `lag` behind it."""
-        h = self._response
-        products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
-        return np.asarray(np.cumsum(products)[FINER - 1 :: FINER], dtype=np.float64)
 
     def _sums(self, first: int, stop: int) -> Array:
         """Sums [count] of the covariances of each mean with the means first … stop − 1."""

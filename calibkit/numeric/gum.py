@@ -99,11 +99,18 @@ def combine(
     """
     if not components:
         raise FitError("no components to combine", hint="state at least one")
-    matrix = (
-        np.eye(len(components))
-        if correlation is None
-        else _require_correlation(np.asarray(correlation, dtype=np.float64), len(components))
-    )
+    size = len(components)
+    matrix = np.eye(size) if correlation is None else np.asarray(correlation, dtype=np.float64)
+    if correlation is not None and (
+        matrix.shape != (size, size)
+        or not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12)
+        or not np.allclose(np.diag(matrix), 1.0, rtol=0.0, atol=1e-12)
+        or float(np.linalg.eigvalsh(matrix)[0]) < -1e-10 * size
+    ):
+        raise FitError(
+            f"not a correlation matrix of {size} inputs (shape {matrix.shape})",
+            hint="expected a symmetric, positive semidefinite matrix with ones on the diagonal",
+        )
     contributions = np.array([part.sensitivity * part.standard_uncertainty for part in components])
     # fourth powers of what is left neither over- nor underflow
     largest = float(np.max(np.abs(contributions))) or 1.0
@@ -175,25 +182,6 @@ def degrees_of_freedom(weights: Array, covariance: Array, dof: Array) -> float:
     if not (dof[used] > 0.0).all():
         return 0.0
     return _welch_satterthwaite(max(float(pairwise.sum()), 0.0), pairwise, own, dof[used])
-
-
-def _require_correlation(correlation: Array, size: int) -> Array:
-    """The matrix itself when it is symmetric, of unit diagonal and positive semidefinite, or a
-    refusal.
-    """
-    ones = np.eye(size, dtype=bool)
-    if (
-        correlation.shape != (size, size)
-        or not np.allclose(
-            [correlation.T, correlation], np.where(ones, 1.0, correlation), rtol=0.0, atol=1e-12
-        )
-        or float(np.linalg.eigvalsh(correlation)[0]) < -1e-10 * size
-    ):
-        raise FitError(
-            f"not a correlation matrix of {size} inputs (shape {correlation.shape})",
-            hint="expected a symmetric, positive semidefinite matrix with ones on the diagonal",
-        )
-    return correlation
 
 
 def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> float:

@@ -154,23 +154,20 @@ def tabulate(values: Sequence[PointResult]) -> Table:
     flagged = any(value.outside for value in values)
     rows = []
     for value in values:
-        shown, u = _printed(value)
+        # two digits of U, or six of a value without one
+        y, U = value.result.value, value.expanded
+        shown = f"{y:.6g}", "-"
+        if U is not None and U > 0.0:
+            shown = print_expanded(y, U)
+        elif y and not value.outside:
+            descriptor = round_descriptor(y)
+            shown = shown if descriptor.exponent else (descriptor.value, "-")
         inputs = ("" if name not in value.at else f"{value.at[name]:.9g}" for name in columns)
         unit = unit_mark(value.quantity.unit)
         status = ("outside" if value.outside else "",) * flagged
-        rows.append((*inputs, value.quantity.key, shown, u, unit, *status))
+        rows.append((*inputs, value.quantity.key, *shown, unit, *status))
     heads = (*columns, "result", "value", "U", "unit", *(("",) * flagged))
     return Table("", heads, tuple(rows))
-
-
-def _printed(value: PointResult) -> tuple[str, str]:
-    """Value and U as they are printed: to two digits of U, else to six of the value."""
-    if value.expanded is None or not value.expanded > 0.0:
-        if value.outside or not value.result.value:
-            return f"{value.result.value:.6g}", "-"
-        printed = round_descriptor(value.result.value)
-        return f"{value.result.value:.6g}" if printed.exponent else printed.value, "-"
-    return print_expanded(value.result.value, value.expanded)
 
 
 def list_values(values: Sequence[PointResult]) -> Table:
