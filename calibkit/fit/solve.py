@@ -170,9 +170,18 @@ class Fit:
             members=tuple(member.restated(function) for member in self.members),
         )
 
-    def weighted(self, weights: Array) -> "Fit":
-        """The fit of sums [m] of the parameters with weights [m, p]."""
-        return self.restated(lambda p: weights @ p)
+    def part(self, places: Sequence[int] | Integers | slice) -> "Fit":
+        """The fit of some of the parameters."""
+        kept = np.arange(len(self.parameters))[places]
+        return replace(
+            self,
+            parameters=self.parameters[kept],
+            covariance=self.covariance[np.ix_(kept, kept)],
+            slopes=self.slopes[:, kept[:, None], kept],
+            gain=self.gain[kept],
+            bounds=self.bounds[kept],
+            members=tuple(member.part(kept) for member in self.members),
+        )
 
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the

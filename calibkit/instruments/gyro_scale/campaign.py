@@ -86,6 +86,8 @@ class Campaign:
     run_lines: Lines
     """Lines of the single runs."""
     flags: tuple[str, ...] = ()
+    within_runs: bool = False
+    """Whether nothing tells how scale factors about several axes repeat from run to run."""
     pair: Model | None = None
     """N, ε, γ and α of two gyros."""
     pair_figures: tuple[Figure, ...] = ()

@@ -35,6 +35,36 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
     gyros of a pair or a triad.
     """
     vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
+    models, figures = _list_scales(campaign, vertical)
+    of_sets = [(one, figure) for one in campaign.sets for figure in one.figures.values()]
+    named = [replace(figure, name=figure.name + one.suffix) for one, figure in of_sets]
+    figures += [figure for figure in named if figure.name.startswith("bias.")]
+    files = [("gyro_scale", models, figures)]
+    if campaign.pair is not None:
+        files.append(("gyro_orthogonality", [campaign.pair], [*campaign.pair_figures]))
+    if campaign.sets:
+        angles = [figure for figure in named if not figure.name.startswith("bias.")]
+        files.append(("gyro_orthogonality", [one.model for one in campaign.sets], angles))
+    # the latitude, and the earth's rate about the table axis, which F0 includes
+    conditions: tuple[Condition, ...] = ()
+    if vertical is not None and latitude is not None:
+        conditions = (
+            Condition("latitude", latitude, "deg"),
+            Condition("earth_rate_about_table_axis", vertical, "deg/s"),
+        )
+    within = (Figure(forms.WITHIN_RUNS, 1.0, "1", 0.0),) if campaign.within_runs else ()
+    return tuple(
+        StageResult(stage, tuple(of_file), (*shown, *within), campaign.flags, conditions)
+        for stage, of_file, shown in files
+    )
+
+
+def _list_scales(
+    campaign: Campaign, vertical_dps: float | None
+) -> tuple[list[Model], list[Figure]]:
+    """Models and figures of each gyro about each axis: of the mean over repeated runs, over
+    temperature, of each run, and of the response.
+    """
     models: list[Model] = []
     figures: list[Figure] = []
     means = {channel.gyro: channel.mean for channel in campaign.own}
@@ -46,40 +76,19 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
             name, run_lines = channel.name_in(run), campaign.run_lines
             fit = run_lines.line(run, channel.gyro)
             if channel.mean is None or name != channel.name:
-                models.append(
-                    line_model(name, fit.weighted(np.eye(2, 3)), run_lines, channel.gyro, [run])
-                )
+                line = fit.part(slice(2))
+                models.append(line_model(name, line, run_lines, channel.gyro, [run]))
             if channel.own:
-                line, u_K = run_lines.published(run, channel.gyro), float(fit.of(lambda p: p[0]).u)
-                figures += published.figures(line, u_K, name)
+                u_K = float(fit.of(lambda p: p[0]).u)
+                figures += published.figures(run_lines.published(run, channel.gyro), u_K, name)
             own = means[channel.gyro]
-            if own is not None and vertical is not None:
+            if own is not None and vertical_dps is not None:
                 # a projection's bias is referred to the gyro's own K
                 K = None if channel.own else own.value("K")
-                figures.append(bias_figure(name, fit, vertical, K))
+                figures.append(bias_figure(name, fit, vertical_dps, K))
         if channel.response is not None:
             models.append(_response_model(channel.name, channel.response, channel.runs))
-    of_sets = [(one, figure) for one in campaign.sets for figure in one.figures.values()]
-    named = [replace(figure, name=figure.name + one.suffix) for one, figure in of_sets]
-    figures += [figure for figure in named if figure.name.startswith("bias.")]
-    files = [("gyro_scale", (*models, *campaign.bias_curves), figures)]
-    if campaign.pair is not None:
-        files.append(("gyro_orthogonality", (campaign.pair,), list(campaign.pair_figures)))
-    if campaign.sets:
-        angles = [figure for figure in named if not figure.name.startswith("bias.")]
-        triads = tuple(one.model for one in campaign.sets)
-        files.append(("gyro_orthogonality", triads, angles))
-    # the latitude, and the earth's rate about the table axis, which F0 includes
-    conditions: tuple[Condition, ...] = ()
-    if vertical is not None and latitude is not None:
-        conditions = (
-            Condition("latitude", latitude, "deg"),
-            Condition("earth_rate_about_table_axis", vertical, "deg/s"),
-        )
-    return tuple(
-        StageResult(stage, of_file, tuple(shown), campaign.flags, conditions)
-        for stage, of_file, shown in files
-    )
+    return [*models, *campaign.bias_curves], figures
 
 
 def line_model(

@@ -330,10 +330,12 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
         )
 
     highest = max(terms.orders)
-    fits = [fit_order(highest, shared)]
-    kept = [replace(size.error, optional=False) for size in fits[0].shared]
+    of_highest = fit_order(highest, shared)
     lower = range(min(LOWEST_ORDER, highest), highest)
-    return orders.average([*fits, *(fit_order(order, kept) for order in lower)])
+    if not lower:
+        return of_highest
+    kept = [replace(size.error, optional=False) for size in of_highest.shared]
+    return orders.average([of_highest, *(fit_order(order, kept) for order in lower)])
 
 
 def response_pattern(rows: Rows) -> Array:

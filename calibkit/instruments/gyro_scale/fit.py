@@ -131,7 +131,7 @@ def _fit_over_runs(
     terms = over.terms
     polynomials, in_time = _over_temperature(over)
     size = len(polynomials.parameters) // 2
-    K, F0 = (polynomials.weighted(part) for part in np.vsplit(np.eye(2 * size), 2))
+    K, F0 = polynomials.part(slice(size)), polynomials.part(slice(size, None))
     # at the mean temperature of the runs that count as repeated
     x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
     of_room: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
@@ -140,7 +140,7 @@ def _fit_over_runs(
     # what differs from run to run and from side to side
     sizes = [s for s in over.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
     mean = line_model(
-        *(name, polynomials.weighted(of_room), run_lines, gyro, repeated),
+        *(name, polynomials.restated(lambda p: of_room @ p), run_lines, gyro, repeated),
         components_of(sizes),
     )
     channel = Channel(gyro, "", True, runs, repeated, mean, over, in_time)  # noqa: FBT003
@@ -265,11 +265,11 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     mean_lines = mean_lines.widened_by([run_scale] if run_scale else [])
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
-    K = mean_lines.weighted(np.eye(8)[OWN_AND_CROSS])
+    K = mean_lines.part(OWN_AND_CROSS)
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
     from_a = K.of(lambda k: k[3] / k[0])
-    K = K.weighted(np.eye(3, 4))
+    K = K.part(slice(3))
     by_noise = published.indicate(K)
     flags.refuse_opposite(by_noise, from_a)
     tilt, tilt_dof = find_mounting(by_noise, from_a, known.get("angle"))
@@ -285,7 +285,7 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     channels = []
     for number, (gyro, axis) in enumerate(CHANNELS):
         line_at = 2 * "ab".index(gyro) + "ab".index(axis)
-        line = mean_lines.weighted(np.eye(8)[[line_at, line_at + 4]])
+        line = mean_lines.part([line_at, line_at + 4])
         channel = Channel(
             gyro,
             axis,
@@ -315,6 +315,7 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
         tuple(channels),
         run_lines,
         tuple(dict.fromkeys(of_pair)),
+        run_scale is None,
         pair=pair,
         pair_figures=figures,
     )
@@ -426,6 +427,7 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
         tuple(channels),
         run_lines,
         tuple(dict.fromkeys(of_axes)),
+        run_scale is None,
         sets=tuple(sets),
         over=over,
         bias_curves=tuple(curves[len(channels) :]),
@@ -456,7 +458,7 @@ def _fit_set(
         mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
         of_K, of_F0 = np.vstack((of_K, -vertical_dps * mean)), np.vstack((of_F0, mean))
     fit = run_lines.combined(of_K, of_F0).widened_by(errors)
-    figures = [*of_input_axes(fit.weighted(np.eye(3 * gyros, len(of_K))), spec.gyros)]
+    figures = [*of_input_axes(fit.part(slice(3 * gyros)), spec.gyros)]
     if vertical_dps is not None:
         sizes = np.linalg.norm(fit.parameters[: 3 * gyros].reshape(-1, 3), axis=1)
         biases = fit.of(lambda p: p[3 * gyros :] / sizes * DPH_PER_DPS)
@@ -498,8 +500,7 @@ def _list_curves(
     powers = max(terms.orders) + 1
     for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
         name = forms.curve_name(forms.line_name(gyro, axis), "K")
-        places = np.arange(powers) + powers * number
-        of_line = K.weighted(np.eye(K.parameters.size)[places])
+        of_line = K.part(slice(powers * number, powers * (number + 1)))
         yield curve_model(name, "1/deg", of_line, terms, runs)
     for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
 

@@ -3,7 +3,7 @@ the files of a run: sensitivities of g gyros about a axes (1 by 1 for each gyro 
 g by 3 for gyros about three axes of their base).
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +17,8 @@ from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, O
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
+WITHIN_RUNS = "scale_factors_within_runs"
+"""Figure, 1, of files whose scale factors hold within their runs: nothing tells how they repeat."""
 BEND_LETTERS = "cde"
 """Coefficients of powers of the rate, by their power of temperature."""
 AXES = ("x", "y", "z")
@@ -123,26 +125,6 @@ TRIAD = Form.of_equation("gyro-triad/1", _triad)
 FORMS = (LINE, POLYNOMIAL, RESPONSE, RESPONSE_1, PAIR, TRIAD)
 
 
-def _invert(
-    curve: Callable[[Array], Array], limits: tuple[float, float], indicated: Array
-) -> Array:
-    """Rates [n] at which a response, a function of rates [n], gives indicated rates [n] [°/s], by
-    Newton's steps; outside the fitted rates the correction at the nearer limit is kept.
-    """
-    low, high = limits
-    at_low, at_high = (curve(np.full(indicated.shape, limit)) for limit in limits)
-    inside = np.clip(indicated, at_low, at_high)
-    rate = low + (inside - at_low) / (at_high - at_low) * (high - low)
-    step = 1e-4 * (high - low)
-    for _ in range(NEWTON_STEPS):
-        slope = (curve(rate + step) - curve(rate - step)) / (2.0 * step)
-        before = rate
-        rate = np.clip(rate - (curve(rate) - inside) / slope, low, high)
-        if np.max(np.abs(rate - before), initial=0.0) <= 1e-14 * (high - low):
-            break
-    return np.asarray(rate + (indicated - inside), dtype=np.float64)
-
-
 @dataclass(frozen=True, slots=True)
 class GyroMatrix:
     """Sensitivities S [g, a] and biases B [g] from the files of a run: F = S Ω + B, with rates Ω
@@ -203,24 +185,38 @@ class GyroMatrix:
             found = np.linalg.solve(across @ S, across @ above[..., None])
             return np.asarray(found[..., 0], dtype=np.float64)
         indicated = np.asarray(above[:, 0] / S[:, 0, 0], dtype=np.float64)
-        if self.response is None:
-            return indicated[:, None]
-        for degc in self.response.valid.get(TEMPERATURE, (0.0,)):
-            self._require_monotonic(degc)
-        rates = _invert(
-            lambda rate: self._indicated(rate, temperature), self.rate_limits, indicated
-        )
-        return rates[:, None]
+        if self.response is not None:
+            indicated = self._invert(self.response, indicated, temperature)
+        return indicated[:, None]
 
-    def _require_monotonic(self, degc: float) -> None:
-        """Raise CoefficientError for a response that does not rise with the rate everywhere at a
-        temperature.
+    def _invert(self, response: Model, indicated: Array, temperature: Array) -> Array:
+        """Rates [n] at which a bent response gives indicated rates [n] [°/s], by Newton's steps;
+        outside the fitted rates the correction at the nearer limit is kept.
+
+        Raises CoefficientError for a response that does not rise with the rate everywhere.
         """
-        rate = np.linspace(*self.rate_limits, MONOTONIC_GRID)
-        if not (np.diff(self._indicated(rate, np.full(rate.shape, degc))) > 0.0).all():
-            raise CoefficientError(
-                "the response is not monotonic over its rates", hint="fit with response = 'line'"
-            )
+        low, high = self.rate_limits
+        grid = np.linspace(low, high, MONOTONIC_GRID)
+        for degc in response.valid.get(TEMPERATURE, (0.0,)):
+            if not (np.diff(self._indicated(grid, np.full(grid.shape, degc))) > 0.0).all():
+                raise CoefficientError(
+                    "the response is not monotonic over its rates",
+                    hint="fit with response = 'line'",
+                )
+        at_low, at_high = (
+            self._indicated(np.full(indicated.shape, limit), temperature) for limit in (low, high)
+        )
+        inside = np.clip(indicated, at_low, at_high)
+        rate = low + (inside - at_low) / (at_high - at_low) * (high - low)
+        step = 1e-4 * (high - low)
+        for _ in range(NEWTON_STEPS):
+            above, below = (self._indicated(rate + way, temperature) for way in (step, -step))
+            off = self._indicated(rate, temperature) - inside
+            before = rate
+            rate = np.clip(rate - off / ((above - below) / (2.0 * step)), low, high)
+            if np.max(np.abs(rate - before), initial=0.0) <= 1e-14 * (high - low):
+                break
+        return np.asarray(rate + (indicated - inside), dtype=np.float64)
 
     def _indicated(self, rate_dps: Array, temperature: Array) -> Array:
         """Indicated rates (F − F0)/K [n, °/s] of a bent response at rates [n, °/s]."""

@@ -155,13 +155,11 @@ class Lines:
 
     def line(self, run: TableRun, gyro: str) -> Fit:
         """K, F0 and the indication at rest of a gyro in a run."""
-        places = self.number[run.log.file, gyro] + self.gyro_of.size * np.arange(3)
-        return self.fit.weighted(np.eye(self.fit.parameters.size)[places])
+        return self.fit.part(slice(self.number[run.log.file, gyro], None, self.gyro_of.size))
 
     def of_runs(self, runs: Sequence[TableRun], gyro: str) -> Value:
         """Scale factors of a gyro in r runs [r]."""
-        K = self.fit.weighted(np.eye(self.fit.parameters.size)[self._numbers(runs, gyro)])
-        return K.of(lambda p: p)
+        return self.fit.part(self._numbers(runs, gyro)).of(lambda p: p)
 
     def published(self, run: TableRun, gyro: str) -> Line:
         """Held rates of a gyro in a run without what changed during it, and the published line."""
@@ -217,7 +215,7 @@ class Lines:
     def combined(self, of_K: Array, of_F0: Array) -> Fit:
         """Sums of K and F0 of the lines with weights [m, lines] each."""
         weights = np.hstack((of_K, of_F0, np.zeros_like(of_K)))
-        fit = self.fit.weighted(weights)
+        fit = self.fit.restated(lambda p: weights @ p)
         shift, bounds = np.zeros(len(weights)), [fit.bounds]
         for change in self.in_time:
             # a half-width that is known, as a rectangular distribution

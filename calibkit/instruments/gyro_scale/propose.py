@@ -38,12 +38,26 @@ def propose_pair(evidence: Evidence) -> RecipeChoice | None:
 
 
 def propose_triad(evidence: Evidence) -> RecipeChoice | None:
-    """Choice of the triad recipe for several gyros in logs named after three axes."""
-    axes = _axes(evidence)
-    turned = _table_axes(evidence.group.files) if len(axes) > 1 else {}
-    if not turned:
+    """Choice of the triad recipe for several gyros in logs named after three axes, with the keys
+    that differ from the shipped recipe: gyros, and logs of each table axis.
+    """
+    axes, files = _axes(evidence), evidence.group.files
+    turned: dict[str, list[str]] = {axis: [] for axis in "xyz"}
+    for file in files:
+        named = {str(axis).lower() for axis in TABLE_AXIS.findall(mapping.log_name(file))}
+        if len(named) != 1:
+            return None
+        turned[named.pop()].append(file)
+    if len(axes) < 2 or not all(turned.values()):
         return None
-    return _choose(evidence, "gyro_triad", axes, _triad_keys([axis for axis, _ in axes], turned))
+    names = [axis for axis, _ in axes]
+    keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
+    shipped = recipe.find("gyro_triad").table(GyroTriadRecipe)
+    if any(shipped.list_axes(file) != [axis] for axis in turned for file in turned[axis]):
+        every = [file for of_axis in turned.values() for file in of_axis]
+        for axis, of_axis in turned.items():
+            keys[axis] = json.dumps(file_patterns(of_axis, every), ensure_ascii=False)
+    return _choose(evidence, "gyro_triad", axes, keys)
 
 
 def propose_rate_table(evidence: Evidence) -> RecipeChoice | None:
@@ -90,31 +104,3 @@ def _choose(
         reason=f"rates in proportion to an indication, a row each, in {logs} log{'s' * (logs > 1)}",
         beside_files="rate_hz = 1.0 # a row is the mean over a held rate, and has no time",
     )
-
-
-def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Recipe keys of a triad that differ from the shipped recipe: gyros, and logs of each table
-    axis.
-    """
-    keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
-    shipped = recipe.find("gyro_triad").table(GyroTriadRecipe)
-    every = [file for files in turned.values() for file in files]
-    if all(shipped.list_axes(file) == [axis] for axis in turned for file in turned[axis]):
-        return keys
-    return keys | {
-        axis: json.dumps(file_patterns(files, every), ensure_ascii=False)
-        for axis, files in turned.items()
-    }
-
-
-def _table_axes(files: Sequence[str]) -> dict[str, list[str]]:
-    """Table axis → its logs, if every log is named after one of x, y, z and each axis has a log;
-    else empty.
-    """
-    found: dict[str, list[str]] = {axis: [] for axis in "xyz"}
-    for file in files:
-        named = {str(axis).lower() for axis in TABLE_AXIS.findall(mapping.log_name(file))}
-        if len(named) != 1:
-            return {}
-        found[named.pop()].append(file)
-    return found if all(found.values()) else {}

@@ -205,10 +205,21 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
         value = abs(apart @ line.indication) / mean_K * PPM
         u = np.linalg.norm(apart * noise) / K * PPM
         yield figure("asymmetry", standard, value, "ppm", u)
+    # smallest tested rate and smallest tested step of rate from which all outputs are at least half
+    # of the expected ones: upper limits, smaller ones were not tested, or noise hides them
+    responds = (line.seen & line.responds)[line.turning]
+    threshold = _smallest_from_which(np.abs(line.rate_dps[line.turning]), responds)
+    order = np.argsort(line.rate_dps, kind="stable")
+    step, change = np.diff(line.rate_dps[order]), np.diff(line.indication[order])
+    real = step > 1e-9
+    expected = K * step[real]
+    seen = np.hypot(noise[order][1:], noise[order][:-1])[real] * SEEN < HALF * expected
+    responds = np.sign(line.K) * change[real] >= HALF * expected
+    resolution = _smallest_from_which(step[real], seen & responds)
     dead_zone, u_dead_zone = _dead_zone_dps(line)
     for what, value, u in (
-        ("threshold", _threshold_dps(line), 0.0),
-        ("resolution", _resolution_dps(line), 0.0),
+        ("threshold", threshold, 0.0),
+        ("resolution", resolution, 0.0),
         ("dead_zone", dead_zone, u_dead_zone),
     ):
         if np.isfinite(value):
@@ -233,27 +244,6 @@ def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
     design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), one))
     if rank(design) == design.shape[1]:
         yield IEEE, np.linalg.pinv(design)[:2], abs(line.K)
-
-
-def _threshold_dps(line: Line) -> float:
-    """Smallest tested rate [°/s] from which all outputs are at least half of the expected ones; NaN
-    where noise hides it. An upper limit: smaller rates were not tested.
-    """
-    responds = line.seen & line.responds
-    return _smallest_from_which(np.abs(line.rate_dps[line.turning]), responds[line.turning])
-
-
-def _resolution_dps(line: Line) -> float:
-    """Smallest tested step of rate [°/s] from which the output changes by at least half of the
-    expected change; NaN where noise hides it.
-    """
-    order = np.argsort(line.rate_dps, kind="stable")
-    step, change = np.diff(line.rate_dps[order]), np.diff(line.indication[order])
-    noise = np.hypot(line.noise[order][1:], line.noise[order][:-1])
-    real = step > 1e-9
-    seen = noise[real] * SEEN < HALF * np.abs(line.K) * step[real]
-    responds = change[real] / (line.K * step[real]) >= HALF
-    return _smallest_from_which(step[real], seen & responds)
 
 
 def _dead_zone_dps(line: Line) -> tuple[float, float]:

@@ -68,16 +68,10 @@ def list_pair(record: Record, model: Model) -> list[Quantity]:
 
 
 def hold_within_runs(records: Iterable[Record]) -> bool:
-    """Whether scale factors of gyros about several axes hold within their runs: no model holds how
-    runs repeat among the errors that are in its uncertainty.
+    """Whether scale factors hold within their runs: nothing tells how they repeat, which files of
+    gyros about several axes state.
     """
-    models = [model for record in records for model in record.models]
-    errors = {(part.group, part.effect) for model in models for part in model.components}
-    several_axes = any(
-        model.form in (forms.PAIR.name, forms.TRIAD.name) or "_about_" in model.name
-        for model in models
-    )
-    return several_axes and ("run", "scale") not in errors
+    return any(figure.name == forms.WITHIN_RUNS for one in records for figure in one.figures)
 
 
 def undecided_scale(record: Record) -> Words | None:

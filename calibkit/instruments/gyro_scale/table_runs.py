@@ -1,6 +1,6 @@
 """Logs of a rate table → held rates of every gyro in every run."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -227,7 +227,11 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     if forms.TEMPERATURE in log.frame.columns:
         found += check.series.check_temperature(log, forms.TEMPERATURE)
         found += check.thermometers.check_steps(log, forms.TEMPERATURE)
-    reach = {name: _span(values(log.frame, name)) for name in columns}
+    # from the 0.5 % to the 99.5 % quantile, which excludes spikes
+    reach = {
+        name: _quantile(values(log.frame, name), 0.995) - _quantile(values(log.frame, name), 0.005)
+        for name in columns
+    }
     # a gyro across the table axis indicates its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
     for name in columns:
@@ -245,7 +249,13 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
         return values(log.frame, name) if name in log.frame.columns else None
 
     rate, temp_degc = values(log.frame, forms.RATE), column(forms.TEMPERATURE)
-    signals = _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log)
+    counts = [values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]
+    # gyros side by side, in the log's own storage (memory or mapped file)
+    signals = counts[0].reshape(-1, 1)
+    if len(counts) > 1:
+        signals = log.allocate(len(log.frame) * len(counts)).reshape(-1, len(counts))
+        for a, b in chunks.ranges_along(signals, *counts):
+            signals[a:b] = np.column_stack([of_gyro[a:b] for of_gyro in counts])
     if spec.plateaus.one_row:
         return held_means.of_rows(column("time_s"), rate, signals, temp_degc)
     time_s = values(log.frame, "time_s")
@@ -257,34 +267,16 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     return held_means.average(motion, signals, held, temp_degc, along_axis=along_axis)
 
 
-def _beside(columns: Sequence[Array], log: Log) -> Array:
-    """Columns of a log stacked [n, m], in the log's own storage (memory or mapped file)."""
-    if len(columns) == 1:
-        return columns[0].reshape(-1, 1)
-    made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
-    for a, b in chunks.ranges_along(made, *columns):
-        for k, one in enumerate(columns):
-            made[a:b, k] = one[a:b]
-    return made
-
-
-def _span(counts: Array) -> float:
-    """Range between the 0.5 % and 99.5 % quantiles of an indication, which excludes spikes."""
-    low, high = (
-        order_statistics.quantile_of_chunks(
-            lambda: (counts[a:b] for a, b in chunks.ranges_along(counts)), counts.size, share
-        )
-        for share in (0.005, 0.995)
+def _quantile(counts: Array, share: float, of: Callable[[Array], Array] = np.asarray) -> float:
+    """Quantile of an indication, or of a function of it."""
+    return order_statistics.quantile_of_chunks(
+        lambda: (of(counts[a:b]) for a, b in chunks.ranges_along(counts)), counts.size, share
     )
-    return high - low
 
 
 def _find_overload(log: Log, column: str) -> list[Finding]:
     """Finding on counts that no rate of the log explains, as loggers write for overload."""
-    data = values(log.frame, column)
-    usual = order_statistics.quantile_of_chunks(
-        lambda: (np.abs(data[a:b]) for a, b in chunks.ranges_along(data)), data.size, 0.99
-    )
+    usual = _quantile(values(log.frame, column), 0.99, np.abs)
     if not usual > 0.0:
         return []
     limit = BEYOND * usual
