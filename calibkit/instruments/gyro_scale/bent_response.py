@@ -8,6 +8,7 @@ cubic leaves 0.11 °/s of it, the fifth power with coefficients that are linear 
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
@@ -29,8 +30,12 @@ with the temperature, each costs much of K(T).
 
 
 def choose(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
-    """Terms with the powers that the runs of one gyro ask for."""
-    return _best(rows, [terms, *(terms.bent_by(powers) for powers in POWERS)], MARGIN)
+    """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
+    of temperature where K and F0 are.
+    """
+    bends: Literal["constant", "polynomial"] = "polynomial" if max(terms.orders) else "constant"
+    bent = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
+    return _best(rows, [terms, *bent], MARGIN)
 
 
 def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:

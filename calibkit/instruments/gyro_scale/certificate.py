@@ -258,11 +258,17 @@ def _tabulate_figures(
     names.
     """
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
+    models = {model.name: model for model in record.models}
     for figure in record.figures:
         what, standard, model = FigureName.of(figure.name)
         words = NAMES.get(what, Words(what.replace("_", " ")))
+        dof = float(models[model].dof) if model in models else math.inf
+        if what == "repeatability" and model in models:
+            # a standard deviation over runs
+            runs = {p.name: p.value for p in models[model].parameters}.get("runs", 2.0)
+            dof = max(runs - 1.0, 1.0)
         quantity = replace(
-            of_figure(record, figure, words, dof=_find_dof(record, what, model)),
+            of_figure(record, figure, words, dof=dof),
             standard=standard,
             magnitude=what in MAGNITUDES,
         )
@@ -285,18 +291,6 @@ def _tabulate_figures(
         )
         tables += [table] if shown else []
     return tables
-
-
-def _find_dof(record: Record, what: str, name: str) -> float:
-    """Degrees of freedom of a figure: those of its model, or the number of runs less one for a
-    standard deviation over runs.
-    """
-    model = next((m for m in record.models if m.name == name), None)
-    if model is None:
-        return math.inf
-    if what == "repeatability":
-        return max(next((p.value for p in model.parameters if p.name == "runs"), 2.0) - 1.0, 1.0)
-    return float(model.dof)
 
 
 def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:

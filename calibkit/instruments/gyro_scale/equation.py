@@ -204,13 +204,6 @@ class Terms:
                 columns[:, k] = (rate_dps / self.fastest_dps) ** number
         return columns
 
-    def bent_by(self, powers: Sequence[int]) -> "Terms":
-        """The same with powers of the rate whose coefficients are polynomials of temperature, where
-        K and F0 are.
-        """
-        bends: Literal["constant", "polynomial"] = "polynomial" if max(self.orders) else "constant"
-        return replace(self, shapes=tuple(powers), bends=bends)
-
     @property
     def powers(self) -> tuple[int, ...]:
         """Powers of the rate that the response has beside the line, and nothing else."""

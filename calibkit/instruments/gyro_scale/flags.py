@@ -1,5 +1,14 @@
 """What the logs of a campaign do not show, or show to be wrong: flags of runs about one, two or
 three axes, and the refusal of what no campaign can be.
+
+A run contradicts the others where it is of another gyro, setting or unit, or has a turned sign or
+swapped columns. A gyro that a table turns across its axis indicates the share k/|s| of the rate,
+which hardly changes with temperature:
+
+    F = e² / (s² (1 + 1/n)) against F(1, ν)                                                  (1)
+
+e is what the share in one log is off the mean of the n other logs about the axis, s² the scatter
+about such means in all logs but that one, of all gyros and axes together, at least that of noise.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -7,24 +16,34 @@ from itertools import combinations
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Figure
-from calibkit.errors import FitError
+from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.frame import Remark
-from calibkit.instruments.gyro_scale import contradictions, equation, forms, ordering
+from calibkit.instruments.gyro_scale import equation, forms, ordering
 from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
 from calibkit.instruments.gyro_scale.lines import Lines
-from calibkit.instruments.gyro_scale.published import ONE_SIDED, ROOM_DEGC
+from calibkit.instruments.gyro_scale.published import ONE_SIDED, PPM, ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import (
     GyroPairRecipe,
     GyroTriadRecipe,
     RateTableRecipe,
 )
 from calibkit.instruments.gyro_scale.table_runs import TableRun
-from calibkit.numeric import gum
+from calibkit.numeric import gum, left_out_run
 from calibkit.recipe import shared_errors
 
+ONE_TEMPERATURE_DEGC = 10.0
+"""Largest span of temperatures [°C] of runs that count as repeated."""
+CHANCE = 0.005
+"""Probability with which a gyro of a faultless campaign is named, of all its logs together."""
+ANOTHER = 1e-3
+"""Relative difference from repeated runs above which a scale factor is another gyro's or setting's.
+"""
+LEAST_OTHERS = 2
+"""Fewest other logs about an axis with which one is held against them."""
 COLLINEAR = 4.0
 """Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
 uncertainty is flagged.
@@ -88,10 +107,10 @@ def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe
         K = run_lines.of_runs(runs, gyro)
         if channel.response is None:  # a bend of the response is no noise of the line of a run
             yield from of_uncertain([f"{name} in {run.log.file}" for run in runs], K)
-        yield from contradictions.flag_runs(name, repeated, run_lines.of_runs(repeated, gyro))
+        yield from of_contradicted_runs(name, repeated, run_lines.of_runs(repeated, gyro))
         yield from _of_repeats(channel, spec)
         if channel.curves:
-            yield from contradictions.flag_runs(name, runs, K)
+            yield from of_contradicted_runs(name, runs, K)
         if channel.mean is not None:
             yield from ordering.flag(name, channel.in_time, channel.mean.value("K"))
     temperature = np.array([run.temp_degc for run in runs])
@@ -211,7 +230,7 @@ def of_pair(
         name = forms.line_name(gyro, gyro)
         K = run_lines.of_runs(runs[gyro], gyro)
         yield from of_uncertain([name] * len(runs[gyro]), K)
-        yield from contradictions.flag_runs(name, runs[gyro], K)
+        yield from of_contradicted_runs(name, runs[gyro], K)
 
 
 def of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
@@ -233,8 +252,8 @@ def of_axes_lines(
     for gyro, most in zip(spec.gyros, main, strict=True):
         about = [run for axis, run in zip(axis_of, runs, strict=True) if axis == most]
         name = forms.line_name(gyro, forms.AXES[most])
-        yield from contradictions.flag_runs(name, about, run_lines.of_runs(about, gyro))
-    yield from contradictions.flag_shares(run_lines, runs, spec.gyros)
+        yield from of_contradicted_runs(name, about, run_lines.of_runs(about, gyro))
+    yield from of_contradicted_shares(run_lines, runs, spec.gyros)
     yield from of_time(run_lines, spec.gyros)
 
 
@@ -315,4 +334,101 @@ def of_sets(
             yield (
                 f"{_place(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
                 " table axes (latitude, table axis, or a bias that depends on acceleration)"
+            )
+
+
+def of_contradicted_runs(name: str, runs: Sequence[TableRun], found: Value) -> Iterator[str]:
+    """Flags on runs of a gyro about one axis whose K [r] the others contradict; FitError where that
+    is because their thermometer was in °F. Scale factors over temperature are judged by
+    `left_out_run`.
+    """
+    temp_degc = np.array([run.temp_degc for run in runs])
+    files, K, u = [run.log.file for run in runs], found.value, found.u
+    if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
+        off = np.abs(K / np.median(K) - 1.0)
+        if off.max() > ANOTHER:
+            apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
+            yield f"{name}: K of {files[int(np.argmax(off))]} is {apart}"
+        return
+    in_degf = left_out_run.find_degf(temp_degc, K, u)
+    if in_degf.any():
+        numbers = np.flatnonzero(in_degf).tolist()
+        listed = ", ".join(f"{files[k]} ({temp_degc[k]:.1f})" for k in numbers)
+        raise FitError(
+            f"{name}: K over temperature is one curve only if these runs are in °F, not °C:"
+            f" {listed}",
+            hint=(
+                f"write the unit into the headers of these logs, {forms.TEMPERATURE} (degF), or"
+                " leave them out"
+            ),
+        )
+    for left_out in left_out_run.find(temp_degc, K, u):
+        off_ppm = f"{PPM * left_out.off / np.median(np.abs(K)):+.3g} ppm"
+        at = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
+        yield f"{name}: " + (
+            f"K of {at} is {off_ppm} off what the other runs let expect: see its thermometer and"
+            f" what else was different, or leave it out: {advise_exclude(files[left_out.run])}"
+            if left_out.certain
+            else f"either K of {at} is {off_ppm} off, or K over temperature bends that much, which"
+            " no other run shows: repeat a run at that temperature"
+        )
+
+
+def of_contradicted_shares(
+    table: Lines, runs: Sequence[TableRun], gyros: Sequence[str]
+) -> Iterator[str]:
+    """Flags on logs of a triad in which gyros that lie across the axis indicate another share of
+    the rate than in the other logs about it; `runs` are in the order of the table's lines.
+    """
+    from scipy.special import stdtrit
+
+    # scale factor [lines] of each gyro about its own axis at the temperature of each line
+    size = np.empty(table.K.size)
+    for number in np.unique(table.set_of):
+        chosen: Mask = table.set_of == number
+        sensitivity = table.means(chosen) @ table.K
+        size[chosen] = np.linalg.norm(sensitivity, axis=1)[table.gyro_of[chosen]]
+    share, noise = table.K / size, table.u_K / size
+    log_of = np.arange(share.size) // len(gyros)
+    channel = table.gyro_of * len(forms.AXES) + table.axis_of
+    across = ~table.own()
+    tests = int(np.count_nonzero(across))
+    for log, run in enumerate(runs):
+        here, rest = across & (log_of == log), across & (log_of != log)
+        count = np.bincount(channel[rest], minlength=channel.max() + 1)
+        of_here = channel[here]
+        if not here.any() or count[of_here].min() < LEAST_OTHERS:
+            continue
+        mean = np.bincount(channel[rest], share[rest], count.size) / np.maximum(count, 1)
+        dof = int(np.count_nonzero(rest) - np.count_nonzero(count))
+        scatter = float(np.sum((share - mean[channel])[rest] ** 2)) / dof
+        variance = max(scatter, float(np.mean(noise[rest] ** 2)))
+        # the largest |e| of (1) by chance in so many tests
+        t = float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
+        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[of_here]))
+        about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
+        names = [gyros[g] for g in table.gyro_of[here].tolist()]
+        expected = mean[of_here] * size[here]
+        yield from _name_cause(about, names, table.K[here], expected, limit * size[here])
+
+
+def _name_cause(
+    about: str, gyros: Sequence[str], K: Array, expected: Array, limit: Array
+) -> Iterator[str]:
+    """Flags on the gyros of a log whose K [1/deg] is off what the other logs about the axis let
+    expect, by more than the limit of each.
+    """
+    off = np.flatnonzero(np.abs(K - expected) > limit)
+    if off.size > 1 and np.all(np.abs(K[off][::-1] - expected[off]) <= limit[off]):
+        listed = " and ".join(gyros[k] for k in off.tolist())
+        yield f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
+        return
+    for k in off.tolist():
+        values = f"K is {K[k]:+.4g} 1/deg, {expected[k]:+.4g} in the other logs"
+        if abs(-K[k] - expected[k]) <= limit[k]:
+            yield f"{about} the sign of gyro {gyros[k]} is turned: its {values}"
+        else:
+            yield (
+                f"{about} either gyro {gyros[k]} contradicts the other logs, or its axis turns that"
+                f" much with temperature: its {values}; repeat the log"
             )

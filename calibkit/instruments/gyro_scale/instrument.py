@@ -113,17 +113,15 @@ def _find_sensitivities(
             moved = spec.model_copy(update={"site": site})
         else:
             for axis, group in runs.items():
-                shifted[axis] = tuple(_shift(run, error) for run in group)
+                of_axis = []
+                for run in group:
+                    held = run.plateaus
+                    means = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
+                    of_axis.append(replace(run, plateaus=replace(held, **means)))
+                shifted[axis] = tuple(of_axis)
         return coefficient_files.list_results(fit_campaign(moved, shifted, campaign), moved)
 
     return differentiate(errors, results, refit)
-
-
-def _shift(run: TableRun, error: InputError) -> TableRun:
-    """A run with an error of the table's rate, of the time base or of the thermometer."""
-    held = run.plateaus
-    moved = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
-    return replace(run, plateaus=replace(held, **moved))
 
 
 def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Runs:

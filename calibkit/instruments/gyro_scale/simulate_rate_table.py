@@ -163,6 +163,20 @@ def _integral(rate: Array, step: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
+def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
+    """Rate about the gyro's input axis [k] [°/s] in each fine step: table rate plus earth rate."""
+    middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
+    latitude = np.radians(table.latitude_deg)
+    along = np.diff(moved.angle_deg) / moved.step_s + EARTH_RATE_DPS * np.sin(latitude)
+    level = EARTH_RATE_DPS * np.cos(latitude)
+    return np.asarray(
+        gyro.axis[0] * level * np.cos(middle)
+        - gyro.axis[1] * level * np.sin(middle)
+        + gyro.axis[2] * along,
+        dtype=np.float64,
+    )
+
+
 def _indication(
     gyro: RateGyro, table: Table, moved: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
@@ -171,16 +185,7 @@ def _indication(
     """
     from scipy.signal import lfilter
 
-    # table rate plus earth rate about the input axis in each fine step
-    middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
-    latitude = np.radians(table.latitude_deg)
-    along = np.diff(moved.angle_deg) / moved.step_s + EARTH_RATE_DPS * np.sin(latitude)
-    level = EARTH_RATE_DPS * np.cos(latitude)
-    rate = (
-        gyro.axis[0] * level * np.cos(middle)
-        - gyro.axis[1] * level * np.sin(middle)
-        + gyro.axis[2] * along
-    )
+    rate = _input_rate(gyro, table, moved)
     keep = np.exp(-moved.step_s / gyro.lag_s)
     filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
     counted = _response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
