@@ -338,13 +338,14 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         of_each = np.full_like(indication, noise)
         have = replace(have, indication=indication, noise=of_each, temperature=degc)
     fixture = task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS))
-    spots, mounting = list_spots(fixture, mountings=3 if task.attitudes == HEAD else 1)
+    mountings = 3 if task.attitudes == HEAD and not lengths else 1
+    spots, mounting = list_spots(fixture, mountings)
     # dwells need not have the errors that are assumed, as those that earlier runs had
     errors = {"component": assumed.components, "source": "history", "groups": "auto"}
-    stated = spec.errors.model_copy(update=errors)
-    terms, k = asked_terms(spec), spec.k.axes if spec.compensation == "k" else ()
-    fitted = spec.k.axes if spec.k.enabled else ()
-    orders = [terms.order, *(max(axis.scale_order, axis.zero_order) for axis in fitted)]
+    stated, terms = spec.errors.model_copy(update=errors), asked_terms(spec)
+    orders = [terms.order]
+    if spec.k.enabled:
+        orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
     bench = LengthBench if lengths else TriadBench
     return bench(
         spec=spec.model_copy(update={"errors": stated}),
@@ -354,7 +355,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         have=have,
         order=0 if lengths else max(orders),
         terms=terms,
-        k=() if lengths else k,
+        k=spec.k.axes if spec.compensation == "k" and not lengths else (),
         fixture=fixture,
         spots=spots,
         mounting=mounting,
