@@ -21,11 +21,13 @@ from calibkit.firmware.chain import Case, Chain, Memory, Select, Term, Trials
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.fog_thermal import firmware_bank
-from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, OVER_RATES, rate_names
+from calibkit.instruments.fog_thermal.forms import BANK, FILE, LAGGED, LEVEL, OVER_RATES, rate_names
 from calibkit.instruments.fog_thermal.recipe import HIGHEST_RATE_ORDER, FogThermalRecipe
 from calibkit.thermal_forms import CASE, GRADIENT, RATE
 
 AIR_RATE = "temp_env_rate_degc_min"
+WHOSE = {LEVEL.name: "case", LAGGED.name: "coil", BANK.name: "coil"}
+"""Which part of the gyro the fitted ranges of a form are of."""
 LONGEST_DRIFT = 1024
 """Bound of the recursive drift, in multiples of the largest increment per interval."""
 SUMMED = 3
@@ -100,28 +102,31 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        drift = _recursive(draft, models, spec.segments.slope_window_s)
+        source = _recursive(draft, models, spec.segments.slope_window_s)
+        formula, condition, beyond = RECURSIVE, "", []
     else:
-        drift = _on_levels(draft, models[0], spec.reference_temp_degc)
+        source, condition = _on_levels(draft, models[0], spec.reference_temp_degc)
+        formula = FORMULA.format(reference=spec.reference_temp_degc)
+        beyond = [thermal_steps.say_followed(thermal_steps.followed(models[0]))]
+    meaning = "drift, to be subtracted from the indication"
+    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
+    for model in models:
+        whose = WHOSE.get(model.form, f"{model.name} side")
+        for column, (low, high) in model.valid.items():
+            unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
+            draft.ranges.append(f"{column} of the {whose} {exact.limits_text(low, high)} {unit}")
+    draft.ranges += beyond
+    interval_s = float(models[0].value("interval"))
+    forms = [model.form for model in models]
+    drift = draft.chain(forms, formula, interval_s=interval_s, condition=condition)
     rate = max(thermal_steps.largest(model, RATE) for model in models)
     drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
     return replace(drift, trials=_thermal_history(drift))
 
 
-def _output(draft: Draft, source: str) -> None:
-    """Declare the drift as the only output."""
-    draft.output(
-        "drift_dph",
-        "deg/h",
-        source,
-        "drift, to be subtracted from the indication",
-        corrects="gyro_dph",
-    )
-
-
-def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
-    """Chain of a level or lagged model: the sum of its terms, zero at rest at the reference
-    temperature.
+def _on_levels(draft: Draft, model: Model, reference_degc: float) -> tuple[str, str]:
+    """Name of the drift of a level, lagged or bank model, zero at rest at the reference
+    temperature, and the condition under which it is followed, in words.
     """
     h = Fraction(model.value("interval"))
     middle, half = exact.span(*model.valid[CASE])
@@ -130,36 +135,22 @@ def _on_levels(draft: Draft, model: Model, reference_degc: float) -> Chain:
     draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
     draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
     fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
-    lagged = model.form in (LAGGED.name, BANK.name)
     if model.form == BANK.name:
         speed = fastest / 60 / half
-        _output(draft, firmware_bank.follow_bank(draft, model, h, speed, reference_degc))
+        source = firmware_bank.follow_bank(draft, model, h, speed, reference_degc)
     else:
-        _output(draft, thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half)))
-    _ranges(draft, model, "coil" if lagged else "case")
-    draft.ranges.append(thermal_steps.say_followed(followed))
+        source = thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half))
+    lagged = model.form != LEVEL.name
+    if not (lagged or draft.padded or thermal_steps.uses(model, RATE)):
+        return source, ""
     highest = exact.round_to(float(fastest), 3, up=False)
-    moved = f"the case moves by no more than {highest:.3g} degC/min"
-    return draft.chain(
-        [model.form],
-        FORMULA.format(reference=reference_degc),
-        interval_s=float(h),
-        condition=moved if lagged or draft.padded or thermal_steps.uses(model, RATE) else "",
-    )
+    return source, f"the case moves by no more than {highest:.3g} degC/min"
 
 
-def _ranges(draft: Draft, model: Model, whose: str) -> None:
-    """Append the fitted ranges in words."""
-    for column, (low, high) in model.valid.items():
-        unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
-        draft.ranges.append(f"{column} of the {whose} {exact.limits_text(low, high)} {unit}")
-
-
-def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> Chain:
-    """Chain D ← D + Δ with Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the inputs of the
-    previous update.
+def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> str:
+    """Name of the drift D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the
+    inputs of the previous update.
     """
-    h = Fraction(models[0].value("interval"))
     cases = [model.valid[CASE] for model in models]
     middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
     reach = (middle - 2 * half, middle + 2 * half)
@@ -191,10 +182,7 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.sum("total", factor("increment_before"), factor("drift_before"))
     draft.limit("drift", "total", -longest, longest, "DRIFT_LIMITED")
     draft.limits |= {"drift_before": longest, "increment_before": largest}
-    _output(draft, "drift")
-    for model in models:
-        _ranges(draft, model, f"{model.name} side")
-    return draft.chain([model.form for model in models], RECURSIVE, interval_s=float(h))
+    return "drift"
 
 
 def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
