@@ -157,10 +157,12 @@ def from_median(values: Array, rows: Integers) -> Array:
     """Absolute deviations [m] of rows [m] of a series [n] from the medians of the seven rows around
     them.
     """
-    around = chunks.take_rows(
+    neighbours = chunks.take_rows(
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     )
-    return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
+    return np.asarray(
+        np.abs(neighbours[:, WIDTH] - np.median(neighbours, axis=1)), dtype=np.float64
+    )
 
 
 def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
@@ -183,8 +185,8 @@ def _noise(values: Array) -> float:
     """
     if values.size < 3:
         return 0.0
-    off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    return HIGH_TO_SIGMA * float(np.quantile(off, HIGH)) / float(np.sqrt(1.5))
+    second_difference = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
+    return HIGH_TO_SIGMA * float(np.quantile(second_difference, HIGH)) / float(np.sqrt(1.5))
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:
@@ -195,13 +197,13 @@ def equal_runs(values: Array, shortest: int) -> Integers:
 
     def alike(first: int, stop: int) -> Mask:
         part = values[first : stop + shortest - 1]
-        same, length = part[1:] == part[:-1], 1
+        equal, length = part[1:] == part[:-1], 1
         while length < shortest - 1:  # same[k]: rows k … k + length are equal
-            more = min(length, shortest - 1 - length)
-            same = same[:-more] & same[more:]
-            length += more
+            doubling = min(length, shortest - 1 - length)
+            equal = equal[:-doubling] & equal[doubling:]
+            length += doubling
         chunks.release(values)
-        return np.asarray(same, dtype=np.bool_)
+        return np.asarray(equal, dtype=np.bool_)
 
     runs = chunks.find_runs(values.size - shortest + 1, alike)
     runs[:, 1] += shortest - 1
@@ -221,9 +223,9 @@ def stuck(values: Array) -> Integers:
     if not len(runs):
         return runs
     inside = int(np.sum(runs[:, 1] - runs[:, 0] - 1))
-    others = max(values.size - 1 - inside, 1)
-    share = (repeats(values) * (values.size - 1) - inside) / others
-    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * span(values):
+    outside_runs = max(values.size - 1 - inside, 1)
+    share = (repeats(values) * (values.size - 1) - inside) / outside_runs
+    if share > NOISY or outside_runs < values.size // 4 or scatter(values) < QUIET * span(values):
         return runs[:0]
     length = runs[:, 1] - runs[:, 0]
     shares = np.array([_share_beside(values, *run) for run in runs.tolist()])
@@ -241,12 +243,12 @@ def _is_counted(values: Array, first: int, stop: int, quantum: float) -> bool:
     sum over a run.
     """
     length = stop - first
-    beside = np.r_[max(first - length, 0) : first, stop : min(stop + length, values.size)]
-    if beside.size <= SHORTEST_RUN:
+    beside_rows = np.r_[max(first - length, 0) : first, stop : min(stop + length, values.size)]
+    if beside_rows.size <= SHORTEST_RUN:
         return False
     middle = 0.5 * (first + stop - 1)
-    parabola = np.polyfit((beside - middle) / length, values[beside], 2)
-    left = values[beside] - np.polyval(parabola, (beside - middle) / length)
+    parabola = np.polyfit((beside_rows - middle) / length, values[beside_rows], 2)
+    left = values[beside_rows] - np.polyval(parabola, (beside_rows - middle) / length)
     inside = np.polyval(parabola, (np.arange(first, stop) - middle) / length).mean()
     return bool(
         np.sqrt(np.mean(left**2)) <= COUNTED * quantum
@@ -264,21 +266,21 @@ def _share_beside(values: Array, first: int, stop: int) -> float:
     return equal / max(sum(side.size for side in sides), 1)
 
 
-def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
+def stuck_against(driver: Array, least_change: float, runs: Integers) -> Integers:
     """Runs [m, 2] of equal values during which the driving quantity [n] changes by more than
     `moved`.
     """
     if not len(runs):
         return runs
     moves = []
-    for near in np.split(runs, _chunk_boundaries(runs[:, 0])):
-        first = int(near[0, 0])
-        part = driver[first : int(near[-1, 1]) + 1]
+    for group in np.split(runs, _chunk_boundaries(runs[:, 0])):
+        first = int(group[0, 0])
+        part = driver[first : int(group[-1, 1]) + 1]
         # the runs' rows are pairs of first and stop: every second part between them is a run
-        pairs = np.minimum(near.ravel() - first, part.size - 1)
+        pairs = np.minimum(group.ravel() - first, part.size - 1)
         moves.append((np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2])
         chunks.release(driver)
-    return np.asarray(runs[np.concatenate(moves) > moved], dtype=np.int64)
+    return np.asarray(runs[np.concatenate(moves) > least_change], dtype=np.int64)
 
 
 def _chunk_boundaries(rows: Integers) -> Integers:
@@ -312,8 +314,8 @@ def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty)
     clean = allocate(values.size)
     for a, b in chunks.ranges_along(values, clean):
         clean[a:b] = values[a:b]
-    around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
-    clean[rows] = np.median(chunks.take_rows(values, around), axis=1)
+    neighbours = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
+    clean[rows] = np.median(chunks.take_rows(values, neighbours), axis=1)
     chunks.release(clean)
     return clean
 

@@ -110,9 +110,11 @@ def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
     if u.size == 0 or not np.isfinite(covariance).all() or not (u > 0.0).all():
         return None
     values, vectors = np.linalg.eigh(covariance / np.outer(u, u))
-    kept = values > DETERMINED * values[-1]
-    rank = int(kept.sum())
-    distance2 = float(np.sum((vectors[:, kept].T @ (difference / u)) ** 2 / values[kept]))
+    determined = values > DETERMINED * values[-1]
+    rank = int(determined.sum())
+    distance2 = float(
+        np.sum((vectors[:, determined].T @ (difference / u)) ** 2 / values[determined])
+    )
     known = math.isinf(dof)
     chance = (
         special.chdtrc(rank, distance2) if known else special.fdtrc(rank, dof, distance2 / rank)
@@ -141,5 +143,5 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     birge = math.sqrt(float(np.sum(left**2)) / (values.size - 2))
     u = float(standard_uncertainty.min()) / math.sqrt(spread)
     wider = max(birge, 1.0)
-    own = float(standard_uncertainty.min()) / math.sqrt(float(weight.sum()))
-    return Trend(middle, mean, slope, u * wider, birge, own * wider, values.size)
+    u_mean = float(standard_uncertainty.min()) / math.sqrt(float(weight.sum()))
+    return Trend(middle, mean, slope, u * wider, birge, u_mean * wider, values.size)

@@ -119,27 +119,29 @@ def _between(
     order, usual = np.argsort(values), float(np.median(uncertainties))
     for _ in range(BISECTIONS):
         between = (low + high) / 2.0
-        own = np.maximum(np.hypot(uncertainties, between), ROUNDING * largest)
-        weights = np.cumsum(1.0 / own[order])
+        own_sigma = np.maximum(np.hypot(uncertainties, between), ROUNDING * largest)
+        weights = np.cumsum(1.0 / own_sigma[order])
         centre = float(values[order[np.searchsorted(weights, weights[-1] / 2.0)]])
         # of an uncertainty from few values, a small one is small by chance
-        raised = np.maximum(own / np.maximum(uncertainties, max(usual, ROUNDING * largest)), 1.0)
-        z = _normal_deviates((values - centre) / own, dof * raised**4)
+        raised = np.maximum(
+            own_sigma / np.maximum(uncertainties, max(usual, ROUNDING * largest)), 1.0
+        )
+        z = _normal_deviates((values - centre) / own_sigma, dof * raised**4)
         low, high = (between, high) if mad_sigma(z) > 1.0 else (low, between)
     return centre, between, z
 
 
 def _normal_deviates(ratios: Array, dof: Array) -> Array:
     """Normal deviates [n] as improbable as Student's ratios [n] with degrees of freedom [n]."""
-    few = dof < MANY_DOF
-    if not few.any():
+    of_few_dof = dof < MANY_DOF
+    if not of_few_dof.any():
         return ratios
     from scipy.special import ndtri, stdtr  # slow to import
 
-    tail = np.maximum(stdtr(dof[few], -np.abs(ratios[few])), np.finfo(float).tiny)
-    found = ratios.copy()
-    found[few] = -np.sign(ratios[few]) * ndtri(tail)
-    return found
+    tail = np.maximum(stdtr(dof[of_few_dof], -np.abs(ratios[of_few_dof])), np.finfo(float).tiny)
+    deviates = ratios.copy()
+    deviates[of_few_dof] = -np.sign(ratios[of_few_dof]) * ndtri(tail)
+    return deviates
 
 
 def _power(values: Array) -> float:
@@ -152,8 +154,8 @@ def _power(values: Array) -> float:
     deciles = np.quantile(values, (0.1, 0.5, 0.9))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        below, above = np.diff(_straightened(deciles, middle))
-        low, high = (low, middle) if above > below else (middle, high)
+        lower_step, upper_step = np.diff(_straightened(deciles, middle))
+        low, high = (low, middle) if upper_step > lower_step else (middle, high)
     return (low + high) / 2.0
 
 

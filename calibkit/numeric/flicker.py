@@ -72,8 +72,8 @@ class Turned:
 @lru_cache(maxsize=32)
 def _turn(place: tuple[int, ...], count: tuple[float, ...]) -> tuple[Array, Array]:
     """Uᵀ D^½ [m, m] and λ [m] of the blocks of one log; many logs are alike."""
-    root, there = np.sqrt(count), np.ix_(place, place)
-    values, vectors = np.linalg.eigh(kernel(place[-1] + 1)[there] * np.outer(root, root))
+    root, places_of_log = np.sqrt(count), np.ix_(place, place)
+    values, vectors = np.linalg.eigh(kernel(place[-1] + 1)[places_of_log] * np.outer(root, root))
     return np.asarray(vectors.T * root, dtype=np.float64), np.maximum(values, 0.0)
 
 
@@ -115,17 +115,17 @@ class Flicker:
         """Covariances [stop − first − lag], one array for each lag, of the means first … stop − 1
         less their own mean, or less that `of_rest`, the other means, if there are any.
         """
-        own, inside = self._sums(first, stop), np.zeros(self._count, dtype=np.bool_)
+        covariance_sums, inside = self._sums(first, stop), np.zeros(self._count, dtype=np.bool_)
         inside[first:stop] = True
         level = inside
         if of_rest and not inside.all():
-            own, level = self._whole - own, ~inside
-        with_level = own / np.count_nonzero(level)
-        of_level, beside = float(with_level[level].mean()), with_level[first:stop]
+            covariance_sums, level = self._whole - covariance_sums, ~inside
+        with_level = covariance_sums / np.count_nonzero(level)
+        of_level, own_level = float(with_level[level].mean()), with_level[first:stop]
         return [
             covariances[first : max(stop - lag, first)]
-            - beside[: max(beside.size - lag, 0)]
-            - beside[lag:]
+            - own_level[: max(own_level.size - lag, 0)]
+            - own_level[lag:]
             + of_level
             for lag, covariances in self._at_lags
         ]

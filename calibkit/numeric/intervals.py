@@ -65,22 +65,23 @@ class Intervals:
         """
         sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
         together = max(1, chunks.ROWS * sums.size // self.rows)
-        row = done = 0
-        begun: list[Array] = []
+        row = complete = 0
+        open_parts: list[Array] = []
         for part in parts:
             # an interval that began in a part before ends in this one
-            if begun and ends[done] <= row + part.size:
-                whole = np.concatenate([*begun, part[: ends[done] - row]])
-                sums[done], begun, done = np.add.reduceat(whole, [0])[0], [], done + 1
+            if open_parts and ends[complete] <= row + part.size:
+                whole = np.concatenate([*open_parts, part[: ends[complete] - row]])
+                sums[complete] = np.add.reduceat(whole, [0])[0]
+                open_parts, complete = [], complete + 1
             last = int(np.searchsorted(ends, row + part.size, side="right"))
-            for k in range(done, last, together):
+            for k in range(complete, last, together):
                 held = slice(k, min(k + together, last))
                 rows = part[self.first[k] - row : ends[held.stop - 1] - row]
                 sums[held] = np.add.reduceat(rows, self.first[held] - self.first[k])
                 chunks.release(part)
-            done = last
-            if done < sums.size:
-                begun.append(part[max(self.first[done] - row, 0) :].copy())
+            complete = last
+            if complete < sums.size:
+                open_parts.append(part[max(self.first[complete] - row, 0) :].copy())
             row += part.size
             chunks.release(part)
         return sums / self.count

@@ -33,10 +33,10 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     an eighth of a window, which drift does not; and the settled levels on both sides must differ by
     half of it, which those beside a knock do not: within 300 rows of an end none is found.
     """
-    every = values.size // MOST_MEANS + 1
-    if every > 1:
-        rows, change = jumps(chunks.block_means(values, every), max(window // every, 20))
-        return np.asarray(rows * every + every // 2, dtype=np.int64), change
+    step = values.size // MOST_MEANS + 1
+    if step > 1:
+        rows, change = jumps(chunks.block_means(values, step), max(window // step, 20))
+        return np.asarray(rows * step + step // 2, dtype=np.int64), change
     none = np.zeros(0, dtype=np.int64), np.zeros(0)
     short = max(window // 8, 3)
     if values.size < 5 * window:
@@ -87,13 +87,13 @@ def _keep_settled(
     return rows[stays], change[stays]
 
 
-def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
+def _peaks(row: Integers, change: Array, spacing: int) -> tuple[Integers, Array]:
     """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
     groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
     tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
     kept: list[int] = []
     for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
-        if all(abs(int(row[k] - row[j])) >= apart for j in kept):
+        if all(abs(int(row[k] - row[j])) >= spacing for j in kept):
             kept.append(k)
     kept.sort(key=lambda k: int(row[k]))
     return row[kept], change[kept]
@@ -109,7 +109,7 @@ def start_up(values: Array) -> int:
     window = 100
     if values.size < 10 * window:
         return 0
-    off, change = _off_line(values, window)
+    deviations, change = _off_line(values, window)
     usual = max(
         float(np.quantile(_off_line(values[k * window :], window)[0], 0.98)) for k in range(1, 8)
     )
@@ -117,7 +117,7 @@ def start_up(values: Array) -> int:
         scatter(values[window : 10 * window]),
         resolution(values) / np.sqrt(12.0),
     )
-    inside = np.flatnonzero(off <= max(START_UP * sigma + 2.0 * change, 1.5 * usual))
+    inside = np.flatnonzero(deviations <= max(START_UP * sigma + 2.0 * change, 1.5 * usual))
     return int(inside[0]) if inside.size else window
 
 

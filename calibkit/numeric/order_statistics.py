@@ -34,15 +34,15 @@ def run_medians(values: Array, first: Integers) -> Array:
     count = np.diff(np.append(first, values.size))
     medians = np.empty(first.size)
     for size in np.unique(count).tolist():
-        same = np.flatnonzero(count == size)
-        begin, step = int(first[same[0]]), max(1, chunks.ROWS // size)
-        if int(first[same[-1]]) == begin + (same.size - 1) * size:
-            together = values[begin : begin + same.size * size].reshape(same.size, size)
+        of_size = np.flatnonzero(count == size)
+        begin, step = int(first[of_size[0]]), max(1, chunks.ROWS // size)
+        if int(first[of_size[-1]]) == begin + (of_size.size - 1) * size:
+            together = values[begin : begin + of_size.size * size].reshape(of_size.size, size)
         else:
-            together = values[first[same, None] + np.arange(size)]
-        for k in range(0, same.size, step):
+            together = values[first[of_size, None] + np.arange(size)]
+        for k in range(0, of_size.size, step):
             part = np.partition(together[k : k + step], size // 2, axis=1)
-            medians[same[k : k + step]] = _median_of_parted(part, size)
+            medians[of_size[k : k + step]] = _median_of_parted(part, size)
     return medians + 0.0  # a zero is positive
 
 
@@ -88,13 +88,13 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
     def magnitudes() -> Iterator[Array]:
         for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
             block = values[start:stop]
-            here = np.abs(block if about == 0.0 else block - about)
+            magnitude = np.abs(block if about == 0.0 else block - about)
             # NaN compares false with both bounds, but propagates to the maximum
-            if not math.isfinite(float(here.max())):
+            if not math.isfinite(float(magnitude.max())):
                 raise FitError(
                     "a value that is not finite has no place in a median", hint="exclude it"
                 )
-            yield here
+            yield magnitude
 
     return median_of_chunks(magnitudes, n)
 
@@ -105,10 +105,10 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
     """
     if count <= COLLECTED:
         return float(np.quantile(np.concatenate(list(parts())), share))
-    at = share * (count - 1)
-    low, high = _values_at_ranks(parts, int(at), min(int(at) + 1, count - 1), count)
+    position = share * (count - 1)
+    low, high = _values_at_ranks(parts, int(position), min(int(position) + 1, count - 1), count)
     # from the nearer value, as numpy does
-    part, step = at - int(at), high - low
+    part, step = position - int(position), high - low
     return low + step * part if part < 0.5 else high - step * (1.0 - part)
 
 

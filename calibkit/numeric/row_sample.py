@@ -29,10 +29,10 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
     nearly all different; empty where none are.
     """
     for doublings in DOUBLINGS if columns else ():
-        kept, counts = _smallest_hashes(columns, doublings)
+        smallest, counts = _smallest_hashes(columns, doublings)
         once = counts == 1
         if once.sum() >= DIFFERENT * max(counts.sum(), 1):
-            return frozenset(kept[once].tolist())
+            return frozenset(smallest[once].tolist())
     return frozenset()
 
 
@@ -42,16 +42,16 @@ def _smallest_hashes(
     """The SIZE smallest hashes of 2^doublings consecutive rows, ascending, and how often each is
     there.
     """
-    kept, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
+    smallest, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
     for start, stop in chunks.ranges_along(*columns):
         hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
-        largest = kept[-1] if kept.size == SIZE else np.iinfo(np.uint64).max
+        largest = smallest[-1] if smallest.size == SIZE else np.iinfo(np.uint64).max
         different, times = np.unique(hashes[hashes <= largest], return_counts=True)
-        merged, inverse = np.unique(np.concatenate([kept, different]), return_inverse=True)
+        merged, inverse = np.unique(np.concatenate([smallest, different]), return_inverse=True)
         # a hash that is kept to the end was never left out before, so that its count is complete
         counts = np.bincount(inverse, np.concatenate([counts, times])).astype(np.intp)[:SIZE]
-        kept = merged[:SIZE]
-    return kept, counts
+        smallest = merged[:SIZE]
+    return smallest, counts
 
 
 def _hash_rows(columns: Sequence[Array], doublings: int) -> NDArray[np.uint64]:

@@ -114,8 +114,8 @@ def measured_slope(
         row += int(
             np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left")
         )
-        seen = time[row:stop], temperature[row:stop]
-        part = _coarse_slopes(*seen, windows, step, start - row)
+        window_rows = time[row:stop], temperature[row:stop]
+        part = _coarse_slopes(*window_rows, windows, step, start - row)
         other = (
             np.diff(
                 temperature[max(start - 1, 0) : stop],
@@ -143,8 +143,10 @@ def _coarse_slopes(
     for window in windows:
         begins = time[skipped:] - window * (1.0 + 1e-9)
         first = np.searchsorted(time, begins, side="left")
-        moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (1.0 - 1e-9)
-        chosen = unsettled & moved if window != windows[-1] else unsettled
+        has_moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (
+            1.0 - 1e-9
+        )
+        chosen = unsettled & has_moved if window != windows[-1] else unsettled
         if chosen.any():
             slope[chosen] = _slopes(time, temperature, window, skipped)[chosen]
         unsettled = unsettled & ~chosen
@@ -194,11 +196,11 @@ def pinned(
 def straight_slope(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
     centre, level = chunks.mean(time), chunks.mean(temperature)
-    above = product = 0.0
+    square = product = 0.0
     for a, b in chunks.ranges_along(time, temperature):
         t = time[a:b] - centre
-        above, product = above + float(t @ t), product + float(t @ (temperature[a:b] - level))
-    return SECONDS_PER_MINUTE * product / above
+        square, product = square + float(t @ t), product + float(t @ (temperature[a:b] - level))
+    return SECONDS_PER_MINUTE * product / square
 
 
 def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
@@ -237,12 +239,12 @@ def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, i
 
 def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
     """The ramps with the soaks between them, covering every row once."""
-    whole: list[Segment] = []
+    segments_of_log: list[Segment] = []
     row = 0
     for ramp in [*ramps, Segment("ramp", slope.size, slope.size, 0.0)]:  # the last has no rows
         if ramp.start > row:
             rate = order_statistics.median(slope[row : ramp.start])
-            whole.append(Segment("soak", row, ramp.start, rate))
-        whole.append(ramp)
+            segments_of_log.append(Segment("soak", row, ramp.start, rate))
+        segments_of_log.append(ramp)
         row = ramp.stop
-    return whole[:-1]
+    return segments_of_log[:-1]

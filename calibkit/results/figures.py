@@ -26,11 +26,12 @@ COLOURS = (SIDES["cooling"], SIDES["heating"], SIDES["both"], "#aa7700", "#7744a
 COLUMNS = 2
 
 
-def require_suffix(suffix: str, known: Sequence[str] = SUFFIXES) -> None:
+def require_suffix(suffix: str, suffixes: Sequence[str] = SUFFIXES) -> None:
     """Raise UsageError for a file of a kind that is not written."""
-    if suffix.lower() not in known:
+    if suffix.lower() not in suffixes:
         raise UsageError(
-            f"--out: a file ending in '{suffix}'", hint=f"name one ending in {' or '.join(known)}"
+            f"--out: a file ending in '{suffix}'",
+            hint=f"name one ending in {' or '.join(suffixes)}",
         )
 
 
@@ -79,13 +80,15 @@ def _draw_values(title: str, values: Sequence[PointResult], ranges: Mapping[str,
             x = np.array([value.at[abscissa] for value in curve])
             y = np.array([value.result.value for value in curve])
             U = np.array([np.nan if v.expanded is None else v.expanded for v in curve])
-            held = np.where([bool(value.outside) for value in curve], np.nan, y)
+            inside = np.where([bool(value.outside) for value in curve], np.nan, y)
             ax.plot(x, y, color=colour, lw=1.0, ls=":")
-            draw_band(ax, x, held, U, colour, "-", label)
+            draw_band(ax, x, inside, U, colour, "-", label)
         quantity = shown[0].quantity
-        more = f" (first {len(COLOURS) * 2} of {len(curves)})" * (len(curves) > 2 * len(COLOURS))
-        ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{more}")
-        unit = next((one.unit for one in quantity.inputs if one.column == abscissa), "1")
+        truncated = f" (first {len(COLOURS) * 2} of {len(curves)})" * (
+            len(curves) > 2 * len(COLOURS)
+        )
+        ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{truncated}")
+        unit = next((each.unit for each in quantity.inputs if each.column == abscissa), "1")
         ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
         ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
         if any(curves) and len(curves) > 1:

@@ -33,7 +33,11 @@ class Names:
     @classmethod
     def of(cls, quantities: Iterable[Quantity], gravity_mps2: float | None) -> "Names":
         """Inputs of all results."""
-        found = {one.column: one for quantity in quantities for one in quantity.inputs}
+        found = {
+            column_input.column: column_input
+            for quantity in quantities
+            for column_input in quantity.inputs
+        }
         return cls(found, gravity_mps2)
 
     def parse_value(self, text: str) -> tuple[str, float]:
@@ -77,9 +81,10 @@ class Names:
             raise UsageError(f"'{text}' is no input", hint=f"write {expected}")
         # a column may be named without its unit
         found = [
-            one
-            for one in self.inputs.values()
-            if name.strip() in (one.column, one.column.removesuffix("_min").rpartition("_")[0])
+            column_input
+            for column_input in self.inputs.values()
+            if name.strip()
+            in (column_input.column, column_input.column.removesuffix("_min").rpartition("_")[0])
         ]
         if len(found) != 1:
             listed = ", ".join(self.inputs) or "none: its results depend on nothing"
@@ -89,14 +94,14 @@ class Names:
             )
         return found[0], parts.groups()
 
-    def _convert(self, one: QuantityInput, values: Array, unit: str) -> Array:
+    def _convert(self, column_input: QuantityInput, values: Array, unit: str) -> Array:
         """Values in the unit of a column; raises RecipeError for one of another kind."""
         spelled = unit.strip("[]() ")
-        if not spelled or spelled == one.unit:
+        if not spelled or spelled == column_input.unit:
             return values
-        if one.column.startswith("gradient") or one.unit not in units.TABLE:
-            return values * units.difference_factor(spelled, one.unit)
-        return units.convert(values, spelled, one.unit, gravity_mps2=self.gravity_mps2)
+        if column_input.column.startswith("gradient") or column_input.unit not in units.TABLE:
+            return values * units.difference_factor(spelled, column_input.unit)
+        return units.convert(values, spelled, column_input.unit, gravity_mps2=self.gravity_mps2)
 
 
 def grid(fixed: Mapping[str, float], ranges: Mapping[str, Array]) -> list[dict[str, float]]:
@@ -115,12 +120,12 @@ def parse_inputs(
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Fixed inputs and ranges of a command line; UsageError for one that is given twice."""
     fixed = [names.parse_value(text) for text in values]
-    over = [names.parse_range(text) for text in ranges]
-    columns = [column for column, _ in (*fixed, *over)]
-    twice = next((column for column in columns if columns.count(column) > 1), None)
-    if twice is not None:
-        raise UsageError(f"{twice} is given twice", hint="give each input once")
-    return dict(fixed), dict(over)
+    range_values = [names.parse_range(text) for text in ranges]
+    columns = [column for column, _ in (*fixed, *range_values)]
+    repeated = next((column for column in columns if columns.count(column) > 1), None)
+    if repeated is not None:
+        raise UsageError(f"{repeated} is given twice", hint="give each input once")
+    return dict(fixed), dict(range_values)
 
 
 def parse_limits(texts: Sequence[str]) -> dict[str, tuple[float, str]]:
