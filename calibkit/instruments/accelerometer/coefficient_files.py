@@ -66,8 +66,8 @@ class Correction:
         """Corrected components [n, 3, g] of indications [n, 3, g]; temperatures [n, °C] are clamped
         to the range of the calibration.
         """
-        at, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
-        return np.column_stack([self.form.evaluate(model, at) for model in self.models])
+        readings, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
+        return np.column_stack([self.form.evaluate(model, readings) for model in self.models])
 
     def uncertainty(self, unseen: DwellSet) -> tuple[Array, Array]:
         """Type A uncertainty of corrected components [n, 3, g] of a log of its own: errors that its
@@ -76,19 +76,23 @@ class Correction:
         Raises FrameError where an error grows with time and the log tells none.
         """
         indication, time = unseen.indication, unseen.time
-        at, _ = within_ranges(self.models[0], forms.inputs(indication, unseen.temperature))
-        shared, own = [], np.zeros_like(indication)
+        readings, _ = within_ranges(self.models[0], forms.inputs(indication, unseen.temperature))
+        shared, independent = [], np.zeros_like(indication)
         of_axes = [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
         for model, axes in zip(self.models, of_axes, strict=True):  # [3, a] of those it corrects
             corrects = axes.sum(axis=1)
             # noise is that of each axis, where the fit has told them apart
             noise = {p.name: p.value for p in model.parameters}
-            own += corrects * [noise.get(f"noise_{a}", model.residual_rms) ** 2 for a in "xyz"]
-            slopes = self.form.gradient(model, at) @ gum.square_root(np.array(model.covariance))
+            independent += corrects * [
+                noise.get(f"noise_{a}", model.residual_rms) ** 2 for a in "xyz"
+            ]
+            slopes = self.form.gradient(model, readings) @ gum.square_root(
+                np.array(model.covariance)
+            )
             slopes = slopes.reshape(len(indication), axes.shape[1], -1)
             shared.append(np.einsum("ia,nak->nik", axes, slopes))
             if self.form.further is not None:
-                own += corrects * self.form.further(model, at)[:, None] ** 2
+                independent += corrects * self.form.further(model, readings)[:, None] ** 2
             for part in model.components:
                 # by one unit: in proportion to the indication, to the time, or the same in all
                 growth = indication if part.unit == "1" else np.ones_like(indication)
@@ -102,10 +106,10 @@ class Correction:
                     growth = np.tile((time - time.mean())[:, None] / SECONDS_PER_HOUR, 3)
                 size = part.value * growth
                 if part.group == "attitude":  # which a log seldom repeats
-                    own += corrects * size**2
+                    independent += corrects * size**2
                 else:
                     shared.append(size[:, :, None] * axes)
-        return np.concatenate(shared, axis=2), own
+        return np.concatenate(shared, axis=2), independent
 
     def by_term(self, dwells: DwellSet, term: TypeB) -> Array:
         """Errors [n, 3, g] of corrected dwells against the reference for one standard uncertainty
@@ -113,27 +117,31 @@ class Correction:
         coefficient; 0 of any other.
         """
         indication, temperature = dwells.indication, dwells.temperature
-        moved = {}
+        shifted_inputs = {}
         if term.quantity in {*ATTITUDE, forms.TEMPERATURE}:
             field = FIELDS[term.quantity]
-            moved[field] = getattr(dwells, field) + term.u_of(0.0)
+            shifted_inputs[field] = getattr(dwells, field) + term.u_of(0.0)
         elif term.quantity in forms.COMPONENTS:
-            axis, off = forms.COMPONENTS.index(term.quantity), np.zeros_like(indication)
-            off[:, axis] = term.u_of(1.0) * (indication[:, axis] if term.unit in RELATIVE else 1.0)
-            moved["indication"] = indication + off
-        if moved:
-            other = replace(dwells, **moved)
-            by_input = self(other.indication, other.temperature) - self(indication, temperature)
+            axis, offset = forms.COMPONENTS.index(term.quantity), np.zeros_like(indication)
+            offset[:, axis] = term.u_of(1.0) * (
+                indication[:, axis] if term.unit in RELATIVE else 1.0
+            )
+            shifted_inputs["indication"] = indication + offset
+        if shifted_inputs:
+            shifted_dwells = replace(dwells, **shifted_inputs)
+            by_input = self(shifted_dwells.indication, shifted_dwells.temperature) - self(
+                indication, temperature
+            )
             # without angles, lengths do not depend on them
-            return by_input + np.nan_to_num(other.reference - dwells.reference)
-        wanted, errors = term.result or term.quantity, np.zeros_like(indication)
-        at, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
+            return by_input + np.nan_to_num(shifted_dwells.reference - dwells.reference)
+        result_name, errors = term.result or term.quantity, np.zeros_like(indication)
+        readings, _ = within_ranges(self.models[0], forms.inputs(indication, temperature))
         for axis, model in enumerate(self.models):
             for j, c in enumerate(model.coefficients):
-                if wanted in {c.name, f"{model.name}.{c.name}"}:
-                    size = type_b.combine_terms((term,), (wanted,), c.value, c.unit)
+                if result_name in {c.name, f"{model.name}.{c.name}"}:
+                    size = type_b.combine_terms((term,), (result_name,), c.value, c.unit)
                     axes = slice(None) if len(self.models) == 1 else axis
-                    errors[:, axes] = size * self.form.gradient(model, at)[..., j]
+                    errors[:, axes] = size * self.form.gradient(model, readings)[..., j]
                     return errors
         return errors
 
@@ -165,12 +173,12 @@ def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -
     """Correction that a recipe names, from the stages of a run or of a fit; raises CoefficientError
     for a missing stage.
     """
-    needed = find_stage(compensation)
+    stage_name = find_stage(compensation)
     for stage in stages:
-        if stage.stage == needed:
+        if stage.stage == stage_name:
             return Correction.of(stage)
     raise CoefficientError(
-        f"the run holds no {needed}.json", hint="it is not a run of accelerometer"
+        f"the run holds no {stage_name}.json", hint="it is not a run of accelerometer"
     )
 
 
@@ -227,12 +235,12 @@ def find_sensitivities(
         values = getattr(dwells, field)
         # a larger gravity makes what is logged in m/s² a smaller multiple of it
         is_gravity = error.input == "gravity_mps2"
-        moved = values / (1.0 + GRAVITY_STEP) if is_gravity else error.shift(values)
-        shifted.append(replace(dwells, **{field: moved}))
+        moved_dwells = values / (1.0 + GRAVITY_STEP) if is_gravity else error.shift(values)
+        shifted.append(replace(dwells, **{field: moved_dwells}))
     refits = {}
     triads = fitted.triad.shifted(dwells, shifted)
-    for error, moved, triad in zip(errors, shifted, triads, strict=True):
-        k, q, affine = list_models(moved, spec, triad)
+    for error, moved_dwells, triad in zip(errors, shifted, triads, strict=True):
+        k, q, affine = list_models(moved_dwells, spec, triad)
         refit = replace(fitted, triad=triad, k=k, q=q, affine=affine, intervals=())
-        refits[error] = list_results(refit, moved, gravity, ())
+        refits[error] = list_results(refit, moved_dwells, gravity, ())
     return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)

@@ -66,32 +66,36 @@ def require_determined(
             ranked.append((term.power, "kzcn".index(term.kind), turn, place))
         places = [place for *_, place in sorted(ranked)]
         # derivatives of the axis of a triad without an error, but for their signs
-        listed = [terms.listed[place] for place in places]
-        columns = [np.prod(reference[:, q.factors], axis=1) * t**q.power for q in listed]
+        ranked_terms = [terms.listed[place] for place in places]
+        columns = [np.prod(reference[:, q.factors], axis=1) * t**q.power for q in ranked_terms]
         design = np.asarray(np.linalg.qr(np.column_stack(columns), mode="r"))
-        kept, undetermined = np.zeros((len(design), 0)), []
+        independent, undetermined = np.zeros((len(design), 0)), []
         for place, column in zip(places, design.T, strict=True):
-            wider = np.column_stack([kept, column])
+            wider = np.column_stack([independent, column])
             if _rank(wider) < wider.shape[1]:
                 undetermined.append(names[place])
             else:
-                kept = wider
+                independent = wider
         if undetermined:
             faults.append(f"accel_{letter}: {', '.join(sorted(undetermined))}")
     if not faults:
         return
-    shown = (
+    shown_levels = (
         ", ".join(f"{value:.4g}" for value in levels)
         if levels.size <= 6
         else f"{levels[0]:.4g} … {levels[-1]:.4g}"
     )
-    needed = terms.order + 1
-    add = "at more temperatures" if levels.size < needed else "on the six faces at each temperature"
+    levels_needed = terms.order + 1
+    add = (
+        "at more temperatures"
+        if levels.size < levels_needed
+        else "on the six faces at each temperature"
+    )
     raise FitError(
         f"the data cannot determine {'; '.join(faults)}: {len(temperature)} dwells at"
-        f" {levels.size} distinct temperatures ({shown} °C; order {terms.order} needs {needed}) in"
-        f" attitudes of which {affine_rank(reference)} are affinely independent (cross-axis terms"
-        " need 4)",
+        f" {levels.size} distinct temperatures ({shown_levels} °C; order {terms.order} needs"
+        f" {levels_needed}) in attitudes of which {affine_rank(reference)} are affinely"
+        " independent (cross-axis terms need 4)",
         hint=f"add dwells {add} (calibkit plan --have finds the cheapest), or {lower}",
     )
 

@@ -106,9 +106,9 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     parts = []
     flags = []
     for log in logs:
-        found = find_faults(log, spec)
-        refuse(found)
-        flags += [str(finding) for finding in found if finding.flagged]
+        log_findings = find_faults(log, spec)
+        refuse(log_findings)
+        flags += [str(finding) for finding in log_findings if finding.flagged]
         parts.append(read_dwells(log, spec)[0])
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     columns["log"] = np.repeat(np.arange(len(parts)), [len(part.place) for part in parts])
@@ -118,16 +118,16 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def read_indication(log: Log, spec: AccelerometerRecipe, *beside: Array) -> Array:
+def read_indication(log: Log, spec: AccelerometerRecipe, *further: Array) -> Array:
     """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention, and
     columns beside them [n, c], in the log's own storage: memory or a mapped file.
     """
-    columns = [*(values(log.frame, component) for component in COMPONENTS), *beside]
-    made = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
-    for a, b in chunks.ranges_along(made, *columns):
-        made[a:b] = np.column_stack([column[a:b] for column in columns])
-        made[a:b, :3] = attitude.gravity_positive(made[a:b, :3], spec.reference.convention)
-    return made
+    columns = [*(values(log.frame, component) for component in COMPONENTS), *further]
+    stacked = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    for a, b in chunks.ranges_along(stacked, *columns):
+        stacked[a:b] = np.column_stack([column[a:b] for column in columns])
+        stacked[a:b, :3] = attitude.gravity_positive(stacked[a:b, :3], spec.reference.convention)
+    return stacked
 
 
 def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
@@ -197,12 +197,12 @@ def _find_dwell_rows(
     gap = max(spec.dwells.max_gap_s, 2.5 * step)
     bounds = [
         0,
-        *(chunks.rows_where(time, lambda apart: apart > gap, step=True) + 1).tolist(),
+        *(chunks.rows_where(time, lambda gap_s: gap_s > gap, step=True) + 1).tolist(),
         time.size,
     ]
     limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
     try:
-        found = [
+        rest_rows = [
             start
             + stretches.find_dwells(triad[start:stop], window, threshold=limit, shortest=shortest)
             for start, stop in pairwise(bounds)
@@ -210,8 +210,8 @@ def _find_dwell_rows(
         ]
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    if not found:
+    if not rest_rows:
         raise FrameError(
             f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
         )
-    return np.concatenate(found)
+    return np.concatenate(rest_rows)

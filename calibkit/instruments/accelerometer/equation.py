@@ -81,28 +81,28 @@ class Terms:
         """Parameters up to orders of temperature; `triangular` keeps the frame on the x axis, as
         fixture angles and lengths need it.
         """
-        listed: list[Term] = []
+        terms: list[Term] = []
         kinds: list[tuple[Literal["k", "z"], Orders, str]] = [("k", scale, "1"), ("z", zero, "g")]
         for (kind, orders, unit), (i, axis) in product(kinds, enumerate(AXES)):
             factors = (i,) if kind == "k" else ()  # scale factors multiply the indication
             for n in range(orders[i] + 1):
                 symbol, in_powers = f"{kind}_{axis}", per_degree(unit, n)
-                listed.append(Term(f"{symbol}{n}", in_powers, symbol, kind, i, factors, n))
+                terms.append(Term(f"{symbol}{n}", in_powers, symbol, kind, i, factors, n))
         for i, j in product(range(3), repeat=2):
             if j < i or (j > i and not triangular):
                 axes = AXES[i] + AXES[j]
                 for n, letter in enumerate("cd"[: cross[i] + 1]):
                     unit = per_degree("1", n)
-                    listed.append(Term(f"{letter}_{axes}", unit, f"c_{axes}", "c", i, (j,), n))
+                    terms.append(Term(f"{letter}_{axes}", unit, f"c_{axes}", "c", i, (j,), n))
         for i in range(3):
             products = [(i, i), *((i, j) for j in range(3) if j != i)] if second_order else []
             for higher in [*products, *([(i, i, i)] if third_order else [])]:
                 name = f"n_{AXES[i]}_{''.join(AXES[j] for j in higher)}"
                 unit = "1/g" if len(higher) == 2 else "1/g2"
-                listed.append(Term(name, unit, name, "n", i, higher))
+                terms.append(Term(name, unit, name, "n", i, higher))
         tilts = [Term(name, "rad", name, "tilt", i) for i, name in enumerate(TILT)]
         turns = [Term(name, "rad", name, "fixture", i) for i, name in enumerate(FIXTURE)]
-        return cls((*listed, *(tilts if tilt else ()), *(turns if fixture else ())))
+        return cls((*terms, *(tilts if tilt else ()), *(turns if fixture else ())))
 
     @classmethod
     def named(cls, names: Sequence[str]) -> "Terms":

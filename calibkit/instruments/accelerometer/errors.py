@@ -108,21 +108,21 @@ class DwellErrors:
         """Criterion that the errors of unseen, corrected dwells are as large as their uncertainty
         states, whose parts of the coefficients and of type B terms they share.
         """
-        shared, own = correction.uncertainty(dwells)
-        known = [correction.by_term(dwells, term) for term in terms]
-        shared = np.concatenate([shared, *(part[:, :, None] for part in known)], axis=2)
+        shared, independent = correction.uncertainty(dwells)
+        by_terms = [correction.by_term(dwells, term) for term in terms]
+        shared = np.concatenate([shared, *(part[:, :, None] for part in by_terms)], axis=2)
         if self.angles is None:  # lengths: along the corrected vector
             vector = correction(dwells.indication, dwells.temperature)
             unit = vector / np.linalg.norm(vector, axis=1)[:, None]
             shared = np.einsum("ni,nik->nk", unit, shared)[:, None]
-            own = np.sum(unit**2 * own, axis=1)[:, None]
-        judged = unseen(
+            independent = np.sum(unit**2 * independent, axis=1)[:, None]
+        comparison = unseen(
             self.residual.ravel(),
             shared.reshape(self.residual.size, -1),
-            own.ravel(),
+            independent.ravel(),
             dof=correction.dof,
         )
-        return over_u(f"{name}: rms error", judged.to_object())
+        return over_u(f"{name}: rms error", comparison.to_object())
 
     @classmethod
     def compare(
@@ -160,10 +160,10 @@ def propagate_uncertainty(
     u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
     tilt = attitude.inclination(vector)
     inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
-    named = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
+    by_angle = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
     return tuple(
         Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
-        for name, u in named
+        for name, u in by_angle
         if u.size
     )
 
@@ -200,9 +200,9 @@ def tabulate_errors(
     rows: list[tuple[str | float, ...]] = []
     for name, of_dwells in errors.items():
         if of_dwells.angles is not None:
-            shown = [number(figure, 3) for figure in of_dwells.angles.figures.values()]
-            pairs = ", ".join(shown[:2]), ", ".join(shown[2:4])
-            rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, shown[4]))
+            figures = [number(figure, 3) for figure in of_dwells.angles.figures.values()]
+            pairs = ", ".join(figures[:2]), ", ".join(figures[2:4])
+            rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, figures[4]))
     return Table(title, heads, tuple(rows))
 
 
@@ -216,12 +216,12 @@ def list_errors(errors: DwellErrors, spec: AccelerometerRecipe) -> dict[str, obj
 
 
 def summarize_errors(
-    raw: DwellErrors, corrected: DwellErrors, correction: str, table: Table, where: str
+    raw: DwellErrors, corrected: DwellErrors, correction: str, table: Table, of_which: str
 ) -> Overview:
     """First screen of dwells before and after a correction."""
     before, after = (1e6 * errors.residual_rms_g for errors in (raw, corrected))
     sentence = (
-        f"Residual of {len(raw.residual)} dwells{where} (rms): {before:.0f} µg before,"
+        f"Residual of {len(raw.residual)} dwells{of_which} (rms): {before:.0f} µg before,"
         f" {after:.0f} µg after the {correction} correction."
     )
     facts = []

@@ -68,8 +68,8 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
         ax.set_visible(False)
     # directions of gravity in the triad's frame, equal-area: the sphere's poles are top and bottom
     unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
-    around = np.degrees(np.arctan2(unit[:, 1], unit[:, 0]))
-    axes[3].plot(around, unit[:, 2], "o", ms=3, color=ALERT, alpha=0.5)
+    longitude_deg = np.degrees(np.arctan2(unit[:, 1], unit[:, 0]))
+    axes[3].plot(longitude_deg, unit[:, 2], "o", ms=3, color=ALERT, alpha=0.5)
     axes[3].set(xlim=(-190, 190), ylim=(-1.1, 1.1), title="attitudes held (equal-area)")
     axes[3].set(xlabel="direction of gravity about z [°]", ylabel="component along z")
     return figure
@@ -108,9 +108,9 @@ def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
     """
     report = fitted.drawing
     results = tabulate_fit(fitted.results, report.spec, fitted.sensitivities, certificate.blocks)
-    whole = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
+    full_summary = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
     residuals = _draw_residuals(title, report)
     before, after = report.before.angles, report.after.angles
     if before is None or after is None:
-        return Drawn((residuals,), whole)
-    return Drawn((_draw_angles(title, report, before, after), residuals), whole)
+        return Drawn((residuals,), full_summary)
+    return Drawn((_draw_angles(title, report, before, after), residuals), full_summary)

@@ -61,11 +61,11 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
                 f" {cure}"
             )
         remarks.append(Remark(remark))
-    stated = [(one.group, one.effect) for one in spec.errors.component]
+    stated_errors = [(one.group, one.effect) for one in spec.errors.component]
     angles = [one for one in spec.type_b if one.quantity in {"inclination_deg", "toolface_deg"}]
     # no dwell tells a set-up from axes that are turned together
-    known = spec.affine.fixture or angles or SET_UP in stated
-    if not known and spec.reference.kind == "attitude":
+    set_up_known = spec.affine.fixture or angles or SET_UP in stated_errors
+    if not set_up_known and spec.reference.kind == "attitude":
         group, effect = SET_UP
         remark = (
             "an error in setting up the triad in its fixture turns every corrected vector, and the"
@@ -80,23 +80,23 @@ def flag_fit(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
     """Flags on suspect dwells and on shared errors: those of too few levels, an attitude that is
     set up wrong the same way every time, a soak whose zero has moved.
     """
-    taken = {ZERO: 1 + max(term.power for term in triad.terms.listed if term.kind == "z")}
-    flags = [*triad.flags, *warn_of_few_levels(triad.fit.shared, taken)]
+    zero_order = max(term.power for term in triad.terms.listed if term.kind == "z")
+    flags = [*triad.flags, *warn_of_few_levels(triad.fit.shared, {ZERO: 1 + zero_order})]
     for k in triad.suspects:
-        off = np.abs(triad.residuals[k]).max()
-        flags.append(f"triad: suspect dwell {dwells.place[k]}, {off:.3g} g off, left out")
+        largest_g = np.abs(triad.residuals[k]).max()
+        flags.append(f"triad: suspect dwell {dwells.place[k]}, {largest_g:.3g} g off, left out")
     for shared in triad.fit.shared:
         size = np.linalg.norm(shared.errors, axis=1)
         if shared.error.optional or size.max(initial=0.0) <= OUTSTANDING * np.median(size):
             continue
         worst = int(np.argmax(size))
         rows = np.flatnonzero(shared.error.level == worst) // triad.residuals.shape[1]
-        where = f"{dwells.temperature[rows].mean():.3g} °C"
+        place = f"{dwells.temperature[rows].mean():.3g} °C"
         if shared.error.group == "attitude":
             angles = dwells.inclination[rows[0]], dwells.toolface[rows[0]]
-            where = "inclination {:.6g}°, toolface {:.6g}°".format(*angles)
+            place = "inclination {:.6g}°, toolface {:.6g}°".format(*angles)
         flags.append(
-            f"triad: the {shared.error.name} of {where} is {size[worst]:.2g} {shared.error.unit},"
+            f"triad: the {shared.error.name} of {place} is {size[worst]:.2g} {shared.error.unit},"
             f" of most others {np.median(size):.2g} {shared.error.unit}: no outliers, its"
             f" {np.unique(rows).size} dwells are kept in the fit"
         )
@@ -141,10 +141,10 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
             flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {whole} only (95 %)")
     # change of a fitted residual by its own reference: near 1, no other dwell checks it
     jacobian = derivative(residual_of(dwells, terms, of_dwells, lengths=True), fit.parameters)
-    alone = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
-    if alone.size:
+    unchecked = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
+    if unchecked.size:
         flags.append(
-            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
+            f"no other dwell checks dwell {', '.join(map(str, unchecked))} (leverage above 0.99)"
         )
     return tuple(f"magnitude: {flag}" for flag in flags)
 
@@ -168,18 +168,18 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
     }
     labels = {}
     for name, level in groups.items():
-        each = per_dwell * level[:, None] + np.arange(per_dwell)
-        labels[name] = np.where(fit.used, each.ravel(), -1)
+        component_level = per_dwell * level[:, None] + np.arange(per_dwell)
+        labels[name] = np.where(fit.used, component_level.ravel(), -1)
     residual = residual_of(dwells, terms, t, lengths=per_dwell == 1)
     jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
     u = np.sqrt(np.einsum("np,pq,nq->n", jacobian, fit.covariance, jacobian))
     k = float(stdtrit(float(np.median(fit.of(lambda p: p).dof)), 0.975))
     expanded = k * float(np.sqrt(np.mean(u**2)))
     failed = []
-    for apart in lack_of_fit.find(-fit.noise_residual, labels):
-        if abs(apart.size) > expanded:
-            group, component = divmod(apart.level, per_dwell)
-            where = f"along {AXES[component]}" if per_dwell == 3 else "of the length"
-            name = f"unexplained residual, {apart.group} {1 + group}, {where}"
-            failed.append(at_most(name, abs(apart.size), expanded, "g"))
+    for misfit in lack_of_fit.find(-fit.noise_residual, labels):
+        if abs(misfit.size) > expanded:
+            group, component = divmod(misfit.level, per_dwell)
+            direction = f"along {AXES[component]}" if per_dwell == 3 else "of the length"
+            name = f"unexplained residual, {misfit.group} {1 + group}, {direction}"
+            failed.append(at_most(name, abs(misfit.size), expanded, "g"))
     return tuple(failed)

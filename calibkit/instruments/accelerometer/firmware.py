@@ -72,8 +72,8 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
     for term, c in zip(terms, model.coefficients, strict=True):
         powers.setdefault(term.symbol, []).append(Fraction(c.value))
 
-    def polynomial(symbol: str, turned: int = 1) -> tuple[Fraction, ...]:
-        return exact.scale(exact.mapped(powers[symbol], *mapping), Fraction(turned))
+    def polynomial(symbol: str, signed: int = 1) -> tuple[Fraction, ...]:
+        return exact.scale(exact.mapped(powers[symbol], *mapping), Fraction(signed))
 
     by_matrix = model.form == forms.AFFINE.name
     for axis, component in zip(AXES, forms.COMPONENTS, strict=True):
@@ -100,8 +100,8 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
                 table = polynomial(term.symbol)
                 added.append(draft.polynomial(term.symbol, table, "u", *factors, sign=-1))
             else:
-                turned = powers[term.symbol][0] * (sign if len(axes) == 2 else 1)
-                added.append(draft.polynomial(term.symbol, (turned,), "", *factors))
+                signed = powers[term.symbol][0] * (sign if len(axes) == 2 else 1)
+                added.append(draft.polynomial(term.symbol, (signed,), "", *factors))
         last = [] if by_matrix else [factor(f"a_{axis}")]
         draft.sum(f"k_{axis}", *added, *last)
 
@@ -110,13 +110,13 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
     """Add S(u) V − Z(u) − K8 V′ − K9 V″ of each axis to the draft, V′ and V″ the other axes; the
     largest term is added last.
     """
-    for own, axis in enumerate(AXES):
-        model = record.model(forms.K_MODELS[own])
+    for row, axis in enumerate(AXES):
+        model = record.model(forms.K_MODELS[row])
         scale = exact.mapped(numbers(model, *forms.SCALE_FACTOR), *mapping)
         zero = exact.scale(
             exact.mapped(numbers(model, *forms.ZERO_OFFSET), *mapping), Fraction(sign)
         )
-        cross = zip(forms.CROSS, CROSS[own], strict=True)
+        cross = zip(forms.CROSS, CROSS[row], strict=True)
         draft.sum(
             f"k_{axis}",
             *(
@@ -130,7 +130,7 @@ def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: i
                 for name, other in cross
             ),
             draft.polynomial(f"zero_{axis}", zero, "u", sign=-1),
-            draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[own]),
+            draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[row]),
         )
 
 

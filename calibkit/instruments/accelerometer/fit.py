@@ -104,10 +104,10 @@ def list_models(
         return k, None, None
     # Q at the recipe's temperature, or that of the dwells which is nearest to it; at the mean of
     # the dwells where the triad knows no temperature
-    at = float(dwells.temperature.mean())
+    q_degc = float(dwells.temperature.mean())
     if spec.affine.enabled:
-        at = float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
-    q = published.fit_q(dwells, triad, at)
+        q_degc = float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
+    q = published.fit_q(dwells, triad, q_degc)
     to_raw = terms.in_degrees(triad.middle, triad.half)
     values, covariance = polynomial.in_raw_powers(fit.parameters, fit.total_covariance, to_raw)
     noise = triad.noise.tolist()
@@ -165,8 +165,8 @@ def choose_loss(
     differ by more than U, both values are flagged. Raises FitError where no fit is better than
     none.
     """
-    plain = fit_with(loss="least_squares")
-    left_by_plain, raw = _median_length(plain.residuals), _median_length(uncorrected)
+    least_squares = fit_with(loss="least_squares")
+    left_by_plain, raw = _median_length(least_squares.residuals), _median_length(uncorrected)
     tough, worse = None, ""
     if loss == "robust":
         try:
@@ -191,20 +191,20 @@ def choose_loss(
                 hint="look for wrong rows or references: gross errors move such a fit",
             )
         used = "plain least squares was used, outliers are not left out"
-        return plain, (f"triad: {worse}; {used}",) if worse else ()
+        return least_squares, (f"triad: {worse}; {used}",) if worse else ()
     # where the fits differ by more than U, both values of the coefficient that differs most
     to_raw = tough.to_degrees
     value = tough.fit.of(lambda p: to_raw @ p)
-    beside, expanded = to_raw @ plain.fit.parameters, value.expanded
-    share = np.abs(value.value - beside) / np.where(expanded > 0.0, expanded, np.inf)
+    plain_values, expanded = to_raw @ least_squares.fit.parameters, value.expanded
+    share = np.abs(value.value - plain_values) / np.where(expanded > 0.0, expanded, np.inf)
     if np.max(share) <= 1.0 or np.max(np.abs(tough.residuals)) <= ROUNDING_G:
         return tough, ()
     k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
-    others = f", and {count} more coefficients differ" if count else ""
+    further = f", and {count} more coefficients differ" if count else ""
     flag = (
         f"triad: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
-        f" {expanded[k]:.1e} by the robust fit, which is exported, {beside[k]:.7g} by least"
-        f" squares{others}; look at the suspects before you rely on it"
+        f" {expanded[k]:.1e} by the robust fit, which is exported, {plain_values[k]:.7g} by least"
+        f" squares{further}; look at the suspects before you rely on it"
     )
     return tough, (flag,)
 
@@ -254,5 +254,5 @@ def _profile_intervals(dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str,
         for name, interval in intervals.items()
         if not np.isfinite(interval).all()
     )
-    plain = "magnitude: lmfit solves by plain least squares, outliers are not left out"
-    return figures, (*open_ends, plain)
+    remark = "magnitude: lmfit solves by plain least squares, outliers are not left out"
+    return figures, (*open_ends, remark)

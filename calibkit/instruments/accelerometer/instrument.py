@@ -57,13 +57,13 @@ faults = plausibility.examine
 def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     angles: tuple[str, ...] = (forms.TEMPERATURE, *triad_dwells.ATTITUDE)
-    needed: tuple[str, ...] = (*angles, *forms.COMPONENTS)
+    required: tuple[str, ...] = (*angles, *forms.COMPONENTS)
     optional: tuple[str, ...] = ("time_s",)
     if spec.reference.kind == "magnitude":
-        needed, optional = forms.COMPONENTS, (*angles, "time_s")
+        required, optional = forms.COMPONENTS, (*angles, "time_s")
     if spec.dwells.mode == "series":
-        needed, optional = ("time_s", *needed), optional[:-1]
-    return reader(spec.on_site(), data / file, file, needed, optional)
+        required, optional = ("time_s", *required), optional[:-1]
+    return reader(spec.on_site(), data / file, file, required, optional)
 
 
 def fit(
@@ -98,21 +98,21 @@ def fit(
         f"The fitted dwells before and after{out}",
     )
     components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
-    shown = [components] if components.rows else []
-    shown.append(compared)
+    tables = [components] if components.rows else []
+    tables.append(compared)
     if uncertainty:
         rows = tuple((one.name, number(one.value, 2), one.unit) for one in uncertainty)
         title = "Uncertainty of one corrected dwell (type A)"
-        shown.append(Table(title, ("", "largest", "unit"), rows))
+        tables.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
-    judged = (*corrected.judge_errors(spec), *fitted.unexplained)
+    criteria = (*corrected.judge_errors(spec), *fitted.unexplained)
     overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,
         tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(shown), tuple(flags), judged, overview=overview),
+        Summary(spec.title, tuple(tables), tuple(flags), criteria, overview=overview),
         TriadReport(counted, raw, corrected, spec),
         lacks=fitted.k_not_fitted,
         sensitivities=influences,
@@ -191,7 +191,7 @@ def validate(
     """Attitude errors before and after correction on dwells that were not used in the fit."""
     correction = coefficient_files.find_correction(spec.compensation, records.values())
     entries: list[dict[str, object]] = []
-    shown: list[Table] = []
+    tables: list[Table] = []
     flags: list[str] = []
     criteria: list[Criterion] = []
     for log in logs:
@@ -207,8 +207,8 @@ def validate(
                 "after": errors.list_errors(after, spec),
             }
         )
-        both = {"indication": before, "corrected": after}
-        shown.append(errors.tabulate_errors(both, spec, log.file))
+        compared = {"indication": before, "corrected": after}
+        tables.append(errors.tabulate_errors(compared, spec, log.file))
         criteria += [
             after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
             *after.judge_errors(spec),
@@ -218,4 +218,4 @@ def validate(
             flags.append(
                 f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells"
             )
-    return {"logs": entries}, Summary("", tuple(shown), tuple(flags), tuple(criteria))
+    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))

@@ -63,9 +63,9 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
         return Examined(findings)
     pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
     lengths = np.linalg.norm(dwells.indication, axis=1).tolist()
-    held = zip(rows.tolist(), lengths, strict=True)
+    dwell_rows = zip(rows.tolist(), lengths, strict=True)
     return Examined(
-        findings, tuple(Held("dwell", a, b, length, "g", pinned) for (a, b), length in held)
+        findings, tuple(Held("dwell", a, b, length, "g", pinned) for (a, b), length in dwell_rows)
     )
 
 
@@ -82,19 +82,19 @@ def find_implausible(
     if by_attitude and (turned_axes := _find_turned_axes(dwells, spec)) is not None:
         return none, (turned_axes,)
     expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
-    off = np.linalg.norm(dwells.indication - expected, axis=1)
-    alone = _find_lone_temperature(dwells)
-    off[list(alone)] = np.inf
-    rows = np.flatnonzero(off > max(LEAST_G, FAR * scatter))
-    worst = rows[np.argsort(-off[rows], kind="stable")]
+    departure = np.linalg.norm(dwells.indication - expected, axis=1)
+    lone = _find_lone_temperature(dwells)
+    departure[list(lone)] = np.inf
+    rows = np.flatnonzero(departure > max(LEAST_G, FAR * scatter))
+    worst_first = rows[np.argsort(-departure[rows], kind="stable")]
 
     def describe(row: int) -> Finding:
-        return alone.get(row) or _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
+        return lone.get(row) or _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
 
     if spec.loss == "least_squares":
         reason = 'loss = "least_squares" leaves no dwell out'
-    elif rows.size > LARGEST_SHARE * off.size:
-        reason = f"{rows.size} of {off.size} dwells are implausible"
+    elif rows.size > LARGEST_SHARE * departure.size:
+        reason = f"{rows.size} of {departure.size} dwells are implausible"
     elif by_attitude and (whole := _whole_attitude(dwells, rows)):
         reason = f"all dwells at {whole} are"
     else:
@@ -103,7 +103,7 @@ def find_implausible(
             replace(describe(k), advice=advice, severity="warn") for k in rows.tolist()
         )
     advice = f"correct these rows or take them out of the log: {reason}"
-    return rows, tuple(replace(describe(k), advice=advice) for k in worst[:NAMED].tolist())
+    return rows, tuple(replace(describe(k), advice=advice) for k in worst_first[:NAMED].tolist())
 
 
 def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | None:
@@ -113,30 +113,30 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
     It is refused where the triad is left-handed, and where K0 … K3 would multiply another axis; a
     mounting that the recipe fits may be any.
     """
-    every = slice(None, None, 1 + len(dwells.place) // ENOUGH)
-    indication, reference = dwells.indication[every], dwells.reference[every]
+    sample = slice(None, None, 1 + len(dwells.place) // ENOUGH)
+    indication, reference = dwells.indication[sample], dwells.reference[sample]
 
     def disagreement(order: tuple[int, ...], sign: tuple[float, ...]) -> float:
         off = indication[:, order] * np.array(sign) - reference
         return float(np.median(np.linalg.norm(off, axis=1)))
 
-    same, plain = (0, 1, 2), (1.0, 1.0, 1.0)
+    in_order, positive = (0, 1, 2), (1.0, 1.0, 1.0)
     order, sign = min(
-        product(permutations(same), product((1.0, -1.0), repeat=3)),
+        product(permutations(in_order), product((1.0, -1.0), repeat=3)),
         key=lambda turned: disagreement(*turned),
     )
-    usual, best = disagreement(same, plain), disagreement(order, sign)
+    usual, best = disagreement(in_order, positive), disagreement(order, sign)
     if spec.affine.fixture or usual < TWICE * max(best, 0.1):
         return None
     handed = float(np.linalg.det(np.eye(3)[list(order)])) * sign[0] * sign[1] * sign[2]
-    shown = ", ".join(
+    axes_shown = ", ".join(
         f"{COMPONENTS[k]} shows {'−' if sign[axis] < 0.0 else ''}{'xyz'[axis]}"
         for axis, k in enumerate(order)
         if k != axis or sign[axis] < 0.0
     )
     return Finding(
         dwells.place[0].rpartition(":")[0],
-        f"axes of wrong sign or order: {shown} (as they are, they disagree with the"
+        f"axes of wrong sign or order: {axes_shown} (as they are, they disagree with the"
         f" attitudes by {usual:.2f} g, so by {best:.2f} g; medians)",
         "each axis to show its own component of gravity",
         "state sign and from in [columns], or reference.convention; or correct sense and zero of"
@@ -152,23 +152,24 @@ def _find_lone_temperature(dwells: DwellSet) -> dict[int, Finding]:
     polynomial would run through it alone.
     """
     order = np.argsort(dwells.temperature, kind="stable")
-    found: dict[int, Finding] = {}
+    findings: dict[int, Finding] = {}
     if order.size < FEW:
-        return found
+        return findings
     for lone, nearest, last in (order[[0, 1, -1]], order[[-1, -2, 0]]):
-        at, next_to, end = dwells.temperature[[lone, nearest, last]].tolist()
-        if abs(at - next_to) > max(LONE_DEGC, LONE_SHARE * abs(next_to - end)):
-            found[int(lone)] = Finding(
+        lone_degc, nearest_degc, last_degc = dwells.temperature[[lone, nearest, last]].tolist()
+        range_degc = abs(nearest_degc - last_degc)
+        if abs(lone_degc - nearest_degc) > max(LONE_DEGC, LONE_SHARE * range_degc):
+            findings[int(lone)] = Finding(
                 dwells.place[lone],
-                f"{TEMPERATURE} is {at:.4g} °C",
-                f"a temperature near the others, {min(next_to, end):.4g} to"
-                f" {max(next_to, end):.4g} °C",
+                f"{TEMPERATURE} is {lone_degc:.4g} °C",
+                f"a temperature near the others, {min(nearest_degc, last_degc):.4g} to"
+                f" {max(nearest_degc, last_degc):.4g} °C",
                 "",
                 name="implausible",
-                figure=at,
+                figure=lone_degc,
                 column=TEMPERATURE,
             )
-    return found
+    return findings
 
 
 def _predict(dwells: DwellSet) -> tuple[Array, float]:
@@ -178,17 +179,17 @@ def _predict(dwells: DwellSet) -> tuple[Array, float]:
     The reference is the regressor: its length is 1 g whatever was typed, so that no row has
     leverage over all others.
     """
-    every = slice(None, None, 1 + len(dwells.place) // ENOUGH)
+    sample = slice(None, None, 1 + len(dwells.place) // ENOUGH)
     reference, indication = dwells.reference, dwells.indication
     warm = dwells.temperature - dwells.temperature.mean()
-    plain = np.column_stack([np.ones(len(warm)), reference])
-    for design in (np.column_stack([plain, plain * warm[:, None]]), plain):
+    constant = np.column_stack([np.ones(len(warm)), reference])
+    for design in (np.column_stack([constant, constant * warm[:, None]]), constant):
         try:
-            solved = [robust.linear(design[every], axis) for axis in indication[every].T]
+            fits = [robust.linear(design[sample], axis) for axis in indication[sample].T]
         except FitError:
             continue
-        expected = design @ np.column_stack([one.coefficients for one in solved])
-        return expected, max(mad_sigma(one.residuals) for one in solved)
+        expected = design @ np.column_stack([fit.coefficients for fit in fits])
+        return expected, max(mad_sigma(fit.residuals) for fit in fits)
     # too few dwells for a fit: a nominal sensor, with any bias and scale factor that one may have
     return reference, 0.25 / FAR
 
@@ -200,26 +201,26 @@ def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
     indication = dwells.indication
     length = np.linalg.norm(indication, axis=1)
     usual = float(np.median(length))
-    near = np.flatnonzero(np.abs(np.log(length / usual)) < np.log(TWICE))
-    some = indication[near[:: 1 + near.size // ENOUGH]]
+    on_sphere = np.flatnonzero(np.abs(np.log(length / usual)) < np.log(TWICE))
+    sample = indication[on_sphere[:: 1 + on_sphere.size // ENOUGH]]
     try:
         # |v|² = 2 v·c + r² − |c|², linear in centre and radius
-        design = np.column_stack([2.0 * some, np.ones(len(some))])
-        *centre, rest = robust.linear(design, np.sum(some**2, axis=1)).coefficients
+        design = np.column_stack([2.0 * sample, np.ones(len(sample))])
+        *centre, rest = robust.linear(design, np.sum(sample**2, axis=1)).coefficients
         radius = float(np.sqrt(rest + np.sum(np.square(centre))))
-        scatter = mad_sigma(np.linalg.norm(some - centre, axis=1) - radius)
+        scatter = mad_sigma(np.linalg.norm(sample - centre, axis=1) - radius)
     except FitError:
         centre, radius, scatter = [0.0, 0.0, 0.0], usual, usual / TWICE / FAR
-    away = indication - centre
-    return centre + radius * away / np.linalg.norm(away, axis=1)[:, None], scatter
+    direction = indication - centre
+    return centre + radius * direction / np.linalg.norm(direction, axis=1)[:, None], scatter
 
 
 def _whole_attitude(dwells: DwellSet, rows: Integers) -> str:
     """First attitude at which two dwells or more were held and all are in `rows`, as words."""
     angles = np.column_stack([dwells.inclination, dwells.toolface])
     for angle in np.unique(angles[rows], axis=0):
-        same = np.flatnonzero((angles == angle).all(axis=1))
-        if same.size > 1 and np.isin(same, rows).all():
+        repeats = np.flatnonzero((angles == angle).all(axis=1))
+        if repeats.size > 1 and np.isin(repeats, rows).all():
             return f"inclination {angle[0]:g}°, toolface {angle[1]:g}°"
     return ""
 
@@ -228,28 +229,29 @@ def _describe_dwell(dwells: DwellSet, expected: Array, row: int, *, by_attitude:
     """Finding on a dwell that is not as expected: its length, or beside a reference attitude the
     component that is furthest off, or the attitude that all three show.
     """
-    shown, due = dwells.indication[row], expected[row]
-    axis, off = int(np.argmax(np.abs(shown - due))), float(np.linalg.norm(shown - due))
-    length, usual = float(np.linalg.norm(shown)), float(np.linalg.norm(due))
-    reads = f"{COMPONENTS[axis]} reads {shown[axis]:.4g} g"
-    stated = f"inclination {dwells.inclination[row]:g}°, toolface {dwells.toolface[row]:g}°"
+    indication, expected_g = dwells.indication[row], expected[row]
+    axis = int(np.argmax(np.abs(indication - expected_g)))
+    departure = float(np.linalg.norm(indication - expected_g))
+    length, usual = float(np.linalg.norm(indication)), float(np.linalg.norm(expected_g))
+    reads = f"{COMPONENTS[axis]} reads {indication[axis]:.4g} g"
+    attitude_words = f"inclination {dwells.inclination[row]:g}°, toolface {dwells.toolface[row]:g}°"
     if not by_attitude:
-        what = f"the length is {length:.4g} g ({reads})"
+        fault = f"the length is {length:.4g} g ({reads})"
         due_words = f"{usual:.4g} g, as the other dwells in this direction"
-    elif abs(length - usual) > 0.5 * off:
-        what = f"{reads}, the length is {length:.4g} g"
-        due_words = f"{due[axis]:.4g} g and {usual:.4g} g at {stated}"
+    elif abs(length - usual) > 0.5 * departure:
+        fault = f"{reads}, the length is {length:.4g} g"
+        due_words = f"{expected_g[axis]:.4g} g and {usual:.4g} g at {attitude_words}"
     else:
-        stood = shown - due + dwells.reference[row]
-        turned = attitude.wrapped(attitude.toolface(stood) - dwells.toolface[row])
-        what = (
-            f"the triad shows about inclination {float(attitude.inclination(stood)):.0f}°,"
-            f" toolface {float(dwells.toolface[row] + turned):.0f}° ({reads})"
+        gravity_shown = indication - expected_g + dwells.reference[row]
+        toolface_off = attitude.wrapped(attitude.toolface(gravity_shown) - dwells.toolface[row])
+        fault = (
+            f"the triad shows about inclination {float(attitude.inclination(gravity_shown)):.0f}°,"
+            f" toolface {float(dwells.toolface[row] + toolface_off):.0f}° ({reads})"
         )
-        due_words = f"{stated} as the reference states ({due[axis]:.4g} g)"
+        due_words = f"{attitude_words} as the reference states ({expected_g[axis]:.4g} g)"
     return Finding(
-        *(dwells.place[row], what, due_words, ""),
+        *(dwells.place[row], fault, due_words, ""),
         name="implausible",
-        figure=off,
+        figure=departure,
         column=COMPONENTS[axis],
     )

@@ -26,12 +26,12 @@ from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 
 
-def require_k(chosen: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
+def require_k(orders_of_axes: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
     """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
 
     Of a triad without an error K are what the terms of its equation are.
     """
-    x, y, z = chosen
+    x, y, z = orders_of_axes
     terms = Terms.of_orders(
         (x.scale_order, y.scale_order, z.scale_order),
         (x.zero_order, y.zero_order, z.zero_order),
@@ -46,28 +46,28 @@ def require_k(chosen: Sequence[KAxisSpec], reference: Array, temperature: Array)
     determination.require_determined(terms, names, reference, temperature, lower=lower)
 
 
-def fit_k(dwells: DwellSet, chosen: Sequence[KAxisSpec], triad: Triad) -> tuple[Model, ...]:
+def fit_k(dwells: DwellSet, orders_of_axes: Sequence[KAxisSpec], triad: Triad) -> tuple[Model, ...]:
     """K models of the three axes from the dwells that the triad's fit kept."""
     t = triad.mapped(dwells.temperature)
     used = triad.fit.used.reshape(-1, 3)
     weights = np.ones(used.shape) if dwells.weights is None else dwells.weights
-    form = corrections(chosen, dwells.indication, t)
+    form = corrections(orders_of_axes, dwells.indication, t)
     P = pseudo_inverse(form, np.sqrt(weights) * used)
     fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
     by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
     by_form = form @ fit.parameters
     to_raw = to_degrees(triad.middle, triad.half)
     models = []
-    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, chosen, strict=True)):
+    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, orders_of_axes, strict=True)):
         block = slice(10 * axis, 10 * axis + 10)
         mapped, of_mapped = fit.parameters[block], fit.total_covariance[block, block]
         # in extended precision, because K3 and K7 lose digits in double
         raw, covariance = polynomial.in_raw_powers(mapped, of_mapped, to_raw)
         in_degrees = np.zeros((10, 30))
         in_degrees[:, block] = to_raw
-        kept = used[:, axis]
-        left = (dwells.reference - by_form)[kept, axis]
-        lack_of_fit = rms((by_form - by_triad)[kept, axis])
+        used_rows = used[:, axis]
+        left = (dwells.reference - by_form)[used_rows, axis]
+        lack_of_fit = rms((by_form - by_triad)[used_rows, axis])
         scaled = zip(k_factor.NAMES, mapped.tolist(), strict=True)
         model = forms.K.write(
             name,
@@ -90,12 +90,12 @@ def fit_k(dwells: DwellSet, chosen: Sequence[KAxisSpec], triad: Triad) -> tuple[
     return tuple(models)
 
 
-def corrections(chosen: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
+def corrections(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
     """Design [n, 3, 30] of corrected components by K0 … K9 of x, y and z, 0 of those that are not
     fitted, for temperatures t [n] in the unit that K is meant for.
     """
     design = np.zeros((len(t), 3, 30))
-    for axis, orders in enumerate(chosen):
+    for axis, orders in enumerate(orders_of_axes):
         fitted = list(orders.fitted)
         columns = k_factor.columns(indication, t, axis, fitted)
         design[:, axis, [10 * axis + number for number in fitted]] = columns

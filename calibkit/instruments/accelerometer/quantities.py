@@ -86,8 +86,8 @@ def _component(form: Form, model: Model, axis: int | None) -> Callable[[At], Poi
     point = of_form(form, model, _inputs(model), axis)
     words = Words("lack of fit of the K-factor", "K 系数的失拟")
     sizes = [p.value for p in model.parameters if p.name == "lack_of_fit" and p.value > 0.0]
-    more = tuple((words, size, float("inf")) for size in sizes)
-    return lambda at: replace(point(at), more=more)
+    further = tuple((words, size, float("inf")) for size in sizes)
+    return lambda inputs: replace(point(inputs), more=further)
 
 
 def _by_compensation(
@@ -120,17 +120,17 @@ def _by_compensation(
 def _components(stage: str, model: Model) -> list[Quantity]:
     """Corrected components that a model gives by itself."""
     form = {form.name: form for form in forms.FORMS}[model.form]
-    named: list[tuple[str, Words, int | None]] = [
+    components: list[tuple[str, Words, int | None]] = [
         (f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}"), axis)
         for axis, letter in enumerate(AXES)
     ]
     if form is forms.K:
-        named = [("component", Words("corrected component", "修正分量"), None)]
+        components = [("component", Words("corrected component", "修正分量"), None)]
     return [
         Quantity(
             *(name, stage, model.name, words, "g", _inputs(model)), _component(form, model, axis)
         )
-        for name, words, axis in named
+        for name, words, axis in components
     ]
 
 

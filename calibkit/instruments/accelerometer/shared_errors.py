@@ -68,9 +68,9 @@ SEPARATE = 1e-6
 def number_attitudes(gravity: Array) -> Integers:
     """Number [n] of the attitude that each dwell repeats, from gravity vectors [n, 3] [g]."""
     number = np.full(len(gravity), -1)
-    while (rest := np.flatnonzero(number < 0)).size:
-        apart = np.linalg.norm(gravity[rest] - gravity[rest[0]], axis=1)
-        number[rest[apart < SAME_ATTITUDE]] = number.max() + 1
+    while (unnumbered := np.flatnonzero(number < 0)).size:
+        distance = np.linalg.norm(gravity[unnumbered] - gravity[unnumbered[0]], axis=1)
+        number[unnumbered[distance < SAME_ATTITUDE]] = number.max() + 1
     return number
 
 
@@ -104,20 +104,20 @@ def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) 
     axes = np.broadcast_to(np.eye(3), (count, 3, 3))
     by_scale = axes * gravity[:, None, :]
     # (group, effect), levels, and derivatives [n, 3, k] of the corrected vector by the errors
-    offered = [(ZERO, soak, axes)]
+    candidates = [(ZERO, soak, axes)]
     if per_dwell == 3:  # of lengths, attitudes are unknown
         theta, phi = np.radians(dwells.inclination), np.radians(dwells.toolface)
         (up, across), attitude = angle_slopes(theta, phi), number_attitudes(gravity)
-        both, around = np.stack([up, across], axis=2), across * np.sin(theta)[:, None]
+        by_angles, by_toolface = np.stack([up, across], axis=2), across * np.sin(theta)[:, None]
         if 2 * (attitude.max() + 1) <= count:  # else it is noise
-            offered.append((INDEX, attitude, both))
-        turned = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
-        offered += [(SET_UP, all_dwells, turned), (("table", "tilt"), all_dwells, both)]
+            candidates.append((INDEX, attitude, by_angles))
+        by_set_up = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
+        candidates += [(SET_UP, all_dwells, by_set_up), (("table", "tilt"), all_dwells, by_angles)]
         # an encoder that is off its axis reads wrong by a sine over the turn
         eccentric = [up * f(theta)[:, None] for f in (np.sin, np.cos)]
-        eccentric += [around * f(phi)[:, None] for f in (np.sin, np.cos)]
-        offered.append((("table", "eccentricity"), all_dwells, np.stack(eccentric, axis=2)))
-    offered.append((("soak", "scale"), soak, by_scale))
+        eccentric += [by_toolface * f(phi)[:, None] for f in (np.sin, np.cos)]
+        candidates.append((("table", "eccentricity"), all_dwells, np.stack(eccentric, axis=2)))
+    candidates.append((("soak", "scale"), soak, by_scale))
     seconds = dwells.time if timed else UNTIMED_DWELL_S * np.arange(count)
     begin = np.full(int(soak.max()) + 1, np.inf)
     np.minimum.at(begin, soak, seconds)
@@ -125,14 +125,14 @@ def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) 
     by_settling = np.einsum("nij,nk->nijk", axes, settling).reshape(count, 3, -1)
     gravity_before = np.roll(gravity, 1, axis=0)
     gravity_before[np.diff(dwells.log, prepend=-1) != 0] = 0.0  # at the start of a log
-    offered += [
+    candidates += [
         (("soak", "settling"), all_dwells, by_settling),
         (("attitude", "memory"), all_dwells, axes * gravity_before[:, None, :]),
         (SECOND_ORDER, all_dwells, by_scale * gravity[:, None, :]),
     ]
     if timed:
         hours = (seconds - seconds.mean()) / SECONDS_PER_HOUR
-        offered.append((DRIFT, all_dwells, axes * hours[:, None, None]))
+        candidates.append((DRIFT, all_dwells, axes * hours[:, None, None]))
     return [
         Shared(
             group=name[0],
@@ -143,7 +143,7 @@ def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) 
             largest=LARGEST[UNITS[name]],
             optional=name not in (ZERO, INDEX),
         )
-        for name, level, slopes in offered
+        for name, level, slopes in candidates
     ]
 
 
@@ -154,39 +154,39 @@ def state_errors(
     parameter; raises RecipeError for a stated error that there is not.
     """
     one_soak = number_soaks(dwells.temperature, dwells.log).max() == 0
-    listed = list_errors(dwells, gravity, along, timed=tells_time(dwells) and not one_soak)
+    candidates = list_errors(dwells, gravity, along, timed=tells_time(dwells) and not one_soak)
     parameters = {
         "tilt": spec.affine.tilt,
         "second order": spec.affine.second_order,
         "set-up": spec.affine.fixture,
     }
     if spec.affine.enabled:
-        listed = [error for error in listed if not parameters.get(error.effect)]
+        candidates = [error for error in candidates if not parameters.get(error.effect)]
     # no dwell tells a set-up from axes that are turned together; a few wrong dwells at the begin of
     # a single soak look as if its zero settled
-    alike = {SET_UP, ("soak", "settling")} if one_soak else {SET_UP}
+    indistinct = {SET_UP, ("soak", "settling")} if one_soak else {SET_UP}
     return [
         error
-        for error in state_sizes(spec.errors, listed)
-        if (error.group, error.effect) not in alike or error.size is not None
+        for error in state_sizes(spec.errors, candidates)
+        if (error.group, error.effect) not in indistinct or error.size is not None
     ]
 
 
-def separable(listed: Sequence[Shared], jacobian: Array) -> list[Shared]:
+def separable(candidates: Sequence[Shared], jacobian: Array) -> list[Shared]:
     """Errors that a fit may take: of optional ones those of which parameters with derivatives
     [n, p] leave enough; else chance makes them large, and the parameters wrong by as much.
     """
     Q, _ = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))
-    offered = []
-    for error in listed:
+    separated = []
+    for error in candidates:
         if error.optional:
             # |Z - Q Qᵀ Z|² = |Z|² - |Qᵀ Z|², in which no matrix Z stands
-            whole = np.sum(error.loading[error.level >= 0] ** 2)
-            left = whole - np.sum(error.gathered(Q) ** 2)
-            if left <= SEEN**2 * whole:
+            all_squares = np.sum(error.loading[error.level >= 0] ** 2)
+            left_squares = all_squares - np.sum(error.gathered(Q) ** 2)
+            if left_squares <= SEEN**2 * all_squares:
                 continue
-        offered.append(error)
-    return offered
+        separated.append(error)
+    return separated
 
 
 def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
@@ -197,7 +197,7 @@ def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
 
 
 def bounded_errors(
-    fit: Fit, offered: Sequence[Shared], jacobian: Array, by_scale: Array, per_dwell: int
+    fit: Fit, candidates: Sequence[Shared], jacobian: Array, by_scale: Array, per_dwell: int
 ) -> tuple[tuple[Shared, ...], tuple[str, ...]]:
     """Errors that are in U alone, as large as the data allow, and flags.
 
@@ -210,11 +210,11 @@ def bounded_errors(
     for the likelihood to ask for, h = √(6/3 / mean(left²/σ²)): such may lie anywhere below, of
     three sensors alike.
     """
-    kept = {(size.error.group, size.error.effect): size for size in fit.shared}
-    by_name = {(error.group, error.effect): error for error in offered}
+    fitted = {(size.error.group, size.error.effect): size for size in fit.shared}
+    by_name = {(error.group, error.effect): error for error in candidates}
     bounded, flags = [], list[str]()
     drift, second = by_name.get(DRIFT), by_name.get(SECOND_ORDER)
-    if drift is not None and drift.size is None and DRIFT not in kept:
+    if drift is not None and drift.size is None and DRIFT not in fitted:
         length = np.linalg.norm(drift.loading, axis=0)
         left = np.linalg.norm(beside(jacobian, drift.loading), axis=0)
         if np.all(left > SEPARATE * length):
@@ -230,10 +230,10 @@ def bounded_errors(
         left = beside(jacobian, second.loading) / fit.noise[:, None]
         # of a sensor that gravity never lies along nothing is left
         information = np.maximum(np.sum(left**2, axis=0), 1e-30)
-        if SECOND_ORDER in kept:
-            shown = kept[SECOND_ORDER]
-            unsure = 1.0 / (information + max(shown.value, 1e-30) ** -2.0)
-            size = np.sqrt(shown.errors[0] ** 2 + unsure)
+        if SECOND_ORDER in fitted:
+            size_shown = fitted[SECOND_ORDER]
+            unsure = 1.0 / (information + max(size_shown.value, 1e-30) ** -2.0)
+            size = np.sqrt(size_shown.errors[0] ** 2 + unsure)
             bounded.append((("lacking terms", "scale"), by_scale * size, HALF_INTERVAL))
         elif per_dwell == 1:
             hidden = float(np.sqrt(ASKED_FOR / 3.0 / np.mean(information)))

@@ -103,19 +103,19 @@ def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
     ]
     angle = np.tile(np.array(spots), (len(conditions.temperatures_degc), 1))
     # the chamber settles a little off its set point, the sensors follow the case
-    held = np.repeat(np.array(conditions.temperatures_degc), len(spots)) + rng.normal(
+    sensor_degc = np.repeat(np.array(conditions.temperatures_degc), len(spots)) + rng.normal(
         0.0, 0.2, len(angle)
     )
-    stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
-    vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
-    indicated = indications(sensors, vector, held) + rng.normal(
+    true_angles = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
+    vector = attitude.gravity_vector(true_angles[:, 0], true_angles[:, 1])
+    indicated = indications(sensors, vector, sensor_degc) + rng.normal(
         0.0, conditions.noise_g, (len(angle), 3)
     )
     wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
     indicated[wild] += rng.uniform(2e-3, 0.3, (wild.size, 3)) * rng.choice(
         [-1.0, 1.0], (wild.size, 3)
     )
-    case = held + rng.normal(0.0, conditions.thermometer_noise_degc, len(angle))
+    case = sensor_degc + rng.normal(0.0, conditions.thermometer_noise_degc, len(angle))
     columns = {
         "temp_case_degc": case,
         "inclination_deg": angle[:, 0],
@@ -137,13 +137,13 @@ def indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array
     """Noise-free indications [n, 3] of three sensors in gravity [n, 3] [g] at sensor temperatures
     [n] [°C].
     """
-    along = np.column_stack(
+    acting = np.column_stack(
         [np.sum(gravity * _sensitive_axis(s, temperature), axis=1) for s in sensors]
     )
     warm = temperature - 25.0
     columns = []
     for i, sensor in enumerate(sensors):
-        own, next_axis = along[:, i], along[:, (i + 1) % 3]
+        own_axis, next_axis = acting[:, i], acting[:, (i + 1) % 3]
         scale = sensor.scale_factor * np.exp(
             -sensor.flux_loss * warm - sensor.flux_curvature * warm**2
         )
@@ -153,20 +153,20 @@ def indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array
             + sensor.bias_bend * np.tanh(warm / sensor.bend_width)
         )
         higher = (
-            sensor.second_order * own**2
-            + sensor.third_order * own**3
-            + sensor.cross_product * own * next_axis
+            sensor.second_order * own_axis**2
+            + sensor.third_order * own_axis**3
+            + sensor.cross_product * own_axis * next_axis
         )
-        columns.append(scale * (own + higher + bias))
+        columns.append(scale * (own_axis + higher + bias))
     return np.column_stack(columns)
 
 
 def _sensitive_axis(sensor: _Sensor, temperature: Array) -> Array:
     """Unit vectors [n, 3] of the sensitive axis at temperatures [n] [°C]."""
-    turned = np.cross(
+    change = np.cross(
         np.array(sensor.axis_turn) * (temperature - 25.0)[:, None], np.array(sensor.axis)
     )
-    vectors = np.array(sensor.axis) + turned
+    vectors = np.array(sensor.axis) + change
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
 
 

@@ -45,22 +45,22 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
     scale += 1.0
     axes = q_factor.axes_from_angles(q)
     second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
-    logs, held = {}, {}
+    logs, attitudes = {}, {}
     for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):
         directions = _directions(rng, count)
-        along = path(rng, directions) @ axes.T
-        walk = np.cumsum(rng.normal(0.0, WALK_G, along.shape), axis=0)
+        acting = path(rng, directions) @ axes.T
+        walk = np.cumsum(rng.normal(0.0, WALK_G, acting.shape), axis=0)
         indicated = (
-            scale * (along + second_order * along**2)
+            scale * (acting + second_order * acting**2)
             + bias
             + walk
-            + rng.normal(0.0, NOISE_G, along.shape)
+            + rng.normal(0.0, NOISE_G, acting.shape)
         )
         logs[name] = {
-            "time_s": np.arange(len(along)) * INTERVAL_S,
+            "time_s": np.arange(len(acting)) * INTERVAL_S,
             **{f"accel_{axis}_g": indicated[:, k] for k, axis in enumerate("xyz")},
         }
-        held[name] = directions.tolist()
+        attitudes[name] = directions.tolist()
     truth = {
         "procedure": "accelerometer_magnitude",
         "seed": seed,
@@ -69,7 +69,7 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
         "Q": q.tolist(),
         "second_order": second_order.tolist(),
         "units": {"k": "1", "b": "g", "Q": "rad", "second_order": "g/g^2"},
-        "gravity": held,
+        "gravity": attitudes,
     }
     return Campaign(logs, DECIMALS, truth)
 
@@ -90,9 +90,9 @@ def path(rng: np.random.Generator, directions: Array, hold_s: float = HOLD_S) ->
     hold, turn = round(hold_s / INTERVAL_S), round(TURN_S / INTERVAL_S)
     share = np.linspace(0.0, 1.0, turn, endpoint=False)[:, None]
     pieces = []
-    for here, after in zip(directions, np.roll(directions, -1, axis=0), strict=True):
+    for attitude, next_attitude in zip(directions, np.roll(directions, -1, axis=0), strict=True):
         pieces += [
-            np.tile(here, (hold, 1)),
-            here + (after - here) * share + rng.normal(0.0, SHAKE_G, (turn, 3)),
+            np.tile(attitude, (hold, 1)),
+            attitude + (next_attitude - attitude) * share + rng.normal(0.0, SHAKE_G, (turn, 3)),
         ]
     return np.concatenate(pieces)

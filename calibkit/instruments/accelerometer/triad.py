@@ -57,13 +57,13 @@ class Triad:
         held.
         """
         lengths = self.residuals.shape[1] == 1
-        residual, *moved = (
+        residual, *shifted_residuals = (
             residual_of(one, self.terms, self.mapped(one.temperature), lengths=lengths)
             for one in (dwells, *shifted)
         )
         return [
             replace(self, fit=replace(self.fit, parameters=self.fit.parameters + change))
-            for change in sensitivities(residual, moved, self.fit)
+            for change in sensitivities(residual, shifted_residuals, self.fit)
         ]
 
     @property
@@ -134,11 +134,11 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     if lengths:
         gravity = terms.corrected(values, dwells.indication, t)
         directions = (gravity / length(gravity)[:, None])[:, None, :]
-    offered = shared_errors.state_errors(dwells, gravity, directions, spec)
+    candidates = shared_errors.state_errors(dwells, gravity, directions, spec)
     fit = solve(
         residual,
         values,
-        shared_errors.separable(offered, derivative(lambda p: residual(p).ravel(), values)),
+        shared_errors.separable(candidates, derivative(lambda p: residual(p).ravel(), values)),
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
         noise=noise,
@@ -150,7 +150,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     # 3. Errors that are in U alone.
     jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
     by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
-    bounds, flags = shared_errors.bounded_errors(fit, offered, jacobian, by_scale, per_dwell)
+    bounds, flags = shared_errors.bounded_errors(fit, candidates, jacobian, by_scale, per_dwell)
     if not fit.converged:
         flags += ("the fit did not come to rest: look at the residuals before you rely on it",)
     residuals = fit.residual.reshape(-1, per_dwell)

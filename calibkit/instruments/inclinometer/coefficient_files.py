@@ -34,8 +34,8 @@ LATITUDE_STEP_DEG, INDEX_STEP_DEG, SHARE = 1e-3, 1e-3, 1e-5
 def make_result(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
-    seen: SolvedStations,
-    found: AngleErrors,
+    solved: SolvedStations,
+    angles: AngleErrors,
     notes: Iterable[str],
     spec: InclinometerRecipe,
 ) -> StageResult:
@@ -43,34 +43,38 @@ def make_result(
     and stations used, azimuth errors before and after correction; flags of noises and scatters
     that are estimated from too few degrees of freedom.
     """
-    figures, few, of_fits = [], [], []
+    figures, of_few_dof, of_fits = [], [], []
     for axis, scale in fits.items():
-        at, valid, noise = spec.reference_temp_degc, scale.model.valid, scale.model.noise
-        prior = scale.model.prior(np.array([at if valid is None else np.clip(at, *valid)]))
+        degc, valid, noise = (
+            spec.reference_temp_degc,
+            scale.model.valid,
+            scale.model.noise,
+        )
+        prior = scale.model.prior(np.array([degc if valid is None else np.clip(degc, *valid)]))
         figures += [
             Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0])),
             Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0),
         ]
         if noise.dof < FEW:
-            few.append(
+            of_few_dof.append(
                 f"{axis}: the noise of a reading is known from {noise.dof} degrees of freedom:"
                 " state stations.gyro_noise_dph and stations.accel_noise_g"
             )
         if scale.dof < FEW:
-            few.append(
+            of_few_dof.append(
                 f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
             )
         of_fits += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
-    refused = int(seen.refused.sum())
+    refused = int(solved.refused.sum())
     figures += [
-        Figure("stations_used", float(seen.refused.size - refused), "1", 0.0),
+        Figure("stations_used", float(solved.refused.size - refused), "1", 0.0),
         Figure("stations_refused", float(refused), "1", 0.0),
     ]
-    known = found.known
-    if known.any():
-        for when, errors in (("before", found.before), ("after", found.after)):
-            value = rms(errors[known])
-            u = float(value * np.sqrt(1.0 / (2.0 * known.sum())))
+    with_reference = angles.known
+    if with_reference.any():
+        for when, errors in (("before", angles.before), ("after", angles.after)):
+            value = rms(errors[with_reference])
+            u = float(value * np.sqrt(1.0 / (2.0 * with_reference.sum())))
             figures.append(Figure(f"azimuth_rms_{when}", value, "deg", u))
     place, gravity = spec.site, spec.site.local_gravity()
     site = [Condition("latitude", place.latitude_deg, "deg", place.latitude_uncertainty_deg)]
@@ -80,7 +84,7 @@ def make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         tuple(figures),
-        (*notes, *few, *of_fits, *flag_stations(stations, seen)),
+        (*notes, *of_few_dof, *of_fits, *flag_stations(stations, solved)),
         tuple(site),
     )
 
@@ -88,67 +92,67 @@ def make_result(
 def flag_latitude(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
-    seen: SolvedStations,
+    solved: SolvedStations,
     spec: InclinometerRecipe,
 ) -> list[str]:
     """Flags of gyros with more scatter of s than their readings explain; each states the latitude
     that would explain it, or other causes.
     """
-    flags, stated = [], spec.site.latitude_deg
+    flags, stated_deg = [], spec.site.latitude_deg
     for axis, fit in fits.items():
-        u = seen.solutions[axis].s_root_uncertainty[fit.used]
+        u = solved.solutions[axis].s_root_uncertainty[fit.used]
         expected = float(np.median(u)) if u.size else 0.0
         if not expected or fit.over is None or fit.model.scatter <= SCATTERS * expected:
             continue
-        what = (
+        scatter_words = (
             f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
             f" {expected:.1e}"
         )
         # the root at the recipe's latitude is s(T) - ds/dα × offset
-        pair, parts = seen.solutions[axis], stations.components[axis]
-        latitude = np.full(pair.s.size, stated)
+        pair, parts = solved.solutions[axis], stations.components[axis]
+        latitude = np.full(pair.s.size, stated_deg)
         by_latitude = np.radians(root_slopes(parts, latitude, pair.root >= 0)[:, 4])
         offset, u_offset = fit.over.further_error(-by_latitude, FEWEST)
         reason = (
             "see that site.latitude_deg is right and the gyro does not change from station to"
             " station"
             if abs(offset) < max(SIGNIFICANT * u_offset, LEAST_DEG)
-            else f"the stations fit a latitude of {stated + offset:.2f}° ± {u_offset:.2f}°,"
-            f" site.latitude_deg says {stated:g}°"
+            else f"the stations fit a latitude of {stated_deg + offset:.2f}° ± {u_offset:.2f}°,"
+            f" site.latitude_deg says {stated_deg:g}°"
         )
-        flags.append(f"{what} ({fit.model.scatter / expected:.1f} times): {reason}")
+        flags.append(f"{scatter_words} ({fit.model.scatter / expected:.1f} times): {reason}")
     return flags
 
 
-def flag_stations(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
+def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, refused stations first; stations with the same flag share a line."""
-    contradicted = int(seen.contradicted.sum())
+    contradicted = int(solved.contradicted.sum())
     lines = []
     if 2 * contradicted > len(stations.names):
         lines.append(f"{contradicted} of {len(stations.names)} stations contradict s(T): {WRONG}")
     refused, flagged = [], []
     for name, reason, flags in zip(
-        stations.names, seen.combined.status, seen.combined.flags, strict=True
+        stations.names, solved.combined.status, solved.combined.flags, strict=True
     ):
         if reason:
             refused.append((name, f"refused: {reason}"))
         else:
             flagged += [(name, flag) for flag in flags]
-    named: dict[str, list[str]] = {}
+    stations_of_flag: dict[str, list[str]] = {}
     for name, text in (*refused, *flagged):
-        named.setdefault(text, []).append(name)
+        stations_of_flag.setdefault(text, []).append(name)
     lines += [
         f"station{'s' if len(names) > 1 else ''} {', '.join(names)}: {text}"
-        for text, names in named.items()
+        for text, names in stations_of_flag.items()
     ]
     return tuple(lines)
 
 
 def flag_temperatures(
-    file: str, stations: Stations, found: Mapping[Sensor, ScaleModel]
+    file: str, stations: Stations, models: Mapping[Sensor, ScaleModel]
 ) -> tuple[str, ...]:
     """Flags of stations without a temperature or outside the calibration's temperature range."""
-    valid = next(iter(found.values())).valid
+    valid = next(iter(models.values())).valid
     if valid is None:
         return ()
     low, high = valid
@@ -191,9 +195,9 @@ def find_sensitivities(
         InputError("position_deg", "offset", INDEX_STEP_DEG),
         *(InputError(f"gyro_{axis}_dph", "scale", SHARE) for axis in spec.axes),
     ]
-    known = rows.temperature[np.isfinite(rows.temperature)]
-    if known.size:
-        errors += of_thermometer(TEMPERATURE, float(known.min()), float(known.max()))
+    known_degc = rows.temperature[np.isfinite(rows.temperature)]
+    if known_degc.size:
+        errors += of_thermometer(TEMPERATURE, float(known_degc.min()), float(known_degc.max()))
     sensitivities = []
     for error in errors:
         up = _coefficients_moved(fits, rows, spec, error)
@@ -201,12 +205,12 @@ def find_sensitivities(
         derivatives: dict[str, float] = {}
         for axis, fit in fits.items():
             change = up[axis] - down[axis]
-            at, model = spec.reference_temp_degc, fit.model
-            powers = np.clip(at, *(model.valid or (at, at))) ** np.arange(change.size)
+            degc, model = spec.reference_temp_degc, fit.model
+            powers = np.clip(degc, *(model.valid or (degc, degc))) ** np.arange(change.size)
             values = {f"{axis}.s{k}": float(part) for k, part in enumerate(change)}
             values[f"s_{axis}"] = float(powers @ change)
-            least = ROUNDING * np.append(np.abs(model.coefficients), abs(model.coefficients[0]))
-            for (name, value), rounding in zip(values.items(), least, strict=True):
+            roundings = ROUNDING * np.append(np.abs(model.coefficients), abs(model.coefficients[0]))
+            for (name, value), rounding in zip(values.items(), roundings, strict=True):
                 if abs(value) > rounding:
                     derivatives[f"inclinometer_scale.{name}"] = value / (2.0 * error.step)
         sensitivities.append(Sensitivity(error.input, error.kind, derivatives))

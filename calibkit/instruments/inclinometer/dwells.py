@@ -52,14 +52,14 @@ class DwellLog:
         """Expand a value of each dwell to the rows [n] of the log as it was read; a row between two
         dwells takes the value of the earlier one, or NaN with `standing`.
         """
-        made = log.allocate(len(log.frame))
-        for a, b in chunks.ranges_along(made):
+        of_log_rows = log.allocate(len(log.frame))
+        for a, b in chunks.ranges_along(of_log_rows):
             rows = np.arange(a, b)
             dwell = np.searchsorted(self.start, rows, side="right") - 1
-            made[a:b] = of_row[np.maximum(dwell, 0)]
+            of_log_rows[a:b] = of_row[np.maximum(dwell, 0)]
             if standing:
-                made[a:b][(dwell < 0) | (rows >= self.stop[dwell])] = np.nan
-        return made
+                of_log_rows[a:b][(dwell < 0) | (rows >= self.stop[dwell])] = np.nan
+        return of_log_rows
 
     def held(self) -> tuple[Held, ...]:
         """Row ranges, in the log as it was read, of the stations and, for a continuous log, of the
@@ -67,15 +67,15 @@ class DwellLog:
         """
         station = values(self.log.frame, "station")
         bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
-        held = [
+        conditions = [
             Held("station", int(self.start[a]), int(self.stop[b - 1]), float(b - a), "positions")
             for a, b in pairwise(bounds)
         ]
         if self.continuous:
             position = values(self.log.frame, "position_deg")
             rows = zip(self.start.tolist(), self.stop.tolist(), position.tolist(), strict=True)
-            held += [Held("dwell", a, b, p, "deg") for a, b, p in rows]
-        return tuple(held)
+            conditions += [Held("dwell", a, b, p, "deg") for a, b, p in rows]
+        return tuple(conditions)
 
 
 def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
@@ -106,13 +106,13 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     # The mean of every column over each dwell, circular for angles, and its standard error.
     names = [name for name in frame.columns if pd.api.types.is_numeric_dtype(frame[name])]
     logged = [values(frame, name) for name in names]
-    turning = np.array([name in DIRECTIONS for name in names])
+    circular = np.array([name in DIRECTIONS for name in names])
     averages = []
     for first, end in stands:
         of_dwell = np.column_stack([column[first:end] for column in logged])
         # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
-        turns = of_dwell[:, turning]
-        of_dwell[:, turning] = turns[0] + attitude.wrapped(turns - turns[0])
+        turns = of_dwell[:, circular]
+        of_dwell[:, circular] = turns[0] + attitude.wrapped(turns - turns[0])
         averages.append(average_rows(of_dwell))
         chunks.release(*logged)
     means, errors = np.moveaxis(np.array(averages), 1, 0)
@@ -121,17 +121,17 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         return DwellLog(replace(log, frame=dwells), start, stop, (), continuous=True)
 
     # Stations, from 1: a new one begins where a position repeats or after four positions.
-    station, seen = 1, set[int]()
+    station, quarters = 1, set[int]()
     numbers = []
     for position_deg in values(dwells, "position_deg").tolist():
         quarter = round(position_deg / 90.0) % 4
-        if quarter in seen or len(seen) == len(published.POSITIONS_DEG):
-            station, seen = station + 1, set()
-        seen.add(quarter)
+        if quarter in quarters or len(quarters) == len(published.POSITIONS_DEG):
+            station, quarters = station + 1, set()
+        quarters.add(quarter)
         numbers.append(float(station))
     reduced = replace(log, frame=dwells.assign(station=numbers))
-    found = _find_open_stations(reduced, dict(zip(names, errors.T, strict=True)), spec)
-    return DwellLog(reduced, start, stop, tuple(found), continuous=True)
+    open_stations = _find_open_stations(reduced, dict(zip(names, errors.T, strict=True)), spec)
+    return DwellLog(reduced, start, stop, tuple(open_stations), continuous=True)
 
 
 def _find_runs(log: Log) -> tuple[Integers, Integers]:
@@ -146,10 +146,10 @@ def _find_runs(log: Log) -> tuple[Integers, Integers]:
         cell = np.remainder(
             np.round(np.remainder(position[a : b + 1], 360.0) / width), 360.0 / width
         )
-        moved = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
+        changes = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
         if station is not position:
-            moved |= np.diff(station[a : b + 1]) != 0.0
-        edges.append(np.flatnonzero(moved) + a + 1)
+            changes |= np.diff(station[a : b + 1]) != 0.0
+        edges.append(np.flatnonzero(changes) + a + 1)
     bounds = np.concatenate([*edges, [position.size]])
     return bounds[:-1], bounds[1:]
 
@@ -160,9 +160,9 @@ def _find_stands(
     """First row and end row of the runs in a position that last long enough, without the settling
     time at both ends; raises FrameError where there is none.
     """
-    there = np.isfinite(chunks.take_rows(values(log.frame, "position_deg"), start))
-    start, stop = start[there], stop[there]
-    time, settle_s, kept = values(log.frame, "time_s"), spec.stations.settle_s, []
+    positioned = np.isfinite(chunks.take_rows(values(log.frame, "position_deg"), start))
+    start, stop = start[positioned], stop[positioned]
+    time, settle_s, stands = values(log.frame, "time_s"), spec.stations.settle_s, []
     lasts_s = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
     lasting = lasts_s >= spec.stations.dwell_s
     for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
@@ -170,14 +170,14 @@ def _find_stands(
         first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
         last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
         if last - first >= FEWEST:
-            kept.append((first, last))
+            stands.append((first, last))
         chunks.release(time)
-    if not kept:
+    if not stands:
         raise FrameError(
             f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
             hint="state stations.dwell_s and stations.settle_s as the log was taken",
         )
-    return kept
+    return stands
 
 
 def _find_open_stations(
@@ -190,17 +190,17 @@ def _find_open_stations(
     errors of the readings by column.
     """
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
-    found = []
+    findings = []
     for axis, (kind, word, unit) in product(spec.axes, published.SENSORS):
         name = f"{kind}_{axis}_{word}"
-        both = np.column_stack([values(log.frame, name), errors[name]])
-        stations, four = published.arrange(station, position, both)
+        means_and_errors = np.column_stack([values(log.frame, name), errors[name]])
+        stations, four = published.arrange(station, position, means_and_errors)
         closure = 2.0 * published.closures(four[:, :, 0])
         certain = CERTAIN * np.sqrt(np.sum(four[:, :, 1] ** 2, axis=1))
         for k in np.flatnonzero(np.abs(closure) > np.maximum(CLOSURE[kind], certain)).tolist():
             rows = np.flatnonzero(station == stations[k])
             row = int(rows[0])
-            found.append(
+            findings.append(
                 Finding(
                     f"{log.place(row)}: station {stations[k]:g}: {name}",
                     f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closure[k]:.3g} {unit}",
@@ -211,4 +211,4 @@ def _find_open_stations(
                     line=log.line(row),
                 )
             )
-    return found
+    return findings

@@ -71,18 +71,18 @@ class AngleErrors:
         """Increase of the azimuth error's magnitude by the correction, in its standard
         uncertainties, for the known stations.
         """
-        known = self.known
-        worse = np.abs(self.after[known]) - np.abs(self.before[known])
-        return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
+        with_reference = self.known
+        worse = np.abs(self.after[with_reference]) - np.abs(self.before[with_reference])
+        return np.asarray(worse / self.standard_uncertainty[with_reference], dtype=np.float64)
 
     def turn(self) -> tuple[float, float]:
         """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
         errors of the known stations share, and its standard uncertainty [°].
         """
-        slope, u, known = self.by_turn, self.noise, self.known
-        weight = np.where(known, slope / u**2, 0.0)
+        slope, u, with_reference = self.by_turn, self.noise, self.known
+        weight = np.where(with_reference, slope / u**2, 0.0)
         power = float(np.nansum(weight * slope))
-        shared = rms(self.stated[known]) / rms(slope[known])
+        shared = rms(self.stated[with_reference]) / rms(slope[with_reference])
         return float(np.nansum(weight * self.after)) / power, float(np.hypot(power**-0.5, shared))
 
     def judge_uncertainty(self, name: str) -> Criterion:
@@ -90,20 +90,20 @@ class AngleErrors:
         them altogether, since s(T) is common to all.
         """
         u = self.standard_uncertainty[self.known]
-        judged = unseen(self.after[self.known], u[:, None])
-        return over_u(f"{name}: rms azimuth error", judged.to_object())
+        comparison = unseen(self.after[self.known], u[:, None])
+        return over_u(f"{name}: rms azimuth error", comparison.to_object())
 
     def judge_turn(self, name: str) -> Criterion:
         """Criterion that azimuth errors of unseen stations share no turn."""
         angle, u = self.turn()
-        what = f"{name}: turn that azimuths share, over its u"
-        return at_most(what, abs(angle) / u, TURNED, "1", "calibkit")
+        criterion = f"{name}: turn that azimuths share, over its u"
+        return at_most(criterion, abs(angle) / u, TURNED, "1", "calibkit")
 
     def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits."""
-        limits, known = spec.acceptance, self.known
+        limits, with_reference = spec.acceptance, self.known
         tests = [
-            ("azimuth rms", rms(self.after[known]), limits.max_azimuth_rms_deg),
+            ("azimuth rms", rms(self.after[with_reference]), limits.max_azimuth_rms_deg),
             ("largest azimuth error", largest(self.after), limits.max_azimuth_error_deg),
             (
                 "largest inclination error",
@@ -119,12 +119,12 @@ class AngleErrors:
         )
 
     @classmethod
-    def compare(cls, stations: Stations, seen: SolvedStations) -> Self:
+    def compare(cls, stations: Stations, solved: SolvedStations) -> Self:
         """Errors of all stations."""
-        reference, combined, mounted = stations.reference, seen.combined, seen.mounted
+        reference, combined, mounted = stations.reference, solved.combined, solved.mounted
         with np.errstate(invalid="ignore"):
             return cls(
-                np.where(seen.refused, np.nan, combined.inclination_deg - reference[:, 0]),
+                np.where(solved.refused, np.nan, combined.inclination_deg - reference[:, 0]),
                 wrapped(combined.toolface_deg - reference[:, 1]),
                 wrapped(combined.uncorrected_deg - reference[:, 2]),
                 wrapped(combined.azimuth_deg - reference[:, 2]),
@@ -146,36 +146,39 @@ def largest(values: Array) -> float:
     return float(finite.max()) if finite.size else float("nan")
 
 
-def tabulate_stations(stations: Stations, seen: SolvedStations, found: AngleErrors) -> Table:
+def tabulate_stations(stations: Stations, solved: SolvedStations, angles: AngleErrors) -> Table:
     """Table of the azimuth before and after correction, a row for each station."""
 
     def fixed(values: Array, decimals: int = 3) -> list[str]:
         return [f"{v:.{decimals}f}" if np.isfinite(v) else "-" for v in values.tolist()]
 
-    U = [f"{COVERAGE * u:#.2g}" for u in found.standard_uncertainty.tolist()]
+    U = [f"{COVERAGE * u:#.2g}" for u in angles.standard_uncertainty.tolist()]
     columns = {
         "station": stations.names,
-        "incl. [°]": fixed(seen.combined.inclination_deg),
-        "toolface [°]": fixed(seen.combined.toolface_deg),
-        "azimuth s=1 [°]": fixed(seen.combined.uncorrected_deg),
-        "azimuth [°]": fixed(seen.combined.azimuth_deg),
-        "U (k = 2) [°]": np.where(seen.refused, "refused", U).tolist(),
-        **{f"s {axis}": fixed(pair.s, 6) for axis, pair in seen.solutions.items()},
+        "incl. [°]": fixed(solved.combined.inclination_deg),
+        "toolface [°]": fixed(solved.combined.toolface_deg),
+        "azimuth s=1 [°]": fixed(solved.combined.uncorrected_deg),
+        "azimuth [°]": fixed(solved.combined.azimuth_deg),
+        "U (k = 2) [°]": np.where(solved.refused, "refused", U).tolist(),
+        **{f"s {axis}": fixed(pair.s, 6) for axis, pair in solved.solutions.items()},
     }
-    if found.known.any():
-        columns |= {"error s=1 [°]": fixed(found.before), "error [°]": fixed(found.after)}
+    if angles.known.any():
+        columns |= {
+            "error s=1 [°]": fixed(angles.before),
+            "error [°]": fixed(angles.after),
+        }
     return Table(TITLE, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
-def tabulate_errors(found: AngleErrors, title: str) -> Table:
+def tabulate_errors(angles: AngleErrors, title: str) -> Table:
     """Table of the errors over all stations, before and after correction; s does not affect
     inclination and toolface.
     """
-    known = found.known
-    rows = [("azimuth", found.before[known], found.after[known])]
+    with_reference = angles.known
+    rows = [("azimuth", angles.before[with_reference], angles.after[with_reference])]
     rows += [
         (name, values[np.isfinite(values)], values[np.isfinite(values)])
-        for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
+        for name, values in (("inclination", angles.inclination), ("toolface", angles.toolface))
         if np.isfinite(values).any()
     ]
     cells = tuple(
@@ -193,14 +196,14 @@ def tabulate_errors(found: AngleErrors, title: str) -> Table:
 def summarize(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
-    seen: SolvedStations,
-    found: AngleErrors,
+    solved: SolvedStations,
+    angles: AngleErrors,
     flags: tuple[str, ...],
     spec: InclinometerRecipe,
     results: Sequence[Table],
 ) -> Summary:
     """Summary of a fit, as the console shows it, with the tables of its results at the end."""
-    table, count = tabulate_stations(stations, seen, found), len(stations.names)
+    table, count = tabulate_stations(stations, solved, angles), len(stations.names)
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
         table = replace(table, title=title, rows=table.rows[:SHOWN])
@@ -212,18 +215,18 @@ def summarize(
         fitted_to.append((axis, f"{scale.model.scatter:.1e}", degc, used))
     heads = ("gyro", "scatter", "valid [°C]", "roots used")
     tables = [Table("Roots of the in-situ scale factor s(T)", heads, tuple(fitted_to)), table]
-    if found.known.any():
+    if angles.known.any():
         title = "Errors against the reference, each station by the s(T) of the others"
-        tables.append(tabulate_errors(found, title))
+        tables.append(tabulate_errors(angles, title))
     tables += results
-    criteria, limits = found.criteria(spec), spec.acceptance
-    stated = any(limit is not None for name, limit in limits if name.endswith("_deg"))
-    untested = stated and not criteria
+    criteria, limits = angles.criteria(spec), spec.acceptance
+    limited = any(limit is not None for name, limit in limits if name.endswith("_deg"))
+    untested = limited and not criteria
     for axis, scale in fits.items():
-        u = seen.solutions[axis].s_root_uncertainty[scale.used]
+        u = solved.solutions[axis].s_root_uncertainty[scale.used]
         if limits.max_residual_over_noise is not None and u.min() > COMPUTED:
             of_model = scale.model.prior(np.nan_to_num(stations.temperature)).s
-            left = (seen.solutions[axis].s_root - of_model)[scale.used]
+            left = (solved.solutions[axis].s_root - of_model)[scale.used]
             name = f"gyro {axis}: residual over noise"
             criteria += (at_most(name, rms(left / u), limits.max_residual_over_noise, "1"),)
     conclusion = ""
@@ -233,12 +236,12 @@ def summarize(
         conclusion = f"No verdict: {UNTESTED}"
 
     # first screen: U of the azimuths, what s changes, errors where the azimuths are known
-    solved, facts = ~seen.refused, list[str]()
-    U = COVERAGE * found.standard_uncertainty[solved]
+    with_result, facts = ~solved.refused, list[str]()
+    U = COVERAGE * angles.standard_uncertainty[with_result]
     if not U.size:
         first = Overview("No station has a result.", (), (), table)
         return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
-    shift = wrapped(seen.combined.azimuth_deg - seen.combined.uncorrected_deg)[solved]
+    shift = wrapped(solved.combined.azimuth_deg - solved.combined.uncorrected_deg)[with_result]
     values = [
         KeyValue("median U (k = 2) of the azimuth", float(np.median(U)), "°"),
         KeyValue("largest U (k = 2) of the azimuth", float(U.max()), "°"),
@@ -249,8 +252,11 @@ def summarize(
         f" median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
         f" {largest(shift):.2g}°."
     )
-    if found.known.any():
-        before, after = rms(found.before[found.known]), rms(found.after[found.known])
+    if angles.known.any():
+        before, after = (
+            rms(angles.before[angles.known]),
+            rms(angles.after[angles.known]),
+        )
         facts.append(
             f"Azimuth error against the reference (rms): {before:.3g}° before, {after:.3g}° after,"
             " each station by the s(T) of the others."
@@ -261,41 +267,41 @@ def summarize(
 
 
 def list_validation(
-    log: Log, stations: Stations, seen: SolvedStations, found: AngleErrors
+    log: Log, stations: Stations, solved: SolvedStations, angles: AngleErrors
 ) -> dict[str, object]:
     """JSON object of one validated log."""
-    angles = {
+    by_angle = {
         f"{name}_{figure}_deg": number_or_none(value)
-        for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
+        for name, values in (("inclination", angles.inclination), ("toolface", angles.toolface))
         for figure, value in (("rms", rms(values)), ("max", largest(values)))
     }
     azimuth = {
-        when: {
-            "azimuth_rms_deg": number_or_none(rms(values[found.known])),
-            "azimuth_max_deg": number_or_none(largest(values[found.known])),
-            **angles,
+        stage: {
+            "azimuth_rms_deg": number_or_none(rms(values[angles.known])),
+            "azimuth_max_deg": number_or_none(largest(values[angles.known])),
+            **by_angle,
         }
-        for when, values in (("before", found.before), ("after", found.after))
+        for stage, values in (("before", angles.before), ("after", angles.after))
     }
     return {
         "name": log.file,
         "sha256": log.sha256,
         "rows": log.rows,
-        "stations_used": int((~seen.refused).sum()),
-        "stations_refused": int(seen.refused.sum()),
+        "stations_used": int((~solved.refused).sum()),
+        "stations_refused": int(solved.refused.sum()),
         **azimuth,
         "worse_than_uncorrected_over_u": number_or_none(
-            float(found.excess.max()) if found.excess.size else float("nan")
+            float(angles.excess.max()) if angles.excess.size else float("nan")
         ),
         "stations": [
             {
                 "station": name,
-                "azimuth_error_before_deg": number_or_none(float(found.before[k])),
-                "azimuth_error_after_deg": number_or_none(float(found.after[k])),
+                "azimuth_error_before_deg": number_or_none(float(angles.before[k])),
+                "azimuth_error_after_deg": number_or_none(float(angles.after[k])),
                 "azimuth_standard_uncertainty_deg": number_or_none(
-                    float(found.standard_uncertainty[k])
+                    float(angles.standard_uncertainty[k])
                 ),
-                "refused": seen.combined.status[k],
+                "refused": solved.combined.status[k],
             }
             for k, name in enumerate(stations.names)
         ],

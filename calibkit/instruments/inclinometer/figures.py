@@ -70,14 +70,14 @@ def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
     valid, count = fit.model.valid, len(stations.names)
     x = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
     grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)
-    known, u = np.isfinite(pair.s_root), pair.s_root_uncertainty
+    measured, u = np.isfinite(pair.s_root), pair.s_root_uncertainty
     bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
-    for there, colour, name in (
-        (known & fit.used, DENOISED, "roots used"),
-        (known & ~fit.used, RAW, "roots not used"),
+    for points_of, colour, name in (
+        (measured & fit.used, DENOISED, "roots used"),
+        (measured & ~fit.used, RAW, "roots not used"),
     ):
-        if there.any():
-            points = x[there], pair.s_root[there], bars[there]
+        if points_of.any():
+            points = x[points_of], pair.s_root[points_of], bars[points_of]
             ax.errorbar(*points, fmt="o", ms=3, lw=0.8, color=colour, label=name)
     prior = fit.model.prior(grid)
     low, high = (prior.s + sign * 2.0 * prior.standard_uncertainty for sign in (-1.0, 1.0))
@@ -87,11 +87,11 @@ def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
     ax.set(title=f"gyro {axis}: bars k = 2", xlabel=label, ylabel="s [1]")
     ax.ticklabel_format(useOffset=False)
     # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
-    used = fit.used & known
-    least = min([*(pair.s_root - bars)[used], *low])
-    most = max([*(pair.s_root + bars)[used], *high])
-    margin = 0.06 * (most - least) + 1e-6
-    ax.set_ylim(least - margin, most + margin)
+    used = fit.used & measured
+    lowest = min([*(pair.s_root - bars)[used], *low])
+    highest = max([*(pair.s_root + bars)[used], *high])
+    margin = 0.06 * (highest - lowest) + 1e-6
+    ax.set_ylim(lowest - margin, highest + margin)
     ax.legend(loc="best", ncols=3)
 
 
@@ -125,14 +125,14 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
 
 def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Figures of a fit, and its summary with the table of all stations."""
-    first, _, *others = fitted.summary.tables
+    first, _, *further_tables = fitted.summary.tables
     report = fitted.drawing
     table = tabulate_stations(report.stations, report.seen, report.errors)
-    whole = replace(fitted.summary, tables=(first, table, *others))
+    full_summary = replace(fitted.summary, tables=(first, table, *further_tables))
     count = len(report.fits)
     scales, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
     )
     for ax, axis in zip(axes, report.fits, strict=True):
         _draw_curve(ax, axis, report)
-    return Drawn((_draw_azimuth(title, report), scales), whole)
+    return Drawn((_draw_azimuth(title, report), scales), full_summary)

@@ -42,9 +42,9 @@ class ScaleModel:
         unknown temperature is distributed uniformly over the range (GUM 4.3.7).
         """
         low, high = self.valid or (0.0, 0.0)
-        known = np.isfinite(temperature)
+        logged = np.isfinite(temperature)
         # at the stations, then over the range
-        degc = np.append(np.where(known, temperature, low), np.linspace(low, high, 41))
+        degc = np.append(np.where(logged, temperature, low), np.linspace(low, high, 41))
         clamped = np.clip(degc, low, high)
         powers = np.vander(clamped, self.coefficients.size, increasing=True)
         slope = powers[:, :-1] @ (self.coefficients[1:] * np.arange(1, self.coefficients.size))
@@ -54,7 +54,7 @@ class ScaleModel:
         count = temperature.size
         of_range, middle = u[count:].max(), (s[count:].min() + s[count:].max()) / 2.0
         spread = np.hypot(of_range, np.ptp(s[count:]) / np.sqrt(12.0))
-        return Prior(np.where(known, s[:count], middle), np.where(known, u[:count], spread))
+        return Prior(np.where(logged, s[:count], middle), np.where(logged, u[:count], spread))
 
     @classmethod
     def read(cls, model: Model) -> Self:

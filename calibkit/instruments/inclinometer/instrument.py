@@ -69,8 +69,8 @@ def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = inges
         columns.append("time_s")
     if spec.root.choice == "heading":
         columns.append("azimuth_deg")
-    known = ("station", "time_s", TEMPERATURE, *inclinometer_stations.REFERENCE)
-    optional = tuple(name for name in known if name not in columns)
+    further_columns = ("station", "time_s", TEMPERATURE, *inclinometer_stations.REFERENCE)
+    optional = tuple(name for name in further_columns if name not in columns)
     return reader(spec.on_site(), data / file, file, tuple(columns), optional)
 
 
@@ -83,15 +83,15 @@ def fit(
             ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
-    admitted, found = inclinometer_stations.admit_logs(logs, spec)
+    admitted, findings = inclinometer_stations.admit_logs(logs, spec)
     rows = inclinometer_stations.Rows.gather(admitted, spec.on_site())
     stations = inclinometer_stations.solve_components(rows, spec)
-    fits, seen = solve.fit_scale(stations, spec)
+    fits, solved = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
-    notes += [str(finding) for finding in found if finding.flagged]
-    notes += coefficient_files.flag_latitude(fits, stations, seen, spec)
-    angles = errors.AngleErrors.compare(stations, seen)
-    result = coefficient_files.make_result(fits, stations, seen, angles, notes, spec)
+    notes += [str(finding) for finding in findings if finding.flagged]
+    notes += coefficient_files.flag_latitude(fits, stations, solved, spec)
+    angles = errors.AngleErrors.compare(stations, solved)
+    result = coefficient_files.make_result(fits, stations, solved, angles, notes, spec)
     influences = coefficient_files.find_sensitivities(fits, rows, spec.on_site())
     results = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
@@ -101,8 +101,8 @@ def fit(
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        errors.summarize(fits, stations, seen, angles, result.flags, spec, results),
-        figures.SeekingReport(fits, stations, seen, angles, spec.site.latitude_deg),
+        errors.summarize(fits, stations, solved, angles, result.flags, spec, results),
+        figures.SeekingReport(fits, stations, solved, angles, spec.site.latitude_deg),
         sensitivities=influences,
         left_out=tuple(left_out),
     )
@@ -117,10 +117,10 @@ def _seek(
     stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
-    seen = solve.seek_north(stations, models, spec)
-    seen.require_consistent(log.file)
+    solved = solve.seek_north(stations, models, spec)
+    solved.require_consistent(log.file)
     flags = (*coefficient_files.flag_temperatures(log.file, stations, models),)
-    return stations, seen, (*flags, *coefficient_files.flag_stations(stations, seen))
+    return stations, solved, (*flags, *coefficient_files.flag_stations(stations, solved))
 
 
 def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
@@ -128,21 +128,21 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     rows.
     """
     # a pair that lost a reading leaves its station to the other one
-    whole = {"logs": spec.logs.model_copy(update={"missing": "refuse"})}
-    log = read(spec.model_copy(update=whole), data.parent, data.name)
+    refuse_missing = {"logs": spec.logs.model_copy(update={"missing": "refuse"})}
+    log = read(spec.model_copy(update=refuse_missing), data.parent, data.name)
     refuse(inclinometer_stations.find_unusable(log, spec))
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
-    stations, seen, flags = _seek(spec, records, dwelt.log)
+    stations, solved, flags = _seek(spec, records, dwelt.log)
     columns = {}
-    for axis, solution in seen.solutions.items():
+    for axis, solution in solved.solutions.items():
         # a station without a result is corrected by the s(T) of the calibration
-        s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
+        s = np.where(np.isfinite(solution.s), solution.s, solved.priors[axis].s)
         gyro = values(log.frame, f"gyro_{axis}_dph")
-        columns[f"gyro_{axis}_dph"] = made = dwelt.along(s[stations.row_station], log)
-        for a, b in chunks.ranges_along(gyro, made):
-            made[a:b] *= gyro[a:b]
-    combined = seen.combined
+        columns[f"gyro_{axis}_dph"] = corrected = dwelt.along(s[stations.row_station], log)
+        for a, b in chunks.ranges_along(gyro, corrected):
+            corrected[a:b] *= gyro[a:b]
+    combined = solved.combined
     angles = {
         "inclination_deg": combined.inclination_deg,
         "toolface_deg": combined.toolface_deg,
@@ -151,12 +151,12 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     if spec.output.azimuth_uncertainty:
         angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
     if spec.output.rows == "station":
-        return _list_stations(spec, log, dwelt.log, stations, seen, angles), flags
+        return _list_stations(spec, log, dwelt.log, stations, solved, angles), flags
     # rows recorded while the tool was being turned have no angles
-    shown = {name: np.where(seen.refused, np.nan, angle) for name, angle in angles.items()}
+    angles_shown = {name: np.where(solved.refused, np.nan, angle) for name, angle in angles.items()}
     derived = {
         name: dwelt.along(angle[stations.row_station], log, standing=True)
-        for name, angle in shown.items()
+        for name, angle in angles_shown.items()
     }
     return write_back.rewrite_log(spec.on_site(), data, log, columns, derived), flags
 
@@ -166,7 +166,7 @@ def _list_stations(
     log: Log,
     dwelt: Log,
     stations: inclinometer_stations.Stations,
-    seen: solve.SolvedStations,
+    solved: solve.SolvedStations,
     angles: Mapping[str, Array],
 ) -> write_back.Rewritten:
     """Table of a log, one row per station: its number, time and temperature, its angles, or why it
@@ -179,28 +179,28 @@ def _list_stations(
         if name in dwelt.frame.columns
     }
     columns["temp_case_degc"] = stations.temperature
-    columns |= {name: np.where(seen.refused, np.nan, angle) for name, angle in angles.items()}
-    return write_back.tabulate(spec, log, columns, seen.combined.status)
+    columns |= {name: np.where(solved.refused, np.nan, angle) for name, angle in angles.items()}
+    return write_back.tabulate(spec, log, columns, solved.combined.status)
 
 
 def validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after correction on stations that were not used in the fit."""
-    entries, flags, shown, parts, judged = [], [], [], [], []
+    entries, flags, tables, parts, criteria = [], [], [], [], []
     for log in logs:
         file = log.file
         (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
-        stations, seen, found = _seek(spec, records, admitted)
-        angles = errors.AngleErrors.compare(stations, seen)
+        stations, solved, station_flags = _seek(spec, records, admitted)
+        angles = errors.AngleErrors.compare(stations, solved)
         if not angles.known.any():
             raise FrameError(
                 f"{file}: no station has both a reference azimuth and a result",
                 hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
             )
-        entries.append(errors.list_validation(log, stations, seen, angles))
-        shown.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
-        flags += [f"{file}: {note}" for note in log.notes] + list(found)
+        entries.append(errors.list_validation(log, stations, solved, angles))
+        tables.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
+        flags += [f"{file}: {note}" for note in log.notes] + list(station_flags)
         before, after = (errors.rms(e[angles.known]) for e in (angles.before, angles.after))
         if after > before:
             flags.append(
@@ -217,13 +217,13 @@ def validate(
                 " 'azimuth_deg'"
             )
         parts.append(angles)
-        judged += [angles.judge_uncertainty(file), angles.judge_turn(file)]
+        criteria += [angles.judge_uncertainty(file), angles.judge_turn(file)]
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(errors.AngleErrors)
     )
-    criteria = (*judged, *errors.AngleErrors(*pooled).criteria(spec))
-    return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
+    all_criteria = (*criteria, *errors.AngleErrors(*pooled).criteria(spec))
+    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), all_criteria)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

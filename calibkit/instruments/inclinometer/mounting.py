@@ -28,32 +28,37 @@ ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the a
 
 
 def shared_errors(
-    found: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
+    solution: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
 ) -> dict[str, Shared]:
     """Errors that stations of which s is known share, by group: the turn of the gyro, unless the
     recipe leaves it out, with the derivatives of the roots by it [1/°], and the scale of a log.
     """
     parts = stations.components[axis]
-    by_turn, _ = slopes_of_roots(parts, spec.site.latitude_deg, found.root >= 0)
+    by_turn, _ = slopes_of_roots(parts, spec.site.latitude_deg, solution.root >= 0)
     tool, loading = np.zeros(by_turn.size, dtype=np.int64), by_turn[:, None]
-    offered = [Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")]
+    candidates = [
+        Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
+    ]
     if stations.log.max() > 0:
-        offered.append(scale_of_logs(stations.log))
-    return {error.group: error for error in state_sizes(spec.errors, offered)}
+        candidates.append(scale_of_logs(stations.log))
+    return {error.group: error for error in state_sizes(spec.errors, candidates)}
 
 
 def state(
-    over: ScaleOverTemperature, turn_deg: float
+    scale_fit: ScaleOverTemperature, turn_deg: float
 ) -> tuple[tuple[Component, ...], tuple[str, ...]]:
     """Components of a coefficient file, and flags; `turn_deg` is the standard deviation of the turn
     that azimuths are corrected without.
     """
-    angle, u = over.turn_deg
-    listed = components_of(over.fit.shared)
+    angle, u = scale_fit.turn_deg
+    components = components_of(scale_fit.fit.shared)
     if turn_deg:
-        listed = (*listed, Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1))
-    flags = [*warn_of_few_levels([one for one in over.fit.shared if one.error.group == "log"])]
-    if over.separable is False:
+        components = (
+            *components,
+            Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1),
+        )
+    flags = [*warn_of_few_levels([one for one in scale_fit.fit.shared if one.error.group == "log"])]
+    if scale_fit.separable is False:
         flags.append(Remark(ONE_ATTITUDE))
     if abs(angle) > SHOWN * u > 0.0:
         flags.append(
@@ -61,7 +66,7 @@ def state(
             " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
             " azimuth; align the sensors and measure again"
         )
-    return listed, tuple(flags)
+    return components, tuple(flags)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,18 +98,21 @@ class Mounted:
                 changes.append(np.sum(solution.azimuth_slopes * moved(parts), axis=2))
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
-        whole, own = (
+        with_positions, of_azimuth = (
             sum((one.sensitivity * one.standard_uncertainty) ** 2 for one in terms.components)
             for terms in (
                 terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
                 terms_of(spec.type_b, "azimuth_deg", 0.0),
             )
         )
-        index = np.fmax.reduce(np.abs(by_index)) ** 2 * (whole - own)
-        known = [one.value_in("deg") for one in spec.errors.component if one.group == MOUNTING]
-        stated = own + index + (largest * max(known, default=0.0)) ** 2
+        index = np.fmax.reduce(np.abs(by_index)) ** 2 * (with_positions - of_azimuth)
+        turns_deg = [one.value_in("deg") for one in spec.errors.component if one.group == MOUNTING]
+        without_turn = of_azimuth + index
+        stated = without_turn + (largest * max(turns_deg, default=0.0)) ** 2
         return cls(
-            np.fmax.reduce(by_turn), own + index + (largest * turn_deg) ** 2, np.asarray(stated)
+            np.fmax.reduce(by_turn),
+            without_turn + (largest * turn_deg) ** 2,
+            np.asarray(stated),
         )
 
 
@@ -122,9 +130,9 @@ def moved(parts: Components) -> Array:
     turned to different sides.
     """
     none = np.zeros_like(parts.gyro_x)
-    turned = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
-    sheared = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
-    return np.asarray(np.stack([turned, sheared / 2.0]))
+    by_turn = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
+    by_index = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
+    return np.asarray(np.stack([by_turn, by_index / 2.0]))
 
 
 def scale_of_logs(log: Integers) -> Shared:

@@ -70,26 +70,26 @@ def decide_noise(
     recipe states, otherwise the one of the stations that close, pooled with a calibration's
     `before`; never below the last digit's. Raises FitError where it is unknown.
     """
-    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+    stated_sizes = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
     calibrated = before.accel_g, before.gyro_dph
     of_digit = [digit / float(np.sqrt(12.0)) for digit in last_digit]
     reasons = [""] * len(squares)
     for k, (kind, _, unit) in enumerate(SENSORS):
-        square, dof, given = squares[:, k], dofs[:, k], stated[k]
-        least = max(of_digit[k], calibrated[k], 0.0 if given == "auto" else given)
-        variance = max(usual_square(square, dof), least**2)
+        square, dof, stated_size = squares[:, k], dofs[:, k], stated_sizes[k]
+        least_size = max(of_digit[k], calibrated[k], 0.0 if stated_size == "auto" else stated_size)
+        variance = max(usual_square(square, dof), least_size**2)
         for row in np.flatnonzero(find_outliers(square, dof, variance)).tolist():
             size = float(np.sqrt(square[row] / dof[row]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
             outlier = f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
             reasons[row] = reasons[row] or outlier
-    kept = np.array([not reason for reason in reasons])
-    shown_dof = int(dofs[kept, 1].sum())
+    closing = np.array([not reason for reason in reasons])
+    shown_dof = int(dofs[closing, 1].sum())
     sizes = []
     for k, (kind, unit, _) in enumerate(SENSORS):
-        given = stated[k]
-        if given != "auto":
-            sizes.append(given)
+        stated_size = stated_sizes[k]
+        if stated_size != "auto":
+            sizes.append(stated_size)
             continue
         if shown_dof + before.dof == 0:
             raise FitError(
@@ -97,15 +97,18 @@ def decide_noise(
                 hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
                 " positions",
             )
-        shown, known = estimate_noise(squares[kept, k], dofs[kept, k]), calibrated[k]
-        weighted = shown_dof * shown**2 + before.dof * known**2
+        of_readings, of_calibration = (
+            estimate_noise(squares[closing, k], dofs[closing, k]),
+            calibrated[k],
+        )
+        weighted = shown_dof * of_readings**2 + before.dof * of_calibration**2
         pooled = float(np.sqrt(weighted / (shown_dof + before.dof)))
-        if shown_dof and before.dof and known > 0.0:
+        if shown_dof and before.dof and of_calibration > 0.0:
             from scipy.special import fdtr, fdtrc
 
-            ratio = (shown / known) ** 2
+            ratio = (of_readings / of_calibration) ** 2
             tails = fdtr(shown_dof, before.dof, ratio), fdtrc(shown_dof, before.dof, ratio)
-            pooled = shown if min(tails) < CONTRADICTED else pooled
+            pooled = of_readings if min(tails) < CONTRADICTED else pooled
         sizes.append(max(pooled, of_digit[k]))
     return Noise(sizes[0], sizes[1], shown_dof + before.dof), tuple(reasons)
 
@@ -117,27 +120,27 @@ def usual_square(squares: Array, dof: Integers) -> float:
     The median is divided by that of χ²/ν at the median degrees of freedom, which is not 1; NaN
     where no station has any.
     """
-    known = dof > 0
-    if not known.any():
+    redundant = dof > 0
+    if not redundant.any():
         return float("nan")
     from scipy.special import gammaincinv
 
-    median_dof = float(np.median(dof[known]))
+    median_dof = float(np.median(dof[redundant]))
     median = 2.0 * float(gammaincinv(median_dof / 2.0, 0.5)) / median_dof
-    return float(np.median(squares[known] / dof[known])) / median
+    return float(np.median(squares[redundant] / dof[redundant])) / median
 
 
 def find_outliers(squares: Array, dof: Integers, variance: float) -> Mask:
     """Mask [n] of stations with an outlier: their sums of squares are far above those of the
     variance of a reading.
     """
-    known = dof > 0
-    if int(known.sum()) < FEWEST:
+    redundant = dof > 0
+    if int(redundant.sum()) < FEWEST:
         return np.zeros(squares.size, dtype=np.bool_)
     from scipy.special import chdtri
 
     limit = variance * chdtri(np.maximum(dof, 1), IMPROBABLE)
-    return np.asarray(known & (squares > limit), dtype=np.bool_)
+    return np.asarray(redundant & (squares > limit), dtype=np.bool_)
 
 
 def estimate_noise(squares: Array, dof: Integers) -> float:

@@ -97,8 +97,8 @@ def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> tuple
 
 def nearest_position(position_deg: Array) -> Integers:
     """Index [r] of the nearest position (0°, 90°, 180°, 270°) to each rotation [r] [°]."""
-    turned = np.remainder(position_deg + 45.0, 360.0)
-    return np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
+    from_edge = np.remainder(position_deg + 45.0, 360.0)
+    return np.clip(np.floor(from_edge / 90.0), 0, 3).astype(np.int64)
 
 
 def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
@@ -114,8 +114,8 @@ def closures(indication: Array) -> Array:
     """Closures (r₀ − r₉₀ + r₁₈₀ − r₂₇₀)/2 [n] of indications [n, 4]: noise alone, with the standard
     deviation of one reading.
     """
-    found: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
-    return found
+    closure: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
+    return closure
 
 
 def components(
@@ -150,7 +150,7 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
     )
 
 
-def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: ArrayLike) -> Roots:
+def scale_roots(gyro_x: Array, gyro_y: Array, tilt: Attitude, latitude_deg: ArrayLike) -> Roots:
     """Both roots of (s A − sin α sin θ)² + s² B² cos²θ = cos²α cos²θ (step D); NaN where no rate is
     seen.
 
@@ -158,17 +158,17 @@ def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: Arr
     """
     # rates in units of the earth's rate, rotated back by the toolface
     x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
-    A = x * np.cos(found.toolface) - y * np.sin(found.toolface)
-    B = x * np.sin(found.toolface) + y * np.cos(found.toolface)
+    A = x * np.cos(tilt.toolface) - y * np.sin(tilt.toolface)
+    B = x * np.sin(tilt.toolface) + y * np.cos(tilt.toolface)
     latitude = np.asarray(latitude_deg) * np.pi / 180.0
-    sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
+    sine, cosine = np.sin(tilt.inclination), np.cos(tilt.inclination)
     discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2
     divisor = A**2 + (cosine * B) ** 2
     middle = A * np.sin(latitude) * sine
     clamped = np.asarray(np.real(discriminant) < 0.0, dtype=np.bool_)
     half = cosine * np.sqrt(np.where(clamped, 0.0, discriminant))
-    seen = np.real(divisor) > 0.0
-    safe = np.where(seen, divisor, np.nan)
+    rotates = np.real(divisor) > 0.0
+    safe = np.where(rotates, divisor, np.nan)
     return Roots(
         plus=(middle + half) / safe,
         minus=(middle - half) / safe,
@@ -223,5 +223,5 @@ def _atan2(y: Numbers, x: Numbers) -> Numbers:
 
 def full_circle(angle: Numbers, turn: float) -> Numbers:
     """Angle in [0, turn); a remainder that rounds up to `turn` becomes zero."""
-    turned = angle - turn * np.floor(np.real(angle) / turn)
-    return np.where(np.real(turned) >= turn, 0.0, turned)
+    wrapped = angle - turn * np.floor(np.real(angle) / turn)
+    return np.where(np.real(wrapped) >= turn, 0.0, wrapped)

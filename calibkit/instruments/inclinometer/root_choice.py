@@ -92,9 +92,9 @@ class Estimates:
             # roots with infinite uncertainty are equally unlikely, negative roots impossible
             score = np.where(np.isfinite(score), score, -1e300)
             score = np.where(s > 0.0, score, -np.inf)
-            alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
+            ambiguous = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
         column = np.where(by_heading >= 0, by_heading, np.argmax(score, axis=1))
-        return column, (by_heading < 0) & self.usable[rows].all(axis=1) & alike
+        return column, (by_heading < 0) & self.usable[rows].all(axis=1) & ambiguous
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,19 +210,19 @@ def estimate_roots(
             off_heading[:, k] = np.abs(wrapped(np.degrees(psi) - heading_deg))
     uncertainty[~np.isfinite(uncertainty) | roots.clamped[:, None]] = np.inf
     with np.errstate(invalid="ignore"):
-        apart = np.abs(roots.half_difference)[:, None] > limits.separation * uncertainty
-        usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & apart
+        separate = np.abs(roots.half_difference)[:, None] > limits.separation * uncertainty
+        usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & separate
     # of an impossible root the azimuth is near no heading
     off_heading = np.where((s > 0.0) & np.isfinite(off_heading), off_heading, np.inf)
-    chosen = np.isfinite(off_heading).any(axis=1)
-    by_heading = np.where(chosen, np.argmin(off_heading, axis=1), -1)
+    with_heading = np.isfinite(off_heading).any(axis=1)
+    by_heading = np.where(with_heading, np.argmin(off_heading, axis=1), -1)
     reasons = _list_refusals(parts, attitude, latitude, limits)
     status = tuple(a or b for a, b in zip(refused or reasons, reasons, strict=True))
     return Estimates(parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, status)
 
 
 def history_prior(
-    found: Estimates, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
+    estimates: Estimates, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
 ) -> Prior:
     """Prior of s at each station from the stations before it: value and rate of change (step D), by
     a Kalman filter.
@@ -253,18 +253,18 @@ def history_prior(
         covariance = move @ covariance @ move.T + start.rate_walk**2 * walk
         # the filter's prediction may be zero or negative; the prior must be a positive scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
-        here = slice(k, k + 1)
-        column, ambiguous = found.choose_root(Prior(value[here], spread[here]), here)
+        station = slice(k, k + 1)
+        column, ambiguous = estimates.choose_root(Prior(value[station], spread[station]), station)
         root = k, int(column[0])
-        known = not found.status[k] and found.usable[root] and not ambiguous[0]
-        if known and covariance[0, 0] > 0.0:
-            gain = covariance[:, 0] / (covariance[0, 0] + found.uncertainty[root] ** 2)
-            state = state + gain * (found.s[root] - state[0])
+        informative = not estimates.status[k] and estimates.usable[root] and not ambiguous[0]
+        if informative and covariance[0, 0] > 0.0:
+            gain = covariance[:, 0] / (covariance[0, 0] + estimates.uncertainty[root] ** 2)
+            state = state + gain * (estimates.s[root] - state[0])
             covariance = covariance - np.outer(gain, covariance[0])
     return Prior(value, spread)
 
 
-def solve(found: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0) -> Solution:
+def solve(estimates: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0) -> Solution:
     """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
     rates (step E), seek north (step F).
 
@@ -282,11 +282,11 @@ def solve(found: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0)
     others are not affected.
 
     """
-    parts, latitude = found.parts, found.latitude_deg
-    column, ambiguous = found.choose_root(prior)
+    parts, latitude = estimates.parts, estimates.latitude_deg
+    column, ambiguous = estimates.choose_root(prior)
     rows = np.arange(column.size)
-    s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
-    accepted = found.usable[rows, column] & ~ambiguous
+    s_root, u_root = estimates.s[rows, column], estimates.uncertainty[rows, column]
+    accepted = estimates.usable[rows, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
     with np.errstate(divide="ignore", invalid="ignore"):
         # where both are exact, they are taken to agree
@@ -307,14 +307,14 @@ def solve(found: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0)
     inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
     with np.errstate(invalid="ignore"):
         covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
-    solved = np.array([not reason for reason in found.status])
+    solved = np.array([not reason for reason in estimates.status])
 
     def kept(values: Array) -> Array:
         return np.where(solved.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
 
     return Solution(
-        inclination_deg=np.degrees(found.attitude.inclination),
-        toolface_deg=kept(np.degrees(found.attitude.toolface)),
+        inclination_deg=np.degrees(estimates.attitude.inclination),
+        toolface_deg=kept(np.degrees(estimates.attitude.toolface)),
         azimuth_deg=kept(np.degrees(azimuth)),
         uncorrected_deg=kept(np.degrees(uncorrected)),
         s=kept(s),
@@ -325,24 +325,29 @@ def solve(found: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0)
         azimuth_slopes=kept(by_input[:, AZIMUTH, :4]),
         pair_covariance=kept(covariance),
         by_latitude=kept(jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)),
-        status=found.status,
-        flags=_list_flags(found, prior, s_root, u_root, accepted, ambiguous),
+        status=estimates.status,
+        flags=_list_flags(estimates, prior, s_root, u_root, accepted, ambiguous),
     )
 
 
 def _list_flags(
-    found: Estimates, prior: Prior, s_root: Array, u_root: Array, accepted: Mask, ambiguous: Mask
+    estimates: Estimates,
+    prior: Prior,
+    s_root: Array,
+    u_root: Array,
+    accepted: Mask,
+    ambiguous: Mask,
 ) -> tuple[tuple[str, ...], ...]:
     """Flags of each station [n]."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
+        departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
     lines = []
-    for k, refused in enumerate(found.status):
+    for k, refused in enumerate(estimates.status):
         flags = []
-        if found.attitude.clamped[k]:
+        if estimates.attitude.clamped[k]:
             flags.append("accelerations across the tool exceed gravity: clamped")
         if not refused:
-            if found.roots.clamped[k]:
+            if estimates.roots.clamped[k]:
                 flags.append(CLAMPED)
             if not s_root[k] > 0.0:
                 flags.append("no positive root of s: s is its prior")
@@ -353,12 +358,12 @@ def _list_flags(
                     f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
                     f" {u_root[k]:.2g}, C is near 0"
                 )
-            elif off[k] > ROOT_DISAGREES:
+            elif departure[k] > ROOT_DISAGREES:
                 flags.append(
-                    f"the root {s_root[k]:.5g} is {off[k]:.0f} standard uncertainties from its"
-                    f" prior {prior.s[k]:.5g}"
+                    f"the root {s_root[k]:.5g} is {departure[k]:.0f} standard uncertainties from"
+                    f" its prior {prior.s[k]:.5g}"
                 )
-            if (found.s[k] > 0.0).all():
+            if (estimates.s[k] > 0.0).all():
                 flags.append("both roots of s are positive")
         lines.append(tuple(flags))
     return tuple(lines)
@@ -372,7 +377,7 @@ def _list_refusals(
     tilts = np.degrees(attitude.inclination)
     total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
     reasons = []
-    for row, tilt, both in zip(inputs, tilts, total, strict=True):
+    for row, tilt, angle_sum in zip(inputs, tilts, total, strict=True):
         reason = ""
         if not np.isfinite(row).all():
             reason = "an indication or the latitude is not finite"
@@ -389,7 +394,7 @@ def _list_refusals(
         elif tilt < limits.vertical_deg:
             reason = (
                 f"inclination {tilt:.3f}° is below {limits.vertical_deg:g}°: toolface and"
-                f" azimuth are not separable, their sum is {both:.2f}°"
+                f" azimuth are not separable, their sum is {angle_sum:.2f}°"
             )
         elif not row[2:4].any():
             reason = "the gyros show no rate at all"
@@ -437,17 +442,17 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
             for pair in pairs.values()
         ]
     )
-    own = np.array([pair.pair_covariance[:, ANGLES][:, :, ANGLES] for pair in pairs.values()])
+    of_pairs = np.array([pair.pair_covariance[:, ANGLES][:, :, ANGLES] for pair in pairs.values()])
     by_latitude = np.array([pair.by_latitude[:, ANGLES] for pair in pairs.values()])
-    variance = np.nan_to_num(np.diagonal(own, axis1=2, axis2=3), nan=UNKNOWN)
+    variance = np.nan_to_num(np.diagonal(of_pairs, axis1=2, axis2=3), nan=UNKNOWN)
     precision = np.where(used[:, :, None], 1.0 / np.clip(variance, EXACT, UNKNOWN), 0.0)
     with np.errstate(invalid="ignore"):
         weight = precision / precision.sum(axis=0)
     # the mean about the first pair that is used; the uncorrected azimuth by the azimuth's weights
     first = angles[np.argmax(used, axis=0), np.arange(used.shape[1])]
-    moved = weight[:, :, [0, 1, 2, 2]] * wrapped(angles - first)
-    mean = first + np.where(used[:, :, None], moved, 0.0).sum(axis=0)
-    weighted = weight[:, :, :, None] * own * weight[:, :, None, :]
+    departures = weight[:, :, [0, 1, 2, 2]] * wrapped(angles - first)
+    mean = first + np.where(used[:, :, None], departures, 0.0).sum(axis=0)
+    weighted = weight[:, :, :, None] * of_pairs * weight[:, :, None, :]
     covariance = np.where(used[:, :, None, None], weighted, 0.0).sum(axis=0)
     # the latitude's error is one error of all pairs
     shared = np.where(used[:, :, None], weight * by_latitude, 0.0).sum(axis=0)
@@ -481,7 +486,7 @@ def _flag_pairs(pairs: Mapping[Sensor, Solution], used: Mask) -> tuple[tuple[str
     by_latitude = x.by_latitude - y.by_latitude
     variance = np.diagonal(x.pair_covariance + y.pair_covariance, axis1=1, axis2=2) + by_latitude**2
     limit = PAIRS_DISAGREE * np.sqrt(variance[:, ANGLES]) + 1e-9
-    apart = wrapped(
+    difference = wrapped(
         np.column_stack(
             (
                 y.inclination_deg - x.inclination_deg,
@@ -500,8 +505,9 @@ def _flag_pairs(pairs: Mapping[Sensor, Solution], used: Mask) -> tuple[tuple[str
                 if pair.status[k]
             ]
         flags += [
-            f"the pairs differ by {apart[k, j]:.3f}° in {NAMES[j]}, more than their noise explains"
-            for j in np.flatnonzero(solved.all() & (np.abs(apart[k]) > limit[k])).tolist()
+            f"the pairs differ by {difference[k, j]:.3f}° in {NAMES[j]}, more than their noise"
+            " explains"
+            for j in np.flatnonzero(solved.all() & (np.abs(difference[k]) > limit[k])).tolist()
         ]
         lines.append(tuple(flags))
     return tuple(lines)

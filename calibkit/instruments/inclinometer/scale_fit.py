@@ -144,9 +144,9 @@ class ScaleOverTemperature:
         """
         low, high = self.valid_degc
         x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
-        moved = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
-        held, other = partial(residual, roots=self.roots), partial(residual, roots=moved)
-        (change,) = sensitivities(held, [other], self.fit)
+        shifted_roots = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
+        of_fit, other = partial(residual, roots=self.roots), partial(residual, roots=shifted_roots)
+        (change,) = sensitivities(of_fit, [other], self.fit)
         return np.asarray(self.to_raw @ change[:-1])
 
 
@@ -218,7 +218,7 @@ def fit_over_temperature(
         )
     limits = (float(degc.min()), float(degc.max()))
     half = half or 1.0
-    every = Roots(
+    all_roots = Roots(
         s=np.where(used, solution.s_root, 0.0),
         u=np.where(used, solution.s_root_uncertainty, np.inf),
         x=(np.clip(temp_degc, *limits) - middle) / half,
@@ -226,25 +226,25 @@ def fit_over_temperature(
         log=np.zeros(used.size, dtype=np.int64) if log is None else log.level,
     )
     levels = np.unique(np.round(degc)).size
-    tried = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
-    highest = tried[-1]
+    tried_orders = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
+    highest = tried_orders[-1]
     # one that states no uncertainty would be the only one that counts
-    typical = float(np.median(every.u[used]))
+    typical = float(np.median(all_roots.u[used]))
     least_u = 1e-3 * typical if typical > 0.0 else 1.0
     roots = Roots(
-        s=every.s[used],
-        u=np.maximum(every.u[used], least_u),
-        x=every.x[used],
-        turn=every.turn[used],
-        log=np.unique(every.log[used], return_inverse=True)[1],
+        s=all_roots.s[used],
+        u=np.maximum(all_roots.u[used], least_u),
+        x=all_roots.x[used],
+        turn=all_roots.turn[used],
+        log=np.unique(all_roots.log[used], return_inverse=True)[1],
     )
     separable = None
     if turn is not None and degc.size - highest - 2 >= SPARE:
         separable = _separates_turn(roots, highest)
-    fits = _fit_orders(roots, tried, shared_errors(roots, log), turned=separable is True)
+    fits = _fit_orders(roots, tried_orders, shared_errors(roots, log), turned=separable is True)
     fit = average(fits)
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
-    left_out = _leave_out(fit, every, roots, used)
+    left_out = _leave_out(fit, all_roots, roots, used)
     return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable)
 
 
@@ -257,14 +257,14 @@ def _separates_turn(roots: Roots, order: int) -> bool:
 
 
 def _fit_orders(
-    roots: Roots, tried: Sequence[int], shared: Sequence[Shared], *, turned: bool
+    roots: Roots, tried_orders: Sequence[int], shared: Sequence[Shared], *, turned: bool
 ) -> list[Fit]:
     """Fits of those orders that leave more levels (logs, or stations) than the polynomial has
     coefficients: with fewer it runs through each, and their scatter is unknown.
     """
-    highest = tried[-1]
+    highest = tried_orders[-1]
     fits: list[Fit] = []
-    for order in tried:
+    for order in tried_orders:
         free = np.append(np.arange(highest + 1) <= order, turned)
         names = [*(f"s{k}" for k in range(highest + 1)), "turn"]
         fit = solve(
@@ -291,23 +291,25 @@ def _fit_orders(
     return fits
 
 
-def _leave_out(fit: Fit, every: Roots, roots: Roots, used: Mask) -> Prior:
+def _leave_out(fit: Fit, all_roots: Roots, roots: Roots, used: Mask) -> Prior:
     """s(T) [n] at each station without its own root, and its standard uncertainty with the scatter.
 
     Without row i the parameters change by G_i (P r)_i / P_ii, and their covariance grows by
     G_i G_iᵀ / P_ii; G is the gain, r the residual, P = V⁻¹ (I - J G) (Cook 1977).
     """
     order = len(fit.parameters) - 2
-    wanted = np.column_stack([np.vander(every.x, order + 1, increasing=True), np.zeros(used.size)])
+    design = np.column_stack(
+        [np.vander(all_roots.x, order + 1, increasing=True), np.zeros(used.size)]
+    )
     J = np.column_stack([np.vander(roots.x, order + 1, increasing=True), roots.turn])
     values, variances = [], []
     for member in fit.members:
         P = np.diag(member.precision(np.eye(len(J)) - J @ member.gain))
         P = np.maximum(P, LEAST_SPARE / member.noise**2)
-        across = np.einsum("np,pn->n", wanted[used], member.gain)
-        value, variance = wanted @ member.parameters, gum.variance_along(wanted, member.covariance)
-        value[used] += across * member.precision(member.residual[:, None])[:, 0] / P
-        variance[used] += across**2 / P
+        by_root = np.einsum("np,pn->n", design[used], member.gain)
+        value, variance = design @ member.parameters, gum.variance_along(design, member.covariance)
+        value[used] += by_root * member.precision(member.residual[:, None])[:, 0] / P
+        variance[used] += by_root**2 / P
         values.append(value)
         variances.append(variance)
     mean = fit.weights @ values

@@ -52,7 +52,7 @@ class Tool:
         gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
         rate = rotated(attitudes, earth.north_east_down(latitude_deg))
         count = temp_degc.size
-        turned = POSITIONS_DEG + self.index_deg * rng.normal(0.0, 1.0, (count, 4))
+        true_deg = POSITIONS_DEG + self.index_deg * rng.normal(0.0, 1.0, (count, 4))
         numbers = np.arange(count)
         columns: dict[str, Array | Integers] = {
             "station": np.repeat(numbers + 1, 4),
@@ -61,13 +61,13 @@ class Tool:
             "temp_case_degc": np.repeat(temp_degc, 4),
         }
         scales = np.column_stack([_scale(pair, temp_degc, rng) for pair in self.pairs])
-        made = [
-            _readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
+        readings = [
+            _readings(pair, nominal, true_deg, gravity, rate, scales[:, j], temp_degc, rng)
             for j, (pair, nominal) in enumerate(zip(self.pairs, (0.0, 90.0), strict=True))
         ]
-        for axis, (accel, _) in zip("xy", made, strict=True):
+        for axis, (accel, _) in zip("xy", readings, strict=True):
             columns[f"accel_{axis}_g"] = accel.ravel()
-        for axis, (_, gyro) in zip("xy", made, strict=True):
+        for axis, (_, gyro) in zip("xy", readings, strict=True):
             columns[f"gyro_{axis}_dph"] = gyro.ravel()
         return columns, scales
 

@@ -56,15 +56,15 @@ class SolvedStations:
         """Mask [n] of the stations where any pair's root of s differs significantly from its prior,
         or is impossible.
         """
-        found = np.zeros(len(self.combined.status), dtype=np.bool_)
+        contradicted = np.zeros(len(self.combined.status), dtype=np.bool_)
         for axis, pair in self.solutions.items():
             prior = self.priors[axis]
             with np.errstate(invalid="ignore"):
-                off = np.abs(pair.s_root - prior.s) > root_choice.ROOT_DISAGREES * np.hypot(
+                departs = np.abs(pair.s_root - prior.s) > root_choice.ROOT_DISAGREES * np.hypot(
                     pair.s_root_uncertainty, prior.standard_uncertainty
                 )
-            found |= off | [WRONG in reason for reason in pair.status]
-        return found
+            contradicted |= departs | [WRONG in reason for reason in pair.status]
+        return contradicted
 
     def require_consistent(self, where: str) -> None:
         """Raise FitError for a log most of whose stations are inconsistent; single inconsistent
@@ -112,16 +112,16 @@ def fit_scale(
         first = solve_in_sequence(stations, spec, axis)
         _require_plausible(first, stations, spec, axis)
         status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
-    kept = replace(stations, status=status)
+    plausible = replace(stations, status=status)
     fits = {
-        axis: _fit_over_temperature(solve_in_sequence(kept, spec, axis), kept, spec, axis)
+        axis: _fit_over_temperature(solve_in_sequence(plausible, spec, axis), plausible, spec, axis)
         for axis in spec.axes
     }
     turn_deg = max(scale.model.turn_deg for scale in fits.values())
     left_out = {axis: scale.left_out for axis, scale in fits.items()}
-    seen = _solve_stations(kept, left_out, spec, turn_deg)
-    seen.require_consistent("the stations")
-    return fits, seen
+    solved = _solve_stations(plausible, left_out, spec, turn_deg)
+    solved.require_consistent("the stations")
+    return fits, solved
 
 
 def seek_north(
@@ -132,21 +132,21 @@ def seek_north(
 
     A station whose s no gyro has is refused, and does not shift the others.
     """
-    kept = stations
+    plausible = stations
     while True:
-        seen = _solve_stations(
-            kept,
-            {axis: _predict_departure(kept, models[axis], spec, axis) for axis in spec.axes},
+        solved = _solve_stations(
+            plausible,
+            {axis: _predict_departure(plausible, models[axis], spec, axis) for axis in spec.axes},
             spec,
             max(models[axis].turn_deg for axis in spec.axes),
         )
         status = {
-            axis: _refuse_contradictions(seen.solutions[axis], kept.status[axis], spec)
+            axis: _refuse_contradictions(solved.solutions[axis], plausible.status[axis], spec)
             for axis in spec.axes
         }
-        if status == kept.status:
-            return seen
-        kept = replace(kept, status=status)
+        if status == plausible.status:
+            return solved
+        plausible = replace(plausible, status=status)
 
 
 def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
@@ -210,7 +210,7 @@ def _fit_over_temperature(
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
     shared = mounting.shared_errors(first, stations, spec, axis)
     turn = shared.get(MOUNTING)
-    over = scale_fit.fit_over_temperature(
+    over_temperature = scale_fit.fit_over_temperature(
         first,
         temperature,
         order=order,
@@ -219,24 +219,24 @@ def _fit_over_temperature(
     )
     # at least the turn that the roots show, with its standard uncertainty, and the stated one
     stated_deg = 0.0 if turn is None else turn.size or 0.0
-    turn_deg = max(stated_deg, float(np.hypot(*over.turn_deg)))
+    turn_deg = max(stated_deg, float(np.hypot(*over_temperature.turn_deg)))
     model = ScaleModel(
-        over.coefficients,
-        over.covariance,
-        over.scatter,
-        over.valid_degc if timed else None,
+        over_temperature.coefficients,
+        over_temperature.covariance,
+        over_temperature.scatter,
+        over_temperature.valid_degc if timed else None,
         noise,
         turn_deg,
     )
     return ScaleFit(
         model,
-        over.fit.dof,
-        over.residual_rms,
-        over.used,
-        over.left_out,
-        over.effective_dof,
-        *mounting.state(over, turn_deg),
-        over,
+        over_temperature.fit.dof,
+        over_temperature.residual_rms,
+        over_temperature.used,
+        over_temperature.left_out,
+        over_temperature.effective_dof,
+        *mounting.state(over_temperature, turn_deg),
+        over_temperature,
     )
 
 
@@ -305,12 +305,14 @@ def _predict_departure(
     before show (step D).
     """
     base = model.prior(stations.temperature)
-    found = _estimate_roots(stations, spec, axis)
+    estimates = _estimate_roots(stations, spec, axis)
     # the uncertainty of the measured departure combines those of s(T) and of the root
-    ratio = found.s / base.s[:, None]
-    uncertainty = np.hypot(found.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
+    ratio = estimates.s / base.s[:, None]
+    uncertainty = (
+        np.hypot(estimates.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
+    )
     departure = root_choice.history_prior(
-        replace(found, s=ratio, uncertainty=uncertainty),
+        replace(estimates, s=ratio, uncertainty=uncertainty),
         stations.elapsed,
         spec.departure,
     )

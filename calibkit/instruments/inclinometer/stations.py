@@ -67,11 +67,11 @@ class Rows:
         names: list[str] = []
         numbers: list[int] = []
         for number, log in enumerate(logs):
-            places, own = pd.factorize(values(log.frame, "station"))
+            places, station_numbers = pd.factorize(values(log.frame, "station"))
             station.append(places + len(names))
-            numbers += [number] * own.size
+            numbers += [number] * station_numbers.size
             prefix = f"{log.name}:" if len(logs) > 1 else ""
-            names += [f"{prefix}{name:g}" for name in own.tolist()]
+            names += [f"{prefix}{name:g}" for name in station_numbers.tolist()]
         columns = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
         columns += ["position_deg", TEMPERATURE, *REFERENCE]
         # NaN for the rows of a log without a column
@@ -131,18 +131,18 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
     """Findings of a log, and its stations: consecutive rows with the same station number, or
     dwells.
     """
-    dwelt, found = _examine_dwells(log, spec)
-    return Examined(tuple(found), () if dwelt is None else dwelt.held())
+    dwelt, findings = _examine_dwells(log, spec)
+    return Examined(tuple(findings), () if dwelt is None else dwelt.held())
 
 
 def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
     """Logs reduced to one row per position, and the findings of all logs; raises FrameError listing
     all refused findings.
     """
-    looked = [_examine_dwells(log, spec) for log in logs]
-    found = [finding for _, findings in looked for finding in findings]
-    refuse(found)
-    return [dwelt.log for dwelt, _ in looked if dwelt is not None], found
+    examined = [_examine_dwells(log, spec) for log in logs]
+    findings = [finding for _, findings in examined for finding in findings]
+    refuse(findings)
+    return [dwelt.log for dwelt, _ in examined if dwelt is not None], findings
 
 
 def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
@@ -150,14 +150,14 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
     its stations.
     """
     columns = [name for name in log.frame.columns if name not in REFERENCE]
-    found = [*check.find_too_few_rows(log, 3), *check.find_missing_values(log, columns)]
-    if any(finding.refused for finding in found):
-        return None, found
-    found += find_unusable(log, spec)
-    if any(finding.refused for finding in found):
-        return None, found
+    findings = [*check.find_too_few_rows(log, 3), *check.find_missing_values(log, columns)]
+    if any(finding.refused for finding in findings):
+        return None, findings
+    findings += find_unusable(log, spec)
+    if any(finding.refused for finding in findings):
+        return None, findings
     dwelt = inclinometer_dwells.find_dwells(log, spec)
-    found += dwelt.findings
+    findings += dwelt.findings
     if spec.stations.method == "four_differences":
         station, position = (values(dwelt.log.frame, name) for name in ("station", "position_deg"))
         for name in dict.fromkeys(station.tolist()):
@@ -165,7 +165,7 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
             fault = _position_fault(position[rows])
             if fault is not None:
                 line = dwelt.log.line(int(rows[fault[0]]))
-                found.append(
+                findings.append(
                     Finding(
                         f"{log.file}:{line}: station {name:g}",
                         fault[1],
@@ -175,27 +175,27 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
                         line=line,
                     )
                 )
-    if not any(finding.refused for finding in found):
+    if not any(finding.refused for finding in findings):
         gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
-        found += [
+        findings += [
             finding for gyro in gyros for finding in check.magnitude.check_gyro_unit(log, gyro)
         ]
-        found += check.magnitude.find_compensated_names(log, spec, gyros)
+        findings += check.magnitude.find_compensated_names(log, spec, gyros)
         if TEMPERATURE in log.frame.columns:
-            found += check.thermometers.check_stations(dwelt.log, "station", TEMPERATURE)
-    return dwelt, found
+            findings += check.thermometers.check_stations(dwelt.log, "station", TEMPERATURE)
+    return dwelt, findings
 
 
 def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     """Faults for which a log is refused as a whole."""
     timed = "time_s" in log.frame.columns
-    found = check.find_missing_values(
+    findings = check.find_missing_values(
         log, [name for name in ("station", "time_s") if name in log.frame.columns]
     )
     if timed:
-        found += check.find_unordered_times(log)
+        findings += check.find_unordered_times(log)
     if TEMPERATURE in log.frame.columns:
-        found += check.find_implausible_temperatures(log, [TEMPERATURE])
+        findings += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
         for kind, suffix, unit in SENSORS:
             column, limit = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
@@ -210,10 +210,10 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
                 expected = f"at most {limit:g} {unit} of a tool at rest"
                 advice = f"state the log's unit in [columns.{column}]"
                 row = int(bad[0])
-                found.append(
+                findings.append(
                     check.finding_at_row(log, row, column, what, expected, advice, "range")
                 )
-    return found
+    return findings
 
 
 def _position_fault(position: Array) -> tuple[int, str] | None:
@@ -223,10 +223,10 @@ def _position_fault(position: Array) -> tuple[int, str] | None:
     if not np.isfinite(position).all():
         return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
     quarter = published.nearest_position(position)
-    apart = np.abs(attitude.wrapped(position - 90.0 * quarter))
-    off = np.flatnonzero(apart > published.POSITION_TOLERANCE_DEG)
-    if off.size:
-        return int(off[0]), f"position {position[off[0]]:g}° is no multiple of 90°"
+    off_deg = np.abs(attitude.wrapped(position - 90.0 * quarter))
+    wrong = np.flatnonzero(off_deg > published.POSITION_TOLERANCE_DEG)
+    if wrong.size:
+        return int(wrong[0]), f"position {position[wrong[0]]:g}° is no multiple of 90°"
     for k, nominal in enumerate(published.POSITIONS_DEG):
         if (rows := np.flatnonzero(quarter == k)).size > 1:
             return int(rows[1]), f"position {nominal:g}° stands {rows.size} times"
@@ -235,7 +235,7 @@ def _position_fault(position: Array) -> tuple[int, str] | None:
 
 
 def solve_components(
-    rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise] | None = None
+    rows: Rows, spec: InclinometerRecipe, calibrated_noise: Mapping[Sensor, Noise] | None = None
 ) -> Stations:
     """Components of every station (step B), with the noise stated by the recipe or estimated from
     the readings.
@@ -249,8 +249,9 @@ def solve_components(
         position, faults = rows.position, [""] * count
         if spec.stations.method == "four_differences":
             # half differences of the four positions are their fit by least squares
-            stated = [rows.position[rows.station == k] for k in range(count)]
-            faults = [fault[1] if (fault := _position_fault(one)) else "" for one in stated]
+            for k in range(count):
+                fault = _position_fault(rows.position[rows.station == k])
+                faults[k] = fault[1] if fault is not None else ""
             quarter = published.nearest_position(np.nan_to_num(position))
             position = np.array(published.POSITIONS_DEG)[quarter]
         fits = fit_stations(
@@ -263,7 +264,7 @@ def solve_components(
             gyro_ramp=spec.stations.gyro_ramp,
             faults=faults,
         )
-        before = NO_NOISE if known is None else known[axis]
+        before = NO_NOISE if calibrated_noise is None else calibrated_noise[axis]
         noises[axis], outliers = decide_noise(
             fits.squares, fits.dofs, before, rows.resolution[axis], spec, axis
         )
@@ -382,7 +383,7 @@ def fit_stations(
     elapsed = np.zeros(numbers.size)
     if gyro_ramp and time_s is not None:
         elapsed = time_s - (np.bincount(place, time_s) / np.bincount(place))[place]
-    whole = derivative(
+    all_columns = derivative(
         partial(residual, sensor=sensor, position_deg=position_deg, elapsed_s=elapsed, reading=0.0),
         np.zeros(len(COEFFICIENTS)),
     )
@@ -393,7 +394,7 @@ def fit_stations(
     status = []
     for k, name in enumerate(order):
         rows = numbers == name
-        design, reading = whole[rows], readings[rows]
+        design, reading = all_columns[rows], readings[rows]
         fault = faults[k] if faults else ""
         status.append(fault or _undetermined(design[:, :count], elapsed[rows], reading))
         if status[k]:

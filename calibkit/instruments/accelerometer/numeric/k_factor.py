@@ -31,5 +31,5 @@ def columns(
     """
     powers = np.vander(temperature, 4, increasing=True)
     scale = indication[:, axis, None] * powers
-    whole = np.hstack([scale, -powers, -indication[:, CROSS[axis]]])
-    return whole[:, list(numbers)]
+    design = np.hstack([scale, -powers, -indication[:, CROSS[axis]]])
+    return design[:, list(numbers)]

@@ -127,10 +127,10 @@ def fit_sphere(indication: Array, gravity: float) -> Array:
     indication = indication[:: 1 + len(indication) // ENOUGH_TO_START]
     centre = indication.mean(axis=0)
     size = float(np.sqrt(np.mean(np.sum((indication - centre) ** 2, axis=1)))) or 1.0
-    moved = (indication - centre) / size
-    design = np.column_stack([2.0 * moved, np.ones(len(moved))])
+    scaled = (indication - centre) / size
+    design = np.column_stack([2.0 * scaled, np.ones(len(scaled))])
     sphere = least_squares.linear(
-        design, np.sum(moved**2, axis=1), names=("b_x", "b_y", "b_z", "the scale factor")
+        design, np.sum(scaled**2, axis=1), names=("b_x", "b_y", "b_z", "the scale factor")
     ).coefficients
     radius = np.sqrt(sphere[3] + sphere[:3] @ sphere[:3])
     return np.concatenate(
