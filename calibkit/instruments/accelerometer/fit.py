@@ -11,7 +11,7 @@ from functools import partial
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Criterion, Figure, Model, Parameter
+from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import findings, forms, published
@@ -52,8 +52,6 @@ class TriadFit:
     solver is lmfit.
     """
     flags: tuple[str, ...]
-    unexplained: tuple[Criterion, ...]
-    """Residuals that differ from group to group by more than U."""
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -90,8 +88,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     if by_lmfit:
         intervals, doubts = _profile_intervals(dwells)
         flags += doubts
-    unexplained = findings.judge_unexplained(triad, dwells)
-    return TriadFit(triad, k, tuple(k_not_fitted), q, affine, intervals, flags, unexplained)
+    return TriadFit(triad, k, tuple(k_not_fitted), q, affine, intervals, flags)
 
 
 def list_models(

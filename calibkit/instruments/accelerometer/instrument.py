@@ -106,7 +106,7 @@ def fit(
         tables.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
-    criteria = (*corrected.judge_errors(spec), *fitted.unexplained)
+    criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(fitted.triad, dwells))
     overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(

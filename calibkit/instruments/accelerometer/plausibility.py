@@ -115,17 +115,13 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
     """
     sample = slice(None, None, 1 + len(dwells.place) // ENOUGH)
     indication, reference = dwells.indication[sample], dwells.reference[sample]
-
-    def disagreement(order: tuple[int, ...], sign: tuple[float, ...]) -> float:
-        off = indication[:, order] * np.array(sign) - reference
-        return float(np.median(np.linalg.norm(off, axis=1)))
-
-    in_order, positive = (0, 1, 2), (1.0, 1.0, 1.0)
-    order, sign = min(
-        product(permutations(in_order), product((1.0, -1.0), repeat=3)),
-        key=lambda turned: disagreement(*turned),
-    )
-    usual, best = disagreement(in_order, positive), disagreement(order, sign)
+    ways = list(product(permutations((0, 1, 2)), product((1.0, -1.0), repeat=3)))
+    medians = []
+    for order, sign in ways:
+        departure = indication[:, order] * np.array(sign) - reference
+        medians.append(float(np.median(np.linalg.norm(departure, axis=1))))
+    order, sign = ways[int(np.argmin(medians))]
+    usual, best = medians[0], min(medians)  # as they are, the first way, and turned
     if spec.affine.fixture or usual < TWICE * max(best, 0.1):
         return None
     handed = float(np.linalg.det(np.eye(3)[list(order)])) * sign[0] * sign[1] * sign[2]
