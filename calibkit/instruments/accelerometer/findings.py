@@ -61,8 +61,8 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
                 f" {cure}"
             )
         remarks.append(Remark(remark))
-    stated_errors = [(one.group, one.effect) for one in spec.errors.component]
-    angles = [one for one in spec.type_b if one.quantity in {"inclination_deg", "toolface_deg"}]
+    stated_errors = [(entry.group, entry.effect) for entry in spec.errors.component]
+    angles = {"inclination_deg", "toolface_deg"} & {entry.quantity for entry in spec.type_b}
     # no dwell tells a set-up from axes that are turned together
     set_up_known = spec.affine.fixture or angles or SET_UP in stated_errors
     if not set_up_known and spec.reference.kind == "attitude":
@@ -137,8 +137,8 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
     names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
     for name, w in zip(names, width[:6], strict=True):
         if w > POOR_SHARE:
-            whole = "itself" if name[0] == "k" else "gravity"
-            flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {whole} only (95 %)")
+            reference = "itself" if name[0] == "k" else "gravity"
+            flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {reference} only (95 %)")
     # change of a fitted residual by its own reference: near 1, no other dwell checks it
     jacobian = derivative(residual_of(dwells, terms, of_dwells, lengths=True), fit.parameters)
     unchecked = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)

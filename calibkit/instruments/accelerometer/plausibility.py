@@ -202,8 +202,8 @@ def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
     try:
         # |v|² = 2 v·c + r² − |c|², linear in centre and radius
         design = np.column_stack([2.0 * sample, np.ones(len(sample))])
-        *centre, rest = robust.linear(design, np.sum(sample**2, axis=1)).coefficients
-        radius = float(np.sqrt(rest + np.sum(np.square(centre))))
+        *centre, constant = robust.linear(design, np.sum(sample**2, axis=1)).coefficients
+        radius = float(np.sqrt(constant + np.sum(np.square(centre))))
         scatter = mad_sigma(np.linalg.norm(sample - centre, axis=1) - radius)
     except FitError:
         centre, radius, scatter = [0.0, 0.0, 0.0], usual, usual / TWICE / FAR

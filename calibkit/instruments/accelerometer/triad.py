@@ -58,8 +58,8 @@ class Triad:
         """
         lengths = self.residuals.shape[1] == 1
         residual, *shifted_residuals = (
-            residual_of(one, self.terms, self.mapped(one.temperature), lengths=lengths)
-            for one in (dwells, *shifted)
+            residual_of(rows, self.terms, self.mapped(rows.temperature), lengths=lengths)
+            for rows in (dwells, *shifted)
         )
         return [
             replace(self, fit=replace(self.fit, parameters=self.fit.parameters + change))
@@ -123,7 +123,9 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         for component, places in enumerate(of_components):
             rows = slice(component, None, per_dwell)
             good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
-            used[rows] = np.any([good, *(stand_out_together(good, one) for one in levels)], axis=0)
+            used[rows] = np.any(
+                [good, *(stand_out_together(good, level) for level in levels)], axis=0
+            )
         values = solve(
             residual, values, priors=priors, noise=noise, used=used, names=terms.names
         ).parameters

@@ -72,10 +72,10 @@ def make_result(
     ]
     with_reference = angles.known
     if with_reference.any():
-        for when, errors in (("before", angles.before), ("after", angles.after)):
+        for stage, errors in (("before", angles.before), ("after", angles.after)):
             value = rms(errors[with_reference])
             u = float(value * np.sqrt(1.0 / (2.0 * with_reference.sum())))
-            figures.append(Figure(f"azimuth_rms_{when}", value, "deg", u))
+            figures.append(Figure(f"azimuth_rms_{stage}", value, "deg", u))
     place, gravity = spec.site, spec.site.local_gravity()
     site = [Condition("latitude", place.latitude_deg, "deg", place.latitude_uncertainty_deg)]
     if gravity is not None:

@@ -57,7 +57,8 @@ def state(
             *components,
             Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1),
         )
-    flags = [*warn_of_few_levels([one for one in scale_fit.fit.shared if one.error.group == "log"])]
+    of_logs = [size for size in scale_fit.fit.shared if size.error.group == "log"]
+    flags = [*warn_of_few_levels(of_logs)]
     if scale_fit.separable is False:
         flags.append(Remark(ONE_ATTITUDE))
     if abs(angle) > SHOWN * u > 0.0:
@@ -99,14 +100,15 @@ class Mounted:
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
         largest = np.fmax.reduce(np.abs(by_turn))
         with_positions, of_azimuth = (
-            sum((one.sensitivity * one.standard_uncertainty) ** 2 for one in terms.components)
+            sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
             for terms in (
                 terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
                 terms_of(spec.type_b, "azimuth_deg", 0.0),
             )
         )
         index = np.fmax.reduce(np.abs(by_index)) ** 2 * (with_positions - of_azimuth)
-        turns_deg = [one.value_in("deg") for one in spec.errors.component if one.group == MOUNTING]
+        of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
+        turns_deg = [entry.value_in("deg") for entry in of_mounting]
         without_turn = of_azimuth + index
         stated = without_turn + (largest * max(turns_deg, default=0.0)) ** 2
         return cls(

@@ -171,8 +171,8 @@ def slopes(parts: Components, latitude_deg: Array, plus: Mask, weight: Array, re
 
 def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
     """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
-    ones = np.ones(plus.size)
-    return slopes(parts, latitude_deg, plus, ones, 0.0 * ones)[:, ROOT, :5]
+    always = np.ones(plus.size)
+    return slopes(parts, latitude_deg, plus, always, 0.0 * always)[:, ROOT, :5]
 
 
 def estimate_roots(
@@ -461,11 +461,11 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
     # no reason where a pair solves the station, one that both have, or that of each
     status = tuple(
         ""
-        if not all(each)
-        else each[0]
-        if len(set(each)) == 1
-        else "; ".join(f"{axis}: {reason}" for axis, reason in zip(pairs, each, strict=True))
-        for each in zip(*(pair.status for pair in pairs.values()), strict=True)
+        if not all(reasons)
+        else reasons[0]
+        if len(set(reasons)) == 1
+        else "; ".join(f"{axis}: {reason}" for axis, reason in zip(pairs, reasons, strict=True))
+        for reasons in zip(*(pair.status for pair in pairs.values()), strict=True)
     )
     return Combined(
         inclination_deg=np.where(solved, mean[:, 0], np.fmax.reduce(angles[:, :, 0])),

@@ -134,7 +134,7 @@ class ScaleOverTemperature:
         if len(roots.s) < order + 1 + spare or not _separates_turn(roots, order):
             return 0.0, 0.0
         shared = [size.error for size in self.fit.shared]
-        (fit,) = _fit_orders(roots, [order], shared, turned=True)
+        (fit,) = _fit_orders(roots, [order], shared, with_turn=True)
         error = fit.of(lambda p: p[-1])
         return float(error.value), float(error.u)
 
@@ -241,7 +241,7 @@ def fit_over_temperature(
     separable = None
     if turn is not None and degc.size - highest - 2 >= SPARE:
         separable = _separates_turn(roots, highest)
-    fits = _fit_orders(roots, tried_orders, shared_errors(roots, log), turned=separable is True)
+    fits = _fit_orders(roots, tried_orders, shared_errors(roots, log), with_turn=separable is True)
     fit = average(fits)
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
     left_out = _leave_out(fit, all_roots, roots, used)
@@ -257,7 +257,7 @@ def _separates_turn(roots: Roots, order: int) -> bool:
 
 
 def _fit_orders(
-    roots: Roots, tried_orders: Sequence[int], shared: Sequence[Shared], *, turned: bool
+    roots: Roots, tried_orders: Sequence[int], shared: Sequence[Shared], *, with_turn: bool
 ) -> list[Fit]:
     """Fits of those orders that leave more levels (logs, or stations) than the polynomial has
     coefficients: with fewer it runs through each, and their scatter is unknown.
@@ -265,7 +265,7 @@ def _fit_orders(
     highest = tried_orders[-1]
     fits: list[Fit] = []
     for order in tried_orders:
-        free = np.append(np.arange(highest + 1) <= order, turned)
+        free = np.append(np.arange(highest + 1) <= order, with_turn)
         names = [*(f"s{k}" for k in range(highest + 1)), "turn"]
         fit = solve(
             partial(residual, roots=roots),

@@ -220,49 +220,35 @@ def campaign(
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     first, second = (draw(rng, gyro_noise_dph=gyro_noise_dph, ideal=ideal) for _ in range(2))
     tool = Tool((first, second), index_deg=0.0 if ideal else 0.01)
-    attitudes = Attitudes.draw(count, inclination_deg, rng)
-    temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
-    columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
+    logs: dict[str, dict[str, Array | Integers]] = {}
+    truths: dict[str, dict[str, object]] = {}
+    # the withheld stations are measured on another day, where the reference attitude is known
+    days = {"": rng, "withheld/": np.random.default_rng(np.random.SeedSequence([seed, 1]))}
+    for folder, day_rng in days.items():
+        attitudes = Attitudes.draw(count, inclination_deg, day_rng)
+        degc = np.linspace(*temperature_degc, count) + day_rng.normal(0.0, 1.0, count)
+        temperature = np.round(degc, 2)
+        columns, scales = tool.stations(attitudes, latitude_deg, temperature, day_rng)
+        angles = {name: getattr(attitudes, name) for name in REFERENCE}
+        truths[folder] = {
+            "station": np.arange(1, count + 1).tolist(),
+            **{name: angle.tolist() for name, angle in angles.items()},
+            "temp_case_degc": temperature.tolist(),
+            "s_x": scales[:, 0].tolist(),
+            "s_y": scales[:, 1].tolist(),
+        }
+        if folder:
+            columns |= {name: np.repeat(angle, 4) for name, angle in angles.items()}
+        logs[f"{folder}stations.csv"] = columns
     truth: dict[str, object] = {
         "procedure": "inclinometer",
         "seed": seed,
         "latitude_deg": latitude_deg,
         "tool": asdict(tool),
-        "stations": {
-            "station": np.arange(1, count + 1).tolist(),
-            "inclination_deg": attitudes.inclination_deg.tolist(),
-            "toolface_deg": attitudes.toolface_deg.tolist(),
-            "azimuth_deg": attitudes.azimuth_deg.tolist(),
-            "temp_case_degc": temperature.tolist(),
-            "s_x": scales[:, 0].tolist(),
-            "s_y": scales[:, 1].tolist(),
-        },
+        "stations": truths[""],
+        "withheld": {name: truths["withheld/"][name] for name in ("s_x", "s_y")},
     }
-    logs = {"stations.csv": columns}
-    logs["withheld/stations.csv"], truth["withheld"] = _withheld(
-        tool, seed, count, latitude_deg, inclination_deg, temperature_degc
-    )
     return Campaign(logs, DECIMALS | dict.fromkeys(REFERENCE, 4), truth)
-
-
-def _withheld(
-    tool: Tool,
-    seed: int,
-    count: int,
-    latitude_deg: float,
-    inclination_deg: tuple[float, float],
-    temperature_degc: tuple[float, float],
-) -> tuple[dict[str, Array | Integers], dict[str, object]]:
-    """Stations of the same tool on another day with their reference attitude, and the true scale
-    factors.
-    """
-    rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-    attitudes = Attitudes.draw(count, inclination_deg, rng)
-    temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
-    columns, scales = tool.stations(attitudes, latitude_deg, temperature, rng)
-    for name in REFERENCE:
-        columns[name] = np.repeat(getattr(attitudes, name), 4)
-    return columns, {"s_x": scales[:, 0].tolist(), "s_y": scales[:, 1].tolist()}
 
 
 CAMPAIGNS = {"inclinometer": campaign}

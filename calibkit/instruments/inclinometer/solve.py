@@ -89,11 +89,11 @@ class SolvedStations:
         if len(self.solutions) == 2:
             x, y = (self.solutions[axis].toolface_deg for axis in ("x", "y"))
             with np.errstate(invalid="ignore"):
-                apart = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
-            if 2 * apart > count:
+                apart_count = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
+            if 2 * apart_count > count:
                 raise FitError(
                     f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
-                    f" {apart} of {count} stations",
+                    f" {apart_count} of {count} stations",
                     hint="check the signs of both axes and the direction in which position_deg"
                     " counts",
                 )

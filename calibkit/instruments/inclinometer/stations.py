@@ -206,12 +206,14 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
 
             bad = chunks.rows_where(data, beyond)
             if bad.size:
-                what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+                fault = (
+                    f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+                )
                 expected = f"at most {limit:g} {unit} of a tool at rest"
                 advice = f"state the log's unit in [columns.{column}]"
                 row = int(bad[0])
                 findings.append(
-                    check.finding_at_row(log, row, column, what, expected, advice, "range")
+                    check.finding_at_row(log, row, column, fault, expected, advice, "range")
                 )
     return findings
 

@@ -78,27 +78,27 @@ def profile_intervals(
     solution, u = fit.parameters, np.sqrt(np.diag(fit.covariance))
     # lmfit finds the ends to 5e-5 of a parameter's value, which for a scale factor near 1 with an
     # uncertainty of 1e-5 would be five uncertainties: parameters are scaled by theirs
-    named = lmfit.Parameters()
+    lmfit_parameters = lmfit.Parameters()
     # wide enough for any working triad
     reach, angles = np.full(3, np.max(np.ptp(indication, axis=0))), np.full(3, LARGEST_Q)
     low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, -angles])
     high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, angles])
     bounds = ORIGIN + (np.array([low, high]) - solution) / u
-    for name, least, most in zip(NAMES, *bounds.tolist(), strict=True):
-        named.add(name, value=ORIGIN, min=least, max=most)
+    for name, lower, upper in zip(NAMES, *bounds.tolist(), strict=True):
+        lmfit_parameters.add(name, value=ORIGIN, min=lower, max=upper)
 
-    def parameters(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
-        scaled = np.array([named[name].value for name in NAMES])
+    def parameters(trial: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+        scaled = np.array([trial[name].value for name in NAMES])
         return np.asarray(solution + u * (scaled - ORIGIN), dtype=np.float64)
 
-    def slopes(named: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
-        varying = [named[name].vary for name in NAMES]  # a profile holds one of them
-        return (derivative(residual, parameters(named)) * u)[:, varying]
+    def slopes(trial: Any) -> Array:  # noqa: ANN401 (lmfit has no types)
+        varying = [trial[name].vary for name in NAMES]  # a profile holds one of them
+        return (derivative(residual, parameters(trial)) * u)[:, varying]
 
     with warnings.catch_warnings():
         # lmfit warns where a bound is met before the F-test rejects; that end is infinite
         warnings.simplefilter("ignore")
-        minimizer = lmfit.Minimizer(lambda scaled: residual(parameters(scaled)), named)
+        minimizer = lmfit.Minimizer(lambda scaled: residual(parameters(scaled)), lmfit_parameters)
         result = minimizer.minimize(method="leastsq", Dfun=slopes, **TOLERANCES)
         for name in NAMES:
             # 1 by construction; lmfit may report none where it starts at the solution
@@ -112,11 +112,11 @@ def profile_intervals(
     intervals = {}
     for name, value, step in zip(NAMES, solution.tolist(), (u * widening).tolist(), strict=True):
         ends = [table[name][side][1] - ORIGIN for side in (0, -1)]
-        least, most = (
-            value + step * end if np.isfinite(end) else never
-            for end, never in zip(ends, (-np.inf, np.inf), strict=True)
+        lower, upper = (
+            value + step * end if np.isfinite(end) else infinite
+            for end, infinite in zip(ends, (-np.inf, np.inf), strict=True)
         )
-        intervals[name] = least, most
+        intervals[name] = lower, upper
     return intervals
 
 
