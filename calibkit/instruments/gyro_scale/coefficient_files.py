@@ -203,17 +203,17 @@ def write_pair(
     """Model of N, ε, γ and α of a pair, and figures: these, the interval of α, and the second
     estimate of γ.
     """
-    every = [run for axis in "ab" for run in runs[axis]]
+    all_runs = [run for axis in "ab" for run in runs[axis]]
     of_b = [run_lines.published(run, "b").fit for run in runs["b"]]
     units = forms.PAIR_UNITS.items()
     pair = forms.PAIR.write(
         "pair",
         [(name, value, unit) for (name, unit), value in zip(units, ratios.results, strict=True)],
         ratios.covariance,
-        dof=min(run.rate_dps.size for run in every) - 2,
+        dof=min(run.rate_dps.size for run in all_runs) - 2,
         residual_rms=rms([fit.residual_rms for fit in of_b]),
         residual_unit="1/s",
-        valid=table_runs.valid_ranges(every),
+        valid=table_runs.valid_ranges(all_runs),
         effective_dof=np.array(ratios.dof),
         components=components,
     )

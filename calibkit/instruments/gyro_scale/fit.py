@@ -309,8 +309,10 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
         of_pair = [flag for _, run in about for flag in run.flags]
         of_pair += run_lines.flag_drifts()
         of_pair += flags.of_gamma(by_noise, from_a)
-        shown = (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known else None
-        of_pair += flags.of_pair(spec, runs, run_lines, apart, shown, within=run_scale is None)
+        known_by_gamma = (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known else None
+        of_pair += flags.of_pair(
+            spec, runs, run_lines, apart, known_by_gamma, within=run_scale is None
+        )
     return Campaign(
         tuple(channels),
         run_lines,
@@ -378,8 +380,8 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
 
     Raises FitError for a table axis without a run at some temperature.
     """
-    every = [run for axis in forms.AXES for run in runs[axis]]
-    logged = bool(np.isfinite([run.temp_degc for run in every]).all())
+    all_runs = [run for axis in forms.AXES for run in runs[axis]]
+    logged = bool(np.isfinite([run.temp_degc for run in all_runs]).all())
     groups = table_runs.group_by_temperature(runs) if logged else [dict(runs)]
     about = [
         [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups
@@ -406,7 +408,7 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
     if len(sets) > 1:
         over = _fit_polynomials(run_lines, run_scale, near.over if near else None)
         vertical = table_runs.vertical_rate_dps(spec)
-        curves = list(_list_curves(over, spec.gyros, every, mounting, vertical))
+        curves = list(_list_curves(over, spec.gyros, all_runs, mounting, vertical))
     channels = []
     for at, (g, a) in enumerate(product(range(len(spec.gyros)), range(len(forms.AXES)))):
         axis, curve = forms.AXES[a], tuple(curves[at : at + 1])
@@ -414,8 +416,8 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
         channels.append(Channel(spec.gyros[g], axis, bool(own), runs[axis], curves=curve))
     of_axes: list[str] = []
     if not near:
-        of_axes = [flag for run in every for flag in run.flags]
-        if not logged and len(every) > len(forms.AXES):
+        of_axes = [flag for run in all_runs for flag in run.flags]
+        if not logged and len(all_runs) > len(forms.AXES):
             of_axes.append(flags.UNLOGGED)
         of_axes += flags.of_axes_lines(
             spec, [run for group in about for _, run in group], run_lines
@@ -465,23 +467,23 @@ def _fit_set(
         figures += [
             figure_of(f"bias.{gyro}", biases, "deg/h", g) for g, gyro in enumerate(spec.gyros)
         ]
-    every = [run for axis in forms.AXES for run in group[axis]]
+    runs = [run for axis in forms.AXES for run in group[axis]]
     sensitivities, names_of_biases = forms.triad_names(spec.gyros)
     units = ["1/deg"] * len(sensitivities) + ["1/s"] * gyros
     named = list(zip([*sensitivities, *names_of_biases], units, strict=True))
-    of_runs = [run_lines.published(run, gyro).fit for run in every for gyro in spec.gyros]
+    of_runs = [run_lines.published(run, gyro).fit for run in runs for gyro in spec.gyros]
     model = forms.TRIAD.write_fit(
         f"triad{suffix}",
         fit,
         named[: len(of_K)],
         residual_rms=rms([one.residual_rms for one in of_runs]),
         residual_unit="1/s",
-        valid=table_runs.valid_ranges(every),
+        valid=table_runs.valid_ranges(runs),
     )
     model = replace(
         model, dof=min(one.dof for one in of_runs), components=stated_components(*stated)
     )
-    degc = float(np.mean([run.temp_degc for run in every]))
+    degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})
 
 

@@ -345,18 +345,18 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], found: Value) -> I
     temp_degc = np.array([run.temp_degc for run in runs])
     files, K, u = [run.log.file for run in runs], found.value, found.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
-        off = np.abs(K / np.median(K) - 1.0)
-        if off.max() > ANOTHER:
-            apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
-            yield f"{name}: K of {files[int(np.argmax(off))]} is {apart}"
+        error = np.abs(K / np.median(K) - 1.0)
+        if error.max() > ANOTHER:
+            apart = f"{PPM * error.max():.0f} ppm off the other runs: another gyro or setting?"
+            yield f"{name}: K of {files[int(np.argmax(error))]} is {apart}"
         return
     in_degf = left_out_run.find_degf(temp_degc, K, u)
     if in_degf.any():
         numbers = np.flatnonzero(in_degf).tolist()
-        listed = ", ".join(f"{files[k]} ({temp_degc[k]:.1f})" for k in numbers)
+        named_runs = ", ".join(f"{files[k]} ({temp_degc[k]:.1f})" for k in numbers)
         raise FitError(
             f"{name}: K over temperature is one curve only if these runs are in °F, not °C:"
-            f" {listed}",
+            f" {named_runs}",
             hint=(
                 f"write the unit into the headers of these logs, {forms.TEMPERATURE} (degF), or"
                 " leave them out"

@@ -179,12 +179,12 @@ class GyroMatrix:
         where g > a.
         """
         S, B = self.at(temperature)
-        above = indication - B
+        unbiased = indication - B
         if S.shape[1:] != (1, 1):
             across = np.swapaxes(S, 1, 2)
-            found = np.linalg.solve(across @ S, across @ above[..., None])
-            return np.asarray(found[..., 0], dtype=np.float64)
-        indicated = np.asarray(above[:, 0] / S[:, 0, 0], dtype=np.float64)
+            rates = np.linalg.solve(across @ S, across @ unbiased[..., None])
+            return np.asarray(rates[..., 0], dtype=np.float64)
+        indicated = np.asarray(unbiased[:, 0] / S[:, 0, 0], dtype=np.float64)
         if self.response is not None:
             indicated = self._invert(self.response, indicated, temperature)
         return indicated[:, None]
@@ -254,28 +254,28 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
     if isinstance(spec, GyroTriadRecipe):
         model = records[ORTHOGONALITY_FILE].model("triad")
         sensitivities, biases = triad_names(spec.gyros)
-        known = {c.name for c in model.coefficients}
-        names = [*sensitivities, *(name for name in biases if name in known)]
+        coefficients = {c.name for c in model.coefficients}
+        names = [*sensitivities, *(name for name in biases if name in coefficients)]
         curves = [curve_name(line_name(gyro, axis), "K") for gyro in spec.gyros for axis in AXES]
         curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
         outputs = tuple(f"rate_{axis}_dps" for axis in AXES)
-        found = _find_curves(scale, curves)
-        return (GyroMatrix(spec.gyros, outputs, model, tuple(names), found),)
+        over_temperature = _find_curves(scale, curves)
+        return (GyroMatrix(spec.gyros, outputs, model, tuple(names), over_temperature),)
     for gyro in spec.gyros:
         name = line_name(gyro, spec.own_axis(gyro))
         bent = [model for model in scale.models if model.name == response_name(name)]
-        found = _find_curves(scale, [curve_name(name, "K"), curve_name(name, "F0")])
+        over_temperature = _find_curves(scale, [curve_name(name, "K"), curve_name(name, "F0")])
         line, outputs = scale.model(name), (f"gyro_{gyro}_dps",)
         response = bent[0] if bent else None
-        matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), found, response))
+        matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), over_temperature, response))
     return tuple(matrices)
 
 
 def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:
     """Polynomials over temperature with these names; empty where any of them is missing."""
     models = {model.name: model for model in record.models}
-    found = tuple(models[name] for name in names if name in models)
-    return found if len(found) == len(names) else ()
+    curves = tuple(models[name] for name in names if name in models)
+    return curves if len(curves) == len(names) else ()
 
 
 def read_earth_rate(

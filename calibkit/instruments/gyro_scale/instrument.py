@@ -138,7 +138,7 @@ def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Prog
             progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
         )
     )
-    found: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.logs_of_axes, ())
+    runs: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.logs_of_axes, ())
     for log in logs:
-        found[axes[log.file]] += (table_runs.fit_run(spec, log),)
-    return found
+        runs[axes[log.file]] += (table_runs.fit_run(spec, log),)
+    return runs

@@ -87,10 +87,10 @@ class Lines:
             for axis, run in runs:
                 held = run.plateaus
                 for g, gyro in enumerate(run.gyros):
-                    line, whole = run.scales[g], np.ones(run.rate_dps.size)
-                    shown = line.rate_dps, line.indication, held.temp_degc, held.hours, line.noise
-                    numbers = len(lines) * whole, (g * axes + axis) * whole
-                    parts.append(np.column_stack((*shown, *numbers)))
+                    line, ones = run.scales[g], np.ones(run.rate_dps.size)
+                    of_line = line.rate_dps, line.indication, held.temp_degc, held.hours, line.noise
+                    numbers = len(lines) * ones, (g * axes + axis) * ones
+                    parts.append(np.column_stack((*of_line, *numbers)))
                     number[run.log.file, gyro] = len(lines)
                     lines.append((g, axis, s))
         rate, F, degc, hours, noise, *counts = np.concatenate(parts).T
@@ -109,11 +109,13 @@ class Lines:
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
         each = [line_of == k for k in range(len(lines))]
         published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
-        found = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
+        run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
-            return found
-        return replace(found, in_time=near.in_time if near else tuple(found._find_in_time()))
+            return run_lines
+        return replace(
+            run_lines, in_time=near.in_time if near else tuple(run_lines._find_in_time())
+        )
 
     def _find_in_time(self) -> Iterator[InTime]:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each
@@ -333,9 +335,9 @@ def _best_lines_of(fitted: equation.Fitted) -> Callable[[Numbers], Numbers]:
 def _best_lines(fitted: equation.Fitted, errors: Iterable[Shared]) -> Fit:
     """K, F0 and indication at rest of each line, with what the runs leave open."""
     fit, rows, terms = fitted
-    kept = {size.error.name for size in fit.shared}
+    seen_errors = {size.error.name for size in fit.shared}
     fit = fit.restated(_best_lines_of(fitted))
-    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in kept]
+    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in seen_errors]
     bounds = np.zeros((2, 3, terms.lines, terms.lines))
     for k in range(terms.lines):
         of_line = rows.line == k

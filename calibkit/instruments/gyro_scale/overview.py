@@ -77,20 +77,20 @@ def _at(degc: float) -> str:
 
 def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
     """Largest of each figure of GJB 2426A over the runs and gyros."""
-    found: dict[str, Figure] = {}
+    largest: dict[str, Figure] = {}
     for figure in figures:
         what, standard, _ = FigureName.of(figure.name)
         if standard == GJB and what in RUN_LIMITS:
-            found[what] = max(found.get(what, figure), figure, key=lambda one: abs(one.value))
+            largest[what] = max(largest.get(what, figure), figure, key=lambda one: abs(one.value))
     return tuple(
         KeyValue(
             f"largest {name} (GJB 2426A)",
-            found[what].value,
-            found[what].unit.replace("degC", "°C"),
-            found[what].standard_uncertainty,
+            largest[what].value,
+            largest[what].unit.replace("degC", "°C"),
+            largest[what].standard_uncertainty,
         )
         for what, (name, _, _) in RUN_LIMITS.items()
-        if what in found
+        if what in largest
     )
 
 

@@ -106,39 +106,43 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
     record = records[forms.SCALE_FILE]
     triad = isinstance(spec, GyroTriadRecipe)
     for matrix in forms.read_matrices(spec, records):
-        own = matrix.reference[0]
+        reference = matrix.reference[0]
         file = records[forms.ORTHOGONALITY_FILE] if triad else record
-        for k, name in enumerate(matrix.names[: own.size]):
+        for k, name in enumerate(matrix.names[: reference.size]):
             g, a = divmod(k, len(matrix.outputs))
             gyro, axis = matrix.gyros[g], forms.AXES[a] if triad else ""
             if matrix.curves:
-                found = over_temperature(record, matrix.curves[k], "K")
+                K = over_temperature(record, matrix.curves[k], "K")
             else:
                 near = ranged(matrix.model, forms.TEMPERATURE)
                 low, high = near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK
                 known = forms.TEMPERATURE in matrix.model.valid
-                found = replace(
+                K = replace(
                     coefficient(file, matrix.model, name, Words(name)),
                     inputs=(QuantityInput(near.column, low, high),) * known,
                 )
             if axis in ("", gyro):
-                found = replace(found, undecided=undecided_scale(record))
+                K = replace(K, undecided=undecided_scale(record))
             key = "max_scale_factor_error_ppm"
             if triad:
                 key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
             ppm, limit = getattr(spec.acceptance, key, None), None
             if ppm is not None:
                 # the largest change, of the own scale factor
-                limit = ResultLimit(f"acceptance.{key}", ppm * PPM * float(abs(own[g]).max()))
+                limit = ResultLimit(f"acceptance.{key}", ppm * PPM * float(abs(reference[g]).max()))
             yield replace(
-                found,
+                K,
                 name=sensitivity_name(gyro, axis),
                 model="",
                 words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
                 compared=(({},),),
                 limit=limit,
                 relative=not triad or gyro == axis,
-                called=(found.key, f"{found.model}.{found.name}", found.name),
+                called=(
+                    K.key,
+                    f"{K.model}.{K.name}",
+                    K.name,
+                ),
             )
 
 

@@ -148,25 +148,25 @@ def group_by_temperature(
 
 def faults(spec: AnyRecipe, log: Log) -> Examined:
     """Findings of one log, and its held rates."""
-    found, held = _find_faults(spec, log)
+    findings, held = _find_faults(spec, log)
     if held is None:
-        return Examined(tuple(found), ())
+        return Examined(tuple(findings), ())
     pinned = stated_segments.stated_rows(log, spec, ["rate"]) is not None
     rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True)
     return Examined(
-        tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
+        tuple(findings), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
     )
 
 
 def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     """Held rates of one log; raises FrameError or FitError that names it."""
-    found, held = _find_faults(spec, log)
-    refuse(found)
+    findings, held = _find_faults(spec, log)
+    refuse(findings)
     if held is None:
         raise FitError(f"{log.file}: no held rates")
     # a remark stays one
     notes = (type(note)(f"{log.file}: {note}") for note in (*log.notes, *held.flags))
-    flags = (*notes, *(str(finding) for finding in found if finding.flagged))
+    flags = (*notes, *(str(finding) for finding in findings if finding.flagged))
     reference = spec.table.reference
     return TableRun(log, spec.gyros, held, reference, flags, _temp_range(log, held))
 
@@ -186,47 +186,47 @@ def _temp_range(log: Log, held: held_means.HeldMeans) -> tuple[float, float]:
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.HeldMeans | None]:
     """Findings of a log, and its held rates unless a finding prevents them."""
-    found = [
+    findings = [
         *check.find_too_few_rows(
             log, spec.plateaus.min_rates if spec.plateaus.one_row else LEAST_ROWS
         ),
         *check.find_missing_values(log, list(log.frame.columns)),
     ]
     gyros = [forms.gyro_column(gyro) for gyro in spec.gyros]
-    if not found:
+    if not findings:
         thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
         expected = f"at most {FASTEST_DPS:g} °/s"
-        found = [
+        findings = [
             *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
             *check.find_constant_columns(log, [forms.RATE, *gyros]),
             *check.find_out_of_range(log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", expected),
             *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
             *check.find_implausible_temperatures(log, thermometers),
         ]
-    if any(finding.refused for finding in found):
-        return found, None
+    if any(finding.refused for finding in findings):
+        return findings, None
     try:
         held = _average_held_rates(spec, log)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
         return [
-            *found,
+            *findings,
             Finding(log.file, error.message, "held rates of the table", advice, name="held_rates"),
         ], None
-    found += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
-    if not spec.plateaus.one_row and not any(finding.refused for finding in found):
-        found += _find_suspicious(spec, log)
-    found += dropouts.find(log, held, gyros)
-    return found, held
+    findings += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
+    if not spec.plateaus.one_row and not any(finding.refused for finding in findings):
+        findings += _find_suspicious(spec, log)
+    findings += dropouts.find(log, held, gyros)
+    return findings, held
 
 
 def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     """Findings on suspicious sensors, loggers and signs, which do not stop a fit."""
     columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
-    found = []
+    findings = []
     if forms.TEMPERATURE in log.frame.columns:
-        found += check.series.check_temperature(log, forms.TEMPERATURE)
-        found += check.thermometers.check_steps(log, forms.TEMPERATURE)
+        findings += check.series.check_temperature(log, forms.TEMPERATURE)
+        findings += check.thermometers.check_steps(log, forms.TEMPERATURE)
     # from the 0.5 % to the 99.5 % quantile, which excludes spikes
     reach = {
         name: _quantile(values(log.frame, name), 0.995) - _quantile(values(log.frame, name), 0.005)
@@ -235,11 +235,11 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     # a gyro across the table axis indicates its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
     for name in columns:
-        found += check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
+        findings += check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
     # with two gyros of a triad, neither need be along this axis
     if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
-        found += check.magnitude.check_gyro_sign(log, along, forms.RATE)
-    return [*found, *check.magnitude.find_compensated_names(log, spec, columns)]
+        findings += check.magnitude.check_gyro_sign(log, along, forms.RATE)
+    return [*findings, *check.magnitude.find_compensated_names(log, spec, columns)]
 
 
 def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:

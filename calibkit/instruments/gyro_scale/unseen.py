@@ -77,9 +77,9 @@ def validate(
     """Compare scale factors and rates of unseen runs with the frozen coefficients; with both logs
     of a pair, also N and γ.
     """
-    known = compensate.read_invertible(spec, records)
+    matrices = compensate.read_invertible(spec, records)
     frozen = {one.name: one for one in quantities.list_sensitivities(records, spec)}
-    within = quantities.hold_within_runs(records.values())
+    within_runs = quantities.hold_within_runs(records.values())
     runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
     compared: list[Compared] = []
     flags: list[str] = []
@@ -90,28 +90,28 @@ def validate(
         run_lines = Lines.of([[(0, run)]])
         runs[axis] = (*runs.get(axis, ()), run)
         flags += [*run.flags, *run_lines.flag_drifts()]
-        turned = known
+        turned = matrices
         if not isinstance(spec, GyroTriadRecipe):
-            turned = tuple(one for one in known if spec.own_axis(one.gyros[0]) == axis)
+            turned = tuple(one for one in matrices if spec.own_axis(one.gyros[0]) == axis)
         one = _compare_run(spec, run_lines, run, axis, turned, frozen)
         compared.append(one)
         if np.isfinite(run.temp_degc):
             for matrix in turned:
                 flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
-        if not within:
+        if not within_runs:
             error = np.array([K.value - frozen.value for K, frozen in one.scales])
             variance = np.array([K.u**2 + frozen.u**2 for K, frozen in one.scales])
             dof = np.inf, max(float(sum(frozen.dof for _, frozen in one.scales)), 1.0)
             judged = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
             criteria.append(over_u(f"{log.file}: rms error of K", judged.to_object()))
     body: dict[str, Any] = {"logs": [one.entry for one in compared]}
-    tables, of_limits, undecided = _judge_errors(spec, compared, within=within)
+    tables, of_limits, undecided = _judge_errors(spec, compared, within=within_runs)
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
         again = fit.fit_pair(spec, runs)
         body["pair"] = _compare_pair(records, again.pair, spec.type_b)
         tables.append(_tabulate_pair_again(body["pair"]))
         undecided += again.flags
-        criteria += _judge_pair(body["pair"], within=within)
+        criteria += _judge_pair(body["pair"], within=within_runs)
     flags += undecided
     lines = [line for one in compared for line in one.lines]
     criteria += [*of_limits, *acceptance.judge_noise(lines, spec.acceptance)]
@@ -211,10 +211,10 @@ def _scale_factor(
     ]
     if matrix.curves and not repeats:
         repeats = [point.parts[0][0].residual_rms]
-    found = run_lines.of_runs([run], gyro)
+    of_run = run_lines.of_runs([run], gyro)
     u_frozen = float(np.linalg.norm([u, max(repeats, default=0.0), other]))
-    stated = Value(*(np.array(number) for number in (K, u_frozen, dof)))
-    return Value(found.value[0], found.u[0], found.dof[0]), stated
+    of_files = Value(*(np.array(number) for number in (K, u_frozen, dof)))
+    return Value(of_run.value[0], of_run.u[0], of_run.dof[0]), of_files
 
 
 def _temperatures(run: table_runs.TableRun) -> Array:
@@ -232,8 +232,8 @@ def _compare_line(
     """JSON object of one gyro of a run about its own axis, and the line of its compensated
     rates.
     """
-    (gyro,), (found, stated) = matrix.gyros, scale
-    u_found, frozen = float(found.u), float(stated.value)
+    (gyro,), (of_run, of_files) = matrix.gyros, scale
+    u_found, frozen = float(of_run.u), float(of_files.value)
     line, temperature = run_lines.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
@@ -251,12 +251,12 @@ def _compare_line(
         "K": line.K,
         "K_standard_uncertainty": u_found,
         "K_frozen": frozen,
-        "K_frozen_standard_uncertainty": float(stated.u),
+        "K_frozen_standard_uncertainty": float(of_files.u),
         "scale_factor_error_ppm": (line.K / frozen - 1.0) * PPM,
         "scale_factor_error_standard_uncertainty_ppm": (
-            float(np.hypot(u_found, stated.u)) / abs(frozen) * PPM
+            float(np.hypot(u_found, of_files.u)) / abs(frozen) * PPM
         ),
-        "scale_factor_error_dof": min(float(stated.dof), MOST_DOF),
+        "scale_factor_error_dof": min(float(of_files.dof), MOST_DOF),
         "zero_error_dph": (line.F0 / line.K - float(zero_of_rows.mean()) / frozen) * DPH_PER_DPS,
         "rate_gain": compensated.K,
         "before_is": before_is,
@@ -344,15 +344,20 @@ def _compare_pair(
     frozen, compared = records[forms.ORTHOGONALITY_FILE].model("pair"), []
     for c in frozen.coefficients:
         assert again is not None  # noqa: S101 (a fit of a pair has one)
-        found = next(one for one in again.coefficients if one.name == c.name)
+        unseen_c = next(one for one in again.coefficients if one.name == c.name)
         # terms on the ratio itself, or on α
         slopes, names = quantities.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
         type_b_u = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
-        both = gum.combine(
+        difference = gum.combine(
             [
                 gum.UncertaintyComponent(
-                    *("found", found.value, found.standard_uncertainty, "A"),
-                    dof=again.dof_of(found),
+                    *(
+                        "found",
+                        unseen_c.value,
+                        unseen_c.standard_uncertainty,
+                        "A",
+                    ),
+                    dof=again.dof_of(unseen_c),
                 ),
                 gum.UncertaintyComponent(
                     "frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)
@@ -364,10 +369,10 @@ def _compare_pair(
             {
                 "name": c.name,
                 "frozen": c.value,
-                "found": found.value,
-                "difference": found.value - c.value,
-                "standard_uncertainty": both.standard_uncertainty,
-                "dof": min(both.effective_dof, MOST_DOF),
+                "found": unseen_c.value,
+                "difference": unseen_c.value - c.value,
+                "standard_uncertainty": difference.standard_uncertainty,
+                "dof": min(difference.effective_dof, MOST_DOF),
                 "unit": c.unit,
             }
         )
