@@ -306,22 +306,26 @@ def solve(
     p = problem.start[problem.free]
     near_variances, converged = None, False
     for step in range(STEPS):
-        lines = problem.linearise(p, used, noise_known=noise is not None and not estimate_noise)
-        solution = lines.maximise(active, near_variances)
+        linear_form = problem.linearise(
+            p, used, noise_known=noise is not None and not estimate_noise
+        )
+        solution = linear_form.maximise(active, near_variances)
         if step == 1:  # where the equation is already straight
-            solution = _take_optional(lines, solution, active, optional_errors)
+            solution = _take_optional(linear_form, solution, active, optional_errors)
         near_variances = solution.variances
-        change = lines.basis @ solution.coefficients
+        # -r = J Δp + Σ Z_g b_g + e at the most likely sizes: Δp, b, and what is left of the noise
+        change = linear_form.basis @ solution.coefficients
         errors = problem.errors_of_levels(solution, active)
-        noise_residual = lines.y[: problem.n] - lines.J[: problem.n] @ change
+        noise_residual = linear_form.y[: problem.n] - linear_form.J[: problem.n] @ change
         for g, b in errors.items():
             noise_residual -= problem.mixed[g].along(b) / problem.relative
         good = used
-        if leave_out:
+        if leave_out:  # residuals that are rounding are no outliers
             good = problem.find_good(noise_residual, solution, used, active)
-            good |= noise_residual**2 <= ROUNDING_FAR**2 * lines.prior_variances.least
-        p = p + problem.shortened(p, change, lines, solution, active, used)
-        half = lines.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
+            good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.prior_variances.least
+        p = p + problem.shortened(p, change, linear_form, solution, active, used)
+        # done where the step is small against u, and no residual came in or went out
+        half = linear_form.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
         rounding = np.finfo(np.float64).eps * np.abs(p)
         converges = bool(np.all(np.abs(change) <= SETTLED * u + rounding))
@@ -329,27 +333,30 @@ def solve(
             converged = True
             break
         used = good
-    fit = problem.result(p, lines, solution, active, used)
+    fit = problem.result(p, linear_form, solution, active, used)
     return replace(fit, noise_residual=-noise_residual * problem.relative, converged=converged)
 
 
 def _take_optional(
-    lines: "_Linearised", solution: MixedSolution, active: list[int], optional_errors: list[int]
+    linear_form: "_Linearised",
+    solution: MixedSolution,
+    active: list[int],
+    optional_errors: list[int],
 ) -> MixedSolution:
     """Solution with those errors that the likelihood asks for, the one of the largest fall first;
-    they move from `offered` to `kept`.
+    they move from the optional ones to the active ones.
     """
-    parts = len(lines.rows.shares)
+    parts = len(linear_form.rows.shares)
     while True:
         wider: dict[int, MixedSolution] = {}
         for g in optional_errors:
-            if not lines.prior_variances.free[parts + g]:
+            if not linear_form.prior_variances.free[parts + g]:
                 continue
-            Z = lines.rows.Z[:, lines.rows.group == g]
+            Z = linear_form.rows.Z[:, linear_form.rows.group == g]
             variance, fall = likelihood.first_step(solution, Z)
             if fall < ASKED_FOR / HESITANT:
                 continue
-            found = lines.maximise([*active, g], np.append(solution.variances, variance))
+            found = linear_form.maximise([*active, g], np.append(solution.variances, variance))
             # An error that takes most of the residuals that show the noise leaves little of them by
             # chance: of six degrees of freedom three are left, and -2 log L falls by more than
             # ASKED_FOR once in 90 tries. The limit grows by the ratio of the degrees of freedom,
@@ -399,13 +406,13 @@ def predict(
     present = [error for error in required if error.size]
     problem = _Problem(residual, p, present, priors, None, noise, None, names)
     used = np.ones(problem.n, dtype=np.bool_)
-    lines = problem.linearise(p, used, noise_known=False)
+    linear_form = problem.linearise(p, used, noise_known=False)
     sizes = [1.0, *(prior.size for prior in priors)]
     sizes += [error.size or 0.0 for error in (*problem.noises, *problem.mixed)]
-    solution = MixedSolution(lines.rows, np.array(sizes) ** 2, lines.prior_variances)
-    fit = problem.result(p, lines, solution, range(len(problem.mixed)), used)
+    solution = MixedSolution(linear_form.rows, np.array(sizes) ** 2, linear_form.prior_variances)
+    fit = problem.result(p, linear_form, solution, range(len(problem.mixed)), used)
     # the sizes are stated: their estimation adds nothing
-    embed = problem.embed(lines)
+    embed = problem.embed(linear_form)
     covariance = embed @ solution.inverse[: len(p), : len(p)] @ embed.T
     return replace(fit, covariance=covariance, converged=True)
 
@@ -677,14 +684,14 @@ class _Problem:
         self,
         p: Array,
         change: Array,
-        lines: _Linearised,
+        linear_form: _Linearised,
         solution: MixedSolution,
         active: Sequence[int],
         used: Mask,
     ) -> Array:
         """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
         R, fitted_rows = solution.noise_along(self.shares), self.fitted_rows(used)
-        bend = self.whole(p + change) + lines.y - lines.J @ change
+        bend = self.whole(p + change) + linear_form.y - linear_form.J @ change
         if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
             return change
         columns = len(p)
@@ -699,35 +706,35 @@ class _Problem:
             g = np.concatenate([np.empty((0, 1)), *by_level])[:, 0] * solution.root
             return float(r @ weighted - g @ np.linalg.solve(across, g))
 
-        before = misfit(-lines.y)
+        before = misfit(-linear_form.y)
         for _ in range(HALVINGS):
             if misfit(self.whole(p + change)) < before:
                 break
             change = 0.5 * change
         return change
 
-    def embed(self, lines: _Linearised) -> Array:
+    def embed(self, linear_form: _Linearised) -> Array:
         """[all parameters, p free], from coefficients of orthonormal columns to the parameters."""
-        return np.eye(len(self.start))[:, self.free] @ lines.basis
+        return np.eye(len(self.start))[:, self.free] @ linear_form.basis
 
     def result(
         self,
         p: Array,
-        lines: _Linearised,
+        linear_form: _Linearised,
         solution: MixedSolution,
         active: Sequence[int],
         used: Mask,
     ) -> Fit:
         """The finished fit, in the units of the residuals and in all parameters."""
         covariance, slopes, variance_covariance = likelihood.uncertainty(solution)
-        variances, embed = solution.variances, self.embed(lines)
+        variances, embed = solution.variances, self.embed(linear_form)
         R = solution.noise_along(self.shares)[: self.n]
         half = embed @ solution.inverse[: len(p)]
         gain = np.zeros((len(self.start), self.n))
         for rows in _chunks(np.flatnonzero(used)):
             Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in active)])
             Z = Z / self.relative[rows, None] * solution.root
-            T = np.hstack([lines.J[rows] @ lines.basis, Z])
+            T = np.hstack([linear_form.J[rows] @ linear_form.basis, Z])
             gain[:, rows] = half @ (T / R[rows, None]).T / self.relative[rows]
         first = self.channels + len(self.priors)
         theta = variances[first:]
@@ -737,7 +744,7 @@ class _Problem:
         found = [(error, error.levels, np.empty((0, error.width))) for error in self.noises]
         for g, b in self.errors_of_levels(solution, active).items():
             error = self.mixed[g]
-            found.append((error, lines.degrees[g], b.reshape(error.levels, -1)))
+            found.append((error, linear_form.degrees[g], b.reshape(error.levels, -1)))
         sizes = zip(found, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)
         parameters = self.start.copy()
         parameters[self.free] = p
@@ -748,7 +755,7 @@ class _Problem:
             noise_residual=np.empty(0),
             used=used,
             dof=int(used.sum()) - len(p),
-            condition=lines.condition,
+            condition=linear_form.condition,
             shared=tuple(SharedSize(error, s, su, rank, b) for (error, rank, b), s, su in sizes),
             deviance=solution.deviance,
             converged=False,
