@@ -46,6 +46,24 @@ def test_the_mean_of_runs_has_the_variance_and_degrees_of_freedom_of_the_analysi
     assert mean.expanded == pytest.approx(stats.t.ppf(0.97725, mean.dof) * mean.u)
 
 
+@pytest.mark.parametrize("spread", [1e3, 1e4, 1e5])
+def test_runs_that_differ_by_far_more_than_their_noise_have_the_uncertainty_of_their_means(spread):
+    """Three runs of a scale factor and a zero, one of them of another gyro: u of the mean is the
+    standard deviation of the three over √3, with two degrees of freedom.
+    """
+    rng = np.random.default_rng(4)
+    run, rate = np.repeat(np.arange(3), 12), np.tile(np.linspace(-1.0, 1.0, 12), 3)
+    scale = np.array([0.0, spread, 0.0])[run]
+    y = (7.0 + scale) * rate + 2.0 + rng.standard_normal(rate.size)
+    errors = [shared(run, rate), shared(run, np.ones(rate.size))]
+    fit = solve(lambda p: p[0] * rate + p[1] - y, np.zeros(2), errors)
+    of_run = [np.polyfit(rate[run == k], y[run == k], 1)[0] for k in range(3)]
+    mean = fit.of(lambda p: p[0])
+    assert mean.value == pytest.approx(np.mean(of_run), rel=1e-6)
+    assert mean.u == pytest.approx(np.std(of_run, ddof=1) / np.sqrt(3.0), rel=1e-4)
+    assert mean.dof == pytest.approx(2.0, rel=1e-4)
+
+
 def test_gyros_without_a_common_coefficient_are_solved_one_by_one_with_the_same_result(
     monkeypatch,
 ):

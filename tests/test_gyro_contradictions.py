@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 import calibkit
+from calibkit.errors import FitError
 
 RATES = np.linspace(-100.0, 100.0, 9)
 AXES = np.eye(3) + 1e-3 * np.array([[0.0, 3.0, -2.0], [4.0, 0.0, 2.5], [-3.5, 1.5, 0.0]])
@@ -93,6 +94,55 @@ def test_a_run_of_a_pair_with_another_setting_is_named():
         "pair": {"axis_a": "about_a*.csv", "axis_b": "about_b*.csv"},
         "plateaus": {"one_row": True},
     }
-    flags = calibkit.fit(recipe, logs=logs, runs=None, date="2026-11-26").flags
-    (named,) = [flag for flag in flags if "off the other runs" in flag]
+    run = calibkit.fit(recipe, logs=logs, runs=None, date="2026-11-26")
+    (named,) = [flag for flag in run.flags if "off the other runs" in flag]
     assert named.startswith("b_about_b: K of about_b_1.csv is 1999 ppm off")
+    assert run.document["verdict"] == "rejected"
+
+
+RATE_TABLE = {
+    "procedure": "rate_table",
+    "logs": {"files": ["*.csv"]},
+    "plateaus": {"one_row": True},
+    "acceptance": {"max_residual_over_noise": 10.0},
+}
+
+
+@pytest.mark.parametrize(
+    ("scale", "verdict"),
+    [(1.0, "accepted"), (1.0005, "accepted"), (1.01, "rejected"), (-1.0, "rejected")],
+)
+def test_a_run_of_another_gyro_or_sign_is_rejected(scale, verdict):
+    """One of six runs over temperature, counts of 1 % more or of the other sign: K is that of
+    neither. What may be a bend of K(T), 500 ppm, is flagged alone.
+    """
+    rng = np.random.default_rng(11)
+    logs = {
+        f"run{k}.csv": log(rng, np.eye(3)[0], degc, scale if k == 4 else 1.0).drop(
+            columns=["gyro_y_lsb", "gyro_z_lsb"]
+        )
+        for k, degc in enumerate((25.0, 25.0, 25.0, -40.0, 0.0, 60.0))
+    }
+    run = calibkit.fit(RATE_TABLE, logs=logs, runs=None, date="2026-11-26")
+    assert run.document["verdict"] == verdict
+    assert any("run4.csv" in flag for flag in run.flags) == (scale != 1.0)
+
+
+def test_a_gyro_that_does_not_follow_the_table_is_refused_by_name():
+    """Noise in the column of the gyro, as of a broken cable."""
+    rng = np.random.default_rng(12)
+    frame = log(rng, np.eye(3)[0], 25.0).drop(columns=["gyro_y_lsb", "gyro_z_lsb"])
+    frame["gyro_x_lsb"] = 20.0 * rng.standard_normal(len(frame))
+    with pytest.raises(FitError, match=r"cut\.csv: gyro x does not follow the table"):
+        calibkit.fit(RATE_TABLE, logs={"cut.csv": frame}, runs=None, date="2026-11-26")
+
+
+def test_runs_at_two_temperatures_say_that_k_is_their_mean():
+    """K over temperature needs a third temperature, and the flag says so."""
+    rng = np.random.default_rng(13)
+    logs = {
+        f"run{k}.csv": log(rng, np.eye(3)[0], degc).drop(columns=["gyro_y_lsb", "gyro_z_lsb"])
+        for k, degc in enumerate((-40.0, 60.0))
+    }
+    flags = calibkit.fit(RATE_TABLE, logs=logs, runs=None, date="2026-11-26").flags
+    assert any("runs at two temperatures do not show how K changes" in flag for flag in flags)

@@ -7,6 +7,10 @@
 Without restriction -2 log L is less by ln|Jᵀ V⁻¹ J|: that compares fits of different J, and lacks
 what the coefficients take from the sizes.
 
+The columns of [R^-½ T; 0 I] are turned into orthonormal ones, B in the rows of R^-½ T: then
+P = R^-½ (I - B Bᵀ) R^-½. A product with C⁻¹ in its place loses as many digits as θ Zᵀ R⁻¹ Z has:
+all of them where runs differ by a thousand times their noise.
+
 No matrix is n × n. Residuals of equal noise may be turned into each other: the triangle of a QR of
 [J Z y] keeps what they tell, and (2) and (3) are solved on as many rows as it has. Gyros that have
 no coefficient and no error in common are blocks of T and of C, each of which is solved alone.
@@ -161,33 +165,34 @@ class MixedSolution:
         *,
         restricted: bool = True,
     ) -> None:
-        from scipy.linalg import cho_solve
-
-        parts = len(rows.shares)
+        parts, p = len(rows.shares), rows.J.shape[1]
         self.rows, self.variances, self.prior_variances = rows, variances, prior_variances
+        self.restricted = restricted
         self.R: Array = variances[:parts] @ rows.shares
         self.root = np.sqrt(variances[parts:])[rows.group]
-        self.T: Array = np.hstack([rows.J, rows.Z * self.root])
-        self.weighted: Array = self.T / self.R[:, None]
-        p, columns = rows.J.shape[1], self.T.shape[1]
-        self.inverse = np.zeros((columns, columns))
-        log_determinants = rows.count @ np.log(self.R)
+        T = np.hstack([rows.J, rows.Z * self.root]) / np.sqrt(self.R)[:, None]
+        y = rows.y / np.sqrt(self.R)
+        self.inverse = np.zeros((T.shape[1], T.shape[1]))  # C⁻¹
+        self.solution = np.zeros(T.shape[1])
+        # rows of each block, its B [rows, columns], and how many columns, the first, are of errors
+        self.bases: list[tuple[Integers, Array, int]] = []
+        self.deviance = float(rows.count @ np.log(self.R)) + prior_variances.deviance(variances)
         for block in rows.blocks:
-            C = self.T[block.crossings].T @ self.weighted[block.crossings]
-            C[np.diag_indices_from(C)] += block.columns >= p
-            factor = np.linalg.cholesky(C)
-            self.inverse[block.square] = cho_solve((factor, True), np.eye(len(C)))
-            log_determinants += 2.0 * np.sum(np.log(np.diag(factor)))
-        self.solution = self.inverse @ (self.weighted.T @ rows.y)
-        left = rows.y - self.T @ self.solution
-        self.Py = left / self.R
-        errors = self.solution[p:]
+            # errors first: without the columns behind them P is V⁻¹
+            columns = np.roll(block.columns, -int(np.count_nonzero(block.columns < p)))
+            errors = int(np.count_nonzero(columns >= p))
+            below = np.eye(errors, columns.size)
+            Q, S = np.linalg.qr(np.vstack([T[np.ix_(block.rows, columns)], below]))
+            B, inverse = Q[: block.rows.size], np.linalg.inv(S)
+            self.bases.append((block.rows, B, errors))
+            self.inverse[np.ix_(columns, columns)] = inverse @ inverse.T
+            self.solution[columns] = inverse @ (B.T @ y[block.rows])
+            determined = np.abs(np.diag(S)[: None if restricted else errors])
+            self.deviance += 2.0 * float(np.sum(np.log(determined)))
+        self.Py = self.projected(rows.y[:, None])[:, 0]
+        b = self.solution[p:]
         # yᵀ P y as a sum of squares: the product of y and P y loses its digits where θ is large
-        square = left @ self.Py + errors @ errors
-        self.deviance = float(log_determinants + square) + prior_variances.deviance(variances)
-        self.restricted = restricted
-        if not restricted:
-            self.deviance += float(np.linalg.slogdet(self.inverse[:p, :p])[1])
+        self.deviance += float(self.Py @ (self.R * self.Py) + b @ b)
 
     @property
     def coefficients(self) -> Array:
@@ -206,7 +211,8 @@ class MixedSolution:
     @property
     def gain(self) -> Array:
         """(Jᵀ V⁻¹ J)⁻¹ Jᵀ V⁻¹ [p, n], change of β by a change of y."""
-        return self.inverse[: self.rows.J.shape[1]] @ self.weighted.T
+        T = np.hstack([self.rows.J, self.rows.Z * self.root])
+        return self.inverse[: self.rows.J.shape[1]] @ (T / self.R[:, None]).T
 
     @cached_property
     def noise_degrees(self) -> float:
@@ -217,22 +223,20 @@ class MixedSolution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        left = F.copy()
-        for block in self.rows.blocks:
-            products = self.weighted[block.crossings].T @ F[block.rows]
-            left[block.rows] -= self.T[block.crossings] @ (self.inverse[block.square] @ products)
-        return np.asarray(left / self.R[:, None])
+        root = np.sqrt(self.R)[:, None]
+        left = F / root
+        for rows, B, _ in self.bases:
+            left[rows] -= B @ (B.T @ left[rows])
+        return np.asarray(left / root)
 
-    def _traces(self, inverse: Array) -> tuple[Array, Array]:
-        """Diagonals of T C⁻¹ Tᵀ [n], and of Zᵀ P Z [q]."""
-        Z, p = self.rows.Z, self.rows.J.shape[1]
-        leverage, of_errors = np.zeros(len(Z)), Z.T**2 @ (1.0 / self.R)
-        for block in self.rows.blocks:
-            T, inside = self.T[block.crossings], inverse[block.square]
-            leverage[block.rows] = np.sum(T @ inside * T, axis=1)
-            errors = block.columns[block.columns >= p] - p
-            products = self.weighted[block.crossings].T @ Z[np.ix_(block.rows, errors)]
-            of_errors[errors] -= np.sum(products * (inside @ products), axis=0)
+    def _traces(self) -> tuple[Array, Array]:
+        """Diagonals of I - R^½ P R^½ [n], and of Zᵀ P Z [q]; without restriction of V⁻¹ for P."""
+        Z = self.rows.Z / np.sqrt(self.R)[:, None]
+        leverage, of_errors = np.zeros(len(Z)), np.sum(Z**2, axis=0)
+        for rows, B, errors in self.bases:
+            basis = B if self.restricted else B[:, :errors]
+            leverage[rows] = np.sum(basis**2, axis=1)
+            of_errors -= np.sum((basis.T @ Z[rows]) ** 2, axis=0)
         return leverage, of_errors
 
     def _member(self) -> Array:
@@ -244,14 +248,9 @@ class MixedSolution:
         """Derivatives [v] of log L by the variances, and the mean of its observed and expected
         information, ½ yᵀ P V_i P V_j P y (Gilmour, Thompson & Cullis 1995).
         """
-        Z, shares, R = self.rows.Z, self.rows.shares, self.R
-        inverse, p = self.inverse, self.rows.J.shape[1]
-        if not self.restricted:  # P of (3) without J in T is V⁻¹, whose traces stand for those of P
-            products = inverse[:, :p]
-            inverse = inverse - products @ np.linalg.solve(inverse[:p, :p], products.T)
-        member = self._member()
-        leverage, of_errors = self._traces(inverse)
-        noise_trace = shares @ (self.rows.count / R - leverage / R**2)
+        Z, shares, member = self.rows.Z, self.rows.shares, self._member()
+        leverage, of_errors = self._traces()
+        noise_trace = shares @ ((self.rows.count - leverage) / self.R)
         trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
         score = 0.5 * (VPy.T @ self.Py - trace) + self.prior_variances.score(self.variances)
@@ -264,12 +263,11 @@ class MixedSolution:
         """Expected information [v, v] of the variances, ½ tr(P V_i P V_j)."""
         Z, shares, R = self.rows.Z, self.rows.shares, self.R
         member, PZ = self._member(), self.projected(Z)
-        leverage, _ = self._traces(self.inverse)
-        noise = (shares * (self.rows.count / R**2 - 2.0 * leverage / R**3)) @ shares.T
-        for block in self.rows.blocks:
-            inverse, weighted = self.inverse[block.square], self.weighted[block.crossings]
-            inner = [inverse @ ((weighted.T * d) @ weighted) for d in shares[:, block.rows]]
-            noise += np.array([[np.sum(a * b.T) for b in inner] for a in inner])
+        leverage, _ = self._traces()
+        noise = (shares * ((self.rows.count - 2.0 * leverage) / R**2)) @ shares.T
+        for rows, B, _ in self.bases:
+            inner = [(B.T * d) @ B for d in shares[:, rows] / R[rows]]
+            noise += np.array([[np.sum(a * b) for b in inner] for a in inner])
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
         largest_square = np.block([[noise, cross], [cross.T, mixed]])

@@ -694,8 +694,8 @@ class _Problem:
         bend = self.whole(p + change) + linear_form.y - linear_form.J @ change
         if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
             return change
-        columns = len(p)
-        across = solution.T[:, columns:].T @ solution.weighted[:, columns:]
+        Z = solution.rows.Z * solution.root
+        across = Z.T @ (Z / solution.R[:, None])
         across[np.diag_indices_from(across)] += 1.0
 
         def misfit(r: Array) -> float:

@@ -11,13 +11,14 @@ e is what the share in one log is off the mean of the n other logs about the axi
 about such means in all logs but that one, of all gyros and axes together, at least that of noise.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
+from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Figure
+from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
@@ -40,7 +41,8 @@ ONE_TEMPERATURE_DEGC = 10.0
 CHANCE = 0.005
 """Probability with which a gyro of a faultless campaign is named, of all its logs together."""
 ANOTHER = 1e-3
-"""Relative difference from repeated runs above which a scale factor is another gyro's or setting's.
+"""Relative difference from the other runs above which a scale factor is another gyro's or
+setting's: what is fitted through both is the scale factor of neither, and is rejected.
 """
 LEAST_OTHERS = 2
 """Fewest other logs about an axis with which one is held against them."""
@@ -136,6 +138,12 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
         yield (
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
+        )
+    if channel.curves and not max(terms.orders):
+        yield (
+            f"{name}: runs at two temperatures do not show how K changes between them: K is the"
+            " mean of all runs, and its U holds their difference; add runs at a third temperature,"
+            " or leave out those far from the reference"
         )
     for c in channel.mean.coefficients:
         letter, dof = c.name, channel.mean.dof_of(c)
@@ -337,18 +345,43 @@ def of_sets(
             )
 
 
+class Contradiction(str):
+    """A flag on a run whose scale factor the others contradict."""
+
+    __slots__ = ("off",)
+
+    off: float
+    """Magnitude of the difference, over the scale factor."""
+
+    @classmethod
+    def of(cls, off: float, text: str) -> Self:
+        """The flag of a relative difference."""
+        flag = cls(text)
+        flag.off = abs(off)
+        return flag
+
+
+def judge_contradictions(flags: Iterable[str]) -> tuple[Criterion, ...]:
+    """Criterion that no run contradicts the others as another gyro or setting would; none where
+    none is flagged.
+    """
+    off = [flag.off for flag in flags if isinstance(flag, Contradiction)]
+    what = "K of a run off what the other runs let expect"
+    return (at_most(what, PPM * max(off), PPM * ANOTHER, "ppm", "calibkit"),) if off else ()
+
+
 def of_contradicted_runs(name: str, runs: Sequence[TableRun], found: Value) -> Iterator[str]:
     """Flags on runs of a gyro about one axis whose K [r] the others contradict; FitError where that
-    is because their thermometer was in °F. Scale factors over temperature are judged by
-    `left_out_run`.
+    is because their thermometer was in °F.
     """
     temp_degc = np.array([run.temp_degc for run in runs])
     files, K, u = [run.log.file for run in runs], found.value, found.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
-        error = np.abs(K / np.median(K) - 1.0)
-        if error.max() > ANOTHER:
-            apart = f"{PPM * error.max():.0f} ppm off the other runs: another gyro or setting?"
-            yield f"{name}: K of {files[int(np.argmax(error))]} is {apart}"
+        off = np.abs(K / np.median(K) - 1.0)
+        if off.max() > ANOTHER:
+            apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
+            text = f"{name}: K of {files[int(np.argmax(off))]} is {apart}"
+            yield Contradiction.of(off.max(), text)
         return
     in_degf = left_out_run.find_degf(temp_degc, K, u)
     if in_degf.any():
@@ -362,16 +395,21 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], found: Value) -> I
                 " leave them out"
             ),
         )
-    for left_out in left_out_run.find(temp_degc, K, u):
-        off_ppm = f"{PPM * left_out.off / np.median(np.abs(K)):+.3g} ppm"
+    contradicting = tuple(left_out_run.find(temp_degc, K, u))
+    size = float(np.median(np.abs(K)))
+    # of several that may each explain the others, the one that is least off
+    least = min((abs(left_out.off) for left_out in contradicting), default=0.0) / size
+    for left_out in contradicting:
+        off_ppm = f"{PPM * left_out.off / size:+.3g} ppm"
         at = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
-        yield f"{name}: " + (
+        why = (
             f"K of {at} is {off_ppm} off what the other runs let expect: see its thermometer and"
             f" what else was different, or leave it out: {advise_exclude(files[left_out.run])}"
             if left_out.certain
             else f"either K of {at} is {off_ppm} off, or K over temperature bends that much, which"
             " no other run shows: repeat a run at that temperature"
         )
+        yield Contradiction.of(least, f"{name}: {why}")
 
 
 def of_contradicted_shares(
@@ -409,26 +447,31 @@ def of_contradicted_shares(
         about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
         names = [gyros[g] for g in table.gyro_of[here].tolist()]
         expected = mean[of_here] * size[here]
-        yield from _name_cause(about, names, table.K[here], expected, limit * size[here])
+        yield from _name_cause(about, names, table.K[here], expected, limit, size[here])
 
 
 def _name_cause(
-    about: str, gyros: Sequence[str], K: Array, expected: Array, limit: Array
+    about: str, gyros: Sequence[str], K: Array, expected: Array, limit: Array, size: Array
 ) -> Iterator[str]:
     """Flags on the gyros of a log whose K [1/deg] is off what the other logs about the axis let
-    expect, by more than the limit of each.
+    expect, by more than the limit of each; limits are relative to the scale factors `size`.
     """
+    limit = limit * size
     off = np.flatnonzero(np.abs(K - expected) > limit)
+    of_expected = np.abs(K / expected - 1.0)
     if off.size > 1 and np.all(np.abs(K[off][::-1] - expected[off]) <= limit[off]):
         listed = " and ".join(gyros[k] for k in off.tolist())
-        yield f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
+        text = f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
+        yield Contradiction.of(of_expected[off].max(), text)
         return
     for k in off.tolist():
         values = f"K is {K[k]:+.4g} 1/deg, {expected[k]:+.4g} in the other logs"
         if abs(-K[k] - expected[k]) <= limit[k]:
-            yield f"{about} the sign of gyro {gyros[k]} is turned: its {values}"
+            text = f"{about} the sign of gyro {gyros[k]} is turned: its {values}"
+            yield Contradiction.of(of_expected[k], text)
         else:
-            yield (
+            text = (
                 f"{about} either gyro {gyros[k]} contradicts the other logs, or its axis turns that"
                 f" much with temperature: its {values}; repeat the log"
             )
+            yield Contradiction.of((K[k] - expected[k]) / size[k], text)

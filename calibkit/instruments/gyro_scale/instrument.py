@@ -76,6 +76,7 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
     figures = [figure for result in results for figure in result.figures]
     criteria = acceptance.judge_figures(figures, spec.acceptance)
     criteria += acceptance.judge_noise(straight, spec.acceptance)
+    criteria += flags.judge_contradictions(campaign.flags)
     single = not (campaign.pair or campaign.sets)
     return Fitted(
         results,

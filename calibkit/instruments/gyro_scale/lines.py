@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
+from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
@@ -37,6 +38,10 @@ DRIFTED = 2.0
 """Change during a run, in standard uncertainties of a held rate (both rms), from which it is
 flagged.
 """
+
+
+FOLLOWS = 0.2
+"""Relative standard uncertainty of a scale factor from which a gyro does not follow the table."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,12 +115,26 @@ class Lines:
         each = [line_of == k for k in range(len(lines))]
         published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
         run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
+        run_lines._require_followed()
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
         return replace(
             run_lines, in_time=near.in_time if near else tuple(run_lines._find_in_time())
         )
+
+    def _require_followed(self) -> None:
+        """Raise FitError for a gyro that does not follow the table about its own axis."""
+        own = self.own()
+        for (file, gyro), number in self.number.items():
+            K, u = self.K[number], self.u_K[number]
+            if own[number] and not u < FOLLOWS * abs(K):
+                raise FitError(
+                    f"{file}: gyro {gyro} does not follow the table: its scale factor is"
+                    f" {K:.3g} ± {2.0 * u:.3g} 1/deg, expected one that is known to"
+                    f" {100.0 * FOLLOWS:.0f} %",
+                    hint="see that [columns] names the column of this gyro, and its cable",
+                )
 
     def _find_in_time(self) -> Iterator[InTime]:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each
