@@ -24,9 +24,15 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     choose,
 )
 from calibkit.numeric import flicker, intervals
-from calibkit.numeric.thermal import left_out, noise as thermal_noise, pooled_fit, uncertainty
-from calibkit.numeric.thermal.candidates import Candidate
+from calibkit.numeric.thermal import (
+    left_out,
+    level,
+    noise as thermal_noise,
+    pooled_fit,
+    uncertainty,
+)
 from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.left_out import Candidate
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
@@ -212,9 +218,11 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    solved, without, _ = thermal_choice._solutions_of(stacked, (candidate,))
-    solution = solved[0].solution
-    found = thermal_choice._left_out(solved[0], stacked, without, 10)
+    basis = level.basis(stacked)
+    solution = basis.solve(candidate.terms)
+    without = left_out.leave_out(stacked, basis.rows)
+    fit = thermal_choice._Fitted(candidate, solution)
+    found = thermal_choice._left_out(fit, stacked, without, 10, None)
     sound = solution.rows.sound
     noise, tau = solution.rows.noise, np.sqrt(solution.turn_on_variance)
     for ramp, rows in enumerate(stacked.ramps):

@@ -5,6 +5,7 @@ it.
 import json
 import math
 
+import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
@@ -133,6 +134,30 @@ def test_terms_reach_a_result_by_their_quantity_by_the_procedure_or_by_their_own
     combined = gum.combine(applied.components)
     assert combined.standard_uncertainty == pytest.approx(math.hypot(6e-6, 4e-7, 2e-6), rel=1e-12)
     assert [c.dof for c in applied.components] == [math.inf, 5.0, math.inf]
+
+
+def test_terms_along_a_log_enter_by_a_thermometer_by_their_own_sensitivity_or_directly():
+    """A drift of 3 °/h/°C moves with the thermometer by that, or by a stated sensitivity; shares of
+    readings say nothing of a log.
+    """
+    stated = {"quantity": "temp_case_degc", "unit": "degC", "standard_uncertainty": 0.1}
+    terms = [
+        type_b.TypeB(name="thermometer", **stated, dof=9.0),
+        type_b.TypeB(name="stated", **stated, sensitivity=5.0, result="gyro_dph"),
+        type_b.TypeB(name="of another", **stated, sensitivity=5.0, result="accel_x_g"),
+        type_b.TypeB(name="scale", quantity="gyro_dph", unit="ppm", standard_uncertainty=7.0),
+        type_b.TypeB(name="gyro", quantity="gyro_dph", unit="deg/h", standard_uncertainty=0.2),
+    ]
+    case = np.linspace(-20.0, 60.0, 5)
+    thermometers = {"temp_case_degc": lambda step: 3.0 * (case + step)}
+    effects = type_b.effects_along(terms, "gyro_dph", case.size, thermometers)
+    assert [(name, dof) for name, _, dof in effects] == [
+        ("thermometer", 9.0),
+        ("stated", math.inf),
+        ("gyro", math.inf),
+    ]
+    for (_, effect, _), expected in zip(effects, (0.3, 0.5, 0.2), strict=True):
+        assert effect == pytest.approx(np.full(case.size, expected), rel=1e-9)
 
 
 def test_a_later_term_of_the_same_name_replaces_the_earlier_one():

@@ -13,9 +13,15 @@ from calibkit.errors import FitError
 from calibkit.fit.choose import choose as choose_simplest
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal import lagged, level, uncertainty
-from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
 from calibkit.numeric.thermal.evaluate import evaluate_terms
-from calibkit.numeric.thermal.left_out import figure_means, leave_out
+from calibkit.numeric.thermal.left_out import (
+    CLEARLY,
+    STATIC,
+    Candidate,
+    figure_means,
+    leave_out,
+    solve,
+)
 from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 

@@ -51,12 +51,38 @@ class Export:
         """drift_rate.json: the exported model, and the drift figures of all tests and logs with
         rate gains.
         """
-        figures = _left_out_figures(choices, levels)
-        figures += [figure for log in logs for figure in _log_figures(log)]
-        flags = [
-            *self.flags,
-            *(f"not tested: {reason}" for reason in levels.refused),
-        ]
+        figures = []
+        for side in choices:
+            if side.tested:
+                name = f"raw_drift_rms.{side.side}"
+                figures.append(Figure(name, side.tested[0].pooled_raw, "deg/h", 0.0))
+            for rates in side.tested:
+                name = f"leave_one_rate_out_rms.{side.side}.order_{rates.order}"
+                figures.append(Figure(name, rates.pooled, "deg/h", 0.0))
+        if levels.tested:
+            raw = levels.tested[0].pooled_raw
+            figures.append(Figure("raw_drift_rms.ramps", raw, "deg/h", 0.0))
+        for tested in levels.tested:
+            name = f"leave_one_ramp_out_rms.{tested.candidate.name}"
+            figures.append(Figure(name, tested.pooled, "deg/h", 0.0))
+        if levels.chosen is not None:
+            left_out = levels.chosen.split
+            figures += [
+                Figure("left_out_noise_rms", left_out.noise, "deg/h", 0.0),
+                Figure("left_out_drift_rms", left_out.left, "deg/h", left_out.left_uncertainty),
+            ]
+        for log in logs:
+            split = log.split
+            figures += [
+                Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
+                Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
+                Figure(f"noise_rms.{log.name}", split.noise, "deg/h", 0.0),
+                Figure(f"drift_left_rms.{log.name}", split.left, "deg/h", split.left_uncertainty),
+                Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
+                Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
+                Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
+            ]
+        flags = [*self.flags, *(f"not tested: {reason}" for reason in levels.refused)]
         if recipe.drift.compensation == "one_step":
             flags.append(
                 "one_step compensation is a first difference: it removes the true rate"
@@ -71,20 +97,6 @@ class Export:
         return StageResult(
             "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
         )
-
-
-def _log_figures(log: LogFigures) -> tuple[Figure, ...]:
-    """Drift figures of a log before and after compensation, and its rate gains."""
-    split = log.split
-    return (
-        Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
-        Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
-        Figure(f"noise_rms.{log.name}", split.noise, "deg/h", 0.0),
-        Figure(f"drift_left_rms.{log.name}", split.left, "deg/h", split.left_uncertainty),
-        Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
-        Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
-        Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
-    )
 
 
 def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
@@ -163,31 +175,6 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     left = np.concatenate([result.compensated for result in tested])
     raw = np.concatenate([result.raw for result in tested])
     return float(np.sqrt(np.sum(left**2) / np.sum(raw**2)))
-
-
-def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[Figure]:
-    """Figures of the drift rms, raw and compensated: on left-out rates for each order, on left-out
-    ramps for each candidate.
-    """
-    found = []
-    for side in choices:
-        if side.tested:
-            found.append((f"raw_drift_rms.{side.side}", side.tested[0].pooled_raw))
-        found += [
-            (f"leave_one_rate_out_rms.{side.side}.order_{result.order}", result.pooled)
-            for result in side.tested
-        ]
-    if levels.tested:
-        found.append(("raw_drift_rms.ramps", levels.tested[0].pooled_raw))
-    found += [(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled) for one in levels.tested]
-    figures = [Figure(name, value, "deg/h", 0.0) for name, value in found]
-    if levels.chosen is not None:
-        split = levels.chosen.split
-        figures += [
-            Figure("left_out_noise_rms", split.noise, "deg/h", 0.0),
-            Figure("left_out_drift_rms", split.left, "deg/h", split.left_uncertainty),
-        ]
-    return figures
 
 
 def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

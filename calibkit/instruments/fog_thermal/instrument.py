@@ -20,7 +20,6 @@ from calibkit.instruments.fog_thermal import (
     figures,
     forms,
     gradient_choice,
-    overview,
     ramps,
     sensitivities,
     tables,
@@ -79,7 +78,7 @@ def fit(
         (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, tested, compensated),
-        overview=overview.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
+        overview=tables.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
     )
     return Fitted(
         (ramps.denoise_result(logs), drift, exported),
@@ -270,7 +269,7 @@ def validate(
         (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),
         flags,
         criteria,
-        overview=overview.summarize_validation(compensated, entries),
+        overview=tables.summarize_validation(compensated, entries),
     )
 
 

@@ -152,23 +152,6 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     return standard
 
 
-def _state(where: str, temperature: float, found: uncertainty.Along, row: int) -> Statement:
-    """Statement at one row of a log."""
-    parts = zip(found.names, found.kinds, found.contributions[:, row].tolist(), strict=True)
-    standard, expanded = float(found.standard[row]), float(found.expanded[row])
-    factor = expanded / standard if standard > 0.0 else gum.coverage_factor(float("inf"))
-    return Statement(
-        where,
-        temperature,
-        float(found.drift[row]),
-        tuple(parts),
-        standard,
-        float(found.effective_dof[row]),
-        factor,
-        expanded,
-    )
-
-
 def state_along_logs(
     model: DriftModel, logs: Sequence[PreparedLog], terms: Sequence[TypeB]
 ) -> tuple[Statement, ...]:
@@ -177,20 +160,26 @@ def state_along_logs(
     """
     if model.thermal is None:
         return ()
-    reference = model.reference_temp_degc
+    statements = []
+
+    def state(where: str, degc: float, along: uncertainty.Along, row: int) -> None:
+        parts = zip(along.names, along.kinds, along.contributions[:, row].tolist(), strict=True)
+        u, expanded = float(along.standard[row]), float(along.expanded[row])
+        factor = expanded / u if u > 0.0 else gum.coverage_factor(float("inf"))
+        drift, dof = float(along.drift[row]), float(along.effective_dof[row])
+        statements.append(Statement(where, degc, drift, tuple(parts), u, dof, factor, expanded))
+
+    reference, time = model.reference_temp_degc, np.array([0.0, 1.0])
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
-    found = []
-    for temperature in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
-        still = np.full(2, temperature)
-        at_rest = _propagate(
-            model.thermal, np.array([0.0, 1.0]), still, still, terms, reference, settled=True
-        )
-        found.append(_state("at rest", temperature, at_rest, 1))
+    for degc in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
+        still = np.full(2, degc)
+        at_rest = _propagate(model.thermal, time, still, still, terms, reference, settled=True)
+        state("at rest", degc, at_rest, 1)
     for log in logs:
         moving = _along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
-        found.append(_state(log.name, float(log.raw.case[row]), moving, row))
-    return tuple(found)
+        state(log.name, float(log.raw.case[row]), moving, row)
+    return tuple(statements)
 
 
 def tabulate_statements(statements: Sequence[Statement]) -> Table:

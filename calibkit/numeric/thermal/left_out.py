@@ -1,12 +1,19 @@
-"""Predictions of ramps that were left out of a fit, and errors as means of the drift figure."""
+"""Models of a bias that are held against each other on ramps that were left out of the fit.
 
-from collections.abc import Iterable
-from dataclasses import replace
+The error of a model is that of the drift figure: means over 100 s of what it leaves of a ramp.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack
+from calibkit.errors import FitError
+from calibkit.numeric.thermal.lagged import LagSearch
+from calibkit.numeric.thermal.level import Basis
+from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
@@ -14,6 +21,42 @@ FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages at a model interval of 10 s."""
 LEAST_SHARE = 0.5
 """Smallest share of sound rows with which a group of rows counts."""
+
+
+CLEARLY = 0.95
+"""Largest ratio of the error on left-out ramps to that without a model with which one may be
+exported.
+"""
+STATIC = ("b0", "b1", "b2", "b3")
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """Candidate model: its name, form and terms."""
+
+    name: str
+    form: Literal["level", "lagged", "bank"]
+    terms: tuple[str, ...]
+
+
+def solve(
+    candidates: Sequence[Candidate], basis: Basis
+) -> tuple[list[tuple[Candidate, Solution]], list[str]]:
+    """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
+    solved: list[tuple[Candidate, Solution]] = []
+    refused: list[str] = []
+    search = LagSearch.of_rows(basis.rows)
+    lagged = any(candidate.form == "lagged" for candidate in candidates)
+    grid = search.on_grid() if lagged else None
+    for candidate in candidates:
+        try:
+            if candidate.form == "lagged" and grid is not None:
+                solved.append((candidate, search.solve(candidate.terms, grid)))
+            elif candidate.form == "level":
+                solved.append((candidate, basis.solve(candidate.terms)))
+        except FitError as error:
+            refused.append(f"{candidate.name}: {error.message}")
+    return solved, refused
 
 
 def blocks_per_figure(interval_s: float) -> int:

@@ -12,12 +12,15 @@ from calibkit.fit.choose import choose as choose_simplest
 from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, LeftOutRamps
-from calibkit.numeric.thermal import lagged, level, pooled_fit, uncertainty
-from calibkit.numeric.thermal.candidates import CLEARLY, STATIC, Candidate, solve
+from calibkit.numeric.thermal import lagged, level, uncertainty
 from calibkit.numeric.thermal.left_out import (
+    CLEARLY,
     FIGURE_BLOCKS,
+    STATIC,
+    Candidate,
     leave_out,
     left_out_errors,
+    solve,
 )
 from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
@@ -119,52 +122,52 @@ def choose(
     ------
     FitError : no log, or a ramp too short.
     """
-    stacked = pooled_fit.Stack.of_logs(logs)
+    stacked = Stack.of_logs(logs)
     if len(stacked.ramps) < LEAST_RAMPS:
         reason = (
             f"{len(stacked.ramps)} ramps, expected at least {LEAST_RAMPS} to leave one out: no"
             " drift term"
         )
         return ThermalChoice((), (), None, None, reason)
-    solutions, without, refused = _solutions_of(stacked, candidates)
-    banks = [one.solution for one in solutions if one.candidate.form == "bank"]
-    starts = banks[-1] if banks else None
-    tested = tuple(
-        _left_out(fitted, stacked, without, figure_blocks, starts) for fitted in solutions
-    )
-    best = _best_of(tested, one_sided=_one_sided(stacked))
+    # all candidates leave out the same rows, so that their errors are comparable
+    basis, one_sided = level.basis(stacked), _one_sided(stacked)
+    without = leave_out(stacked, basis.rows)
+    solved, reasons = solve(candidates, basis)
+    refused = tuple(reasons)
+    fitted = [_Fitted(*pair) for pair in solved]
+    last_bank = None
+    for candidate in candidates:
+        if candidate.form == "bank":
+            for bank in bank_growth.grow(basis.rows, without, one_sided=one_sided):
+                named, last_bank = (
+                    replace(candidate, name=candidate.name + bank.name),
+                    bank.solution,
+                )
+                fitted.append(_Fitted(named, bank.solution, bank.unmodelled))
+    tested = tuple(_left_out(one, stacked, without, figure_blocks, last_bank) for one in fitted)
+    best = _best_of(tested, one_sided=one_sided)
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
-    model = solutions[best].finish()
+    model = fitted[best].finish()
     along = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
-    sensitivities = [found.sensitivities for found in along]
+    sensitivities = [evaluation.sensitivities for evaluation in along]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
-    left = uncertainty.model_error(tested[best].errors, explained)
-    model = _with_model_error(model, left, solutions[best].unmodelled, len(stacked.ramps))
-    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
-
-
-def _with_model_error(
-    model: OnLevels, left: float, unmodelled: Sequence[bank_growth.Unmodelled], ramps: int
-) -> OnLevels:
-    """Model with the model error [°/h] on left-out ramps, and further terms by their
-    probability.
-    """
-    likely = (
-        f"{one.name} is likely, which would change the drift by some {one.size:.2g} deg/h, but"
-        " the logs do not ask for it clearly, or left-out ramps speak against it: it is not"
-        " modelled and is in the uncertainty"
-        for one in unmodelled
-        if one.probability > LIKELY
-    )
-    return replace(
+    variance, flags = uncertainty.model_error(tested[best].errors, explained) ** 2, [*model.flags]
+    for term in fitted[best].unmodelled:
+        variance += term.probability * term.size**2
+        if term.probability > LIKELY:
+            flags.append(
+                f"{term.name} is likely, which would change the drift by some {term.size:.2g}"
+                " deg/h, but the logs do not ask for it clearly, or left-out ramps speak against"
+                " it: it is not modelled and is in the uncertainty"
+            )
+    model = replace(
         model,
-        model_error=float(
-            np.sqrt(left**2 + sum(one.probability * one.size**2 for one in unmodelled))
-        ),
-        model_error_dof=float(ramps - 1),
-        flags=(*model.flags, *likely),
+        model_error=float(np.sqrt(variance)),
+        model_error_dof=float(len(stacked.ramps) - 1),
+        flags=tuple(flags),
     )
+    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
 
 
 def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | None:
@@ -224,47 +227,26 @@ def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
     )
 
 
-def _solutions_of(
-    stacked: Stack, candidates: Sequence[Candidate]
-) -> tuple[list[_Fitted], tuple[Rows, ...], tuple[str, ...]]:
-    """Solutions of the candidates that the logs can determine, rows of the logs without each ramp,
-    and the reasons why the other candidates failed.
-
-    All candidates leave out the same rows, so that their errors are comparable.
-    """
-    basis = level.basis(stacked)
-    solved, refused = solve(candidates, basis)
-    without = leave_out(stacked, basis.rows)
-    fitted = [_Fitted(*pair) for pair in solved]
-    for bank in candidates:
-        if bank.form == "bank":
-            one_sided = _one_sided(stacked)
-            for one in bank_growth.grow(basis.rows, without, one_sided=one_sided):
-                named = replace(bank, name=bank.name + one.name)
-                fitted.append(_Fitted(named, one.solution, one.unmodelled))
-    return fitted, without, tuple(refused)
-
-
 def _left_out(
     fitted: _Fitted,
     stacked: Stack,
     without: Sequence[Rows],
     figure_blocks: int,
-    starts: Solution | bank_fit.Solution | None = None,
+    last_bank: bank_fit.Solution | None,
 ) -> _LeftOut:
     """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
-    ramps. `starts` is the bank that knows how unsettled logs start.
+    ramps. The bank, if there is one, knows how unsettled logs start.
     """
     solution = fitted.solution
     sound = solution.rows.sound
-    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, sound, figure_blocks)
-    whole = solution.leave_out(without)
-    predicted: Iterable[Array] = (
-        drift[rows] for drift, rows in zip(whole, stacked.ramps, strict=True)
-    )
-    if isinstance(starts, bank_fit.Solution):
-        predicted = starts.with_own_start(predicted)
+    none = (np.zeros(1) for _ in stacked.ramps)
+    raw = left_out_errors(none, stacked, sound, figure_blocks)
+    along = zip(solution.leave_out(without), stacked.ramps, strict=True)
+    predicted: Iterable[Array] = (drift[rows] for drift, rows in along)
+    if last_bank is not None:
+        predicted = last_bank.with_own_start(predicted)
     errors = left_out_errors(predicted, stacked, sound, figure_blocks)
+    both = zip(errors, raw, strict=True)
     return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
@@ -273,7 +255,5 @@ def _left_out(
         errors=errors,
         parameters=solution.parameters,
         endless=solution.endless,
-        chance=np.array(
-            [np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(errors, raw, strict=True)]
-        ),
+        chance=np.array([np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in both]),
     )
