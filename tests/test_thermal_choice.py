@@ -26,7 +26,7 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
     left_out,
-    level,
+    level as level_model,
     noise as thermal_noise,
     pooled_fit,
     uncertainty,
@@ -218,7 +218,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    basis = level.basis(stacked)
+    basis = level_model.basis(stacked)
     solution = basis.solve(candidate.terms)
     without = left_out.leave_out(stacked, basis.rows)
     fit = thermal_choice._Fitted(candidate, solution)

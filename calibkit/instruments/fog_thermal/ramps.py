@@ -72,18 +72,18 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Findings of a log that is checked as a whole."""
-    found = find_unusable(log, recipe.checks.min_rows)
-    if any(finding.refused for finding in found):
-        return found
+    findings = find_unusable(log, recipe.checks.min_rows)
+    if any(finding.refused for finding in findings):
+        return findings
     case, air = "temp_case_degc", "temp_env_degc"
-    found += [
+    findings += [
         *check.find_gaps(log, recipe.checks.max_gap_s),
         *check.find_constant_columns(log, [case, air, "gyro_dph"]),
     ]
-    if any(finding.refused for finding in found):
-        return found
+    if any(finding.refused for finding in findings):
+        return findings
     return [
-        *found,
+        *findings,
         *check.magnitude.check_time_unit(log, air, "the chamber air"),
         *check.thermometers.find_lost_sign(log, case),
         *check.thermometers.check_pair(log, case, air),
@@ -102,8 +102,8 @@ def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
         return []
-    cuts, _ = _find_segments(log, recipe)
-    ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
+    parts, _ = _find_segments(log, recipe)
+    ramps = [segment.rate for segment in parts if segment.kind == "ramp"]
     return (
         check.thermometers.check_stated_rate(log, "temp_env_degc", given, max(ramps, key=abs))
         if ramps
@@ -144,12 +144,12 @@ def _refuse_leading_case(log: PreparedLog) -> None:
             )
 
 
-def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+def prepare(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> PreparedLog:
     """Denoise, segment and average a checked log; raises FrameError or FitError naming the log."""
-    refuse(found)
-    suspected = next((finding for finding in found if finding.name == "unit"), None)
+    refuse(findings)
+    suspected = next((finding for finding in findings if finding.name == "unit"), None)
     try:
-        prepared = _prepared(log, recipe, found)
+        prepared = _prepared(log, recipe, findings)
         if suspected is None:
             _refuse_leading_case(prepared)
     except (FrameError, FitError) as error:
@@ -160,31 +160,31 @@ def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> Pre
     return prepared
 
 
-def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> PreparedLog:
     """Segments, denoised indication and block means of a checked log."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
-        held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
+        blocks = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    cuts, slope = _cut(log, recipe)
-    means = [held.means(column) for column in (time, case, env)]
-    raw = published.Blocks.fill(held, [*means, held.means(gyro)], slope)
+    parts, slope = _cut(log, recipe)
+    means = [blocks.means(column) for column in (time, case, env)]
+    raw = published.Blocks.fill(blocks, [*means, blocks.means(gyro)], slope)
     del slope  # a column, and denoising takes two
     chunks.release(time, env)
-    smooth, noise = _denoised(log, gyro, held, recipe)
+    smooth, noise = _denoised(log, gyro, blocks, recipe)
     # a soak belongs to the ramp before it, the first soak to the first ramp
-    begins = [segment.start for segment in cuts if segment.kind == "ramp"][1:]
+    begins = [segment.start for segment in parts if segment.kind == "ramp"][1:]
     return PreparedLog(
         log.name,
         Input.of(log),
         raw,
-        raw._replace(indication=held.filled(smooth)),
-        pooled_fit.thermal_blocks(log.name, held, means, gyro, begins),
-        _ramps(log, cuts, held, env),
+        raw._replace(indication=blocks.filled(smooth)),
+        pooled_fit.thermal_blocks(log.name, blocks, means, gyro, begins),
+        _ramps(log, parts, blocks, env),
         noise,
         tuple(f"{log.file}: {note}" for note in (*log.notes, *_coarse(case, env, recipe)))
-        + tuple(str(finding) for finding in found if finding.flagged),
+        + tuple(str(finding) for finding in findings if finding.flagged),
     )
 
 
@@ -197,10 +197,10 @@ def block_means(
     air = "temp_env_degc" if "temp_env_degc" in log.frame.columns else "temp_case_degc"
     columns = ("time_s", "temp_case_degc", air, "gyro_dph")
     time, case, env, gyro = (values(log.frame, column) for column in columns)
-    held = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
+    blocks = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
-    means = (held.means(column) for column in (time, case, env, gyro))
-    return held, published.Blocks.fill(held, means, slope)
+    means = (blocks.means(column) for column in (time, case, env, gyro))
+    return blocks, published.Blocks.fill(blocks, means, slope)
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
@@ -252,47 +252,47 @@ def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Se
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
         slope = segments.measured_slope(time, env, window, allocate=log.allocate)
-        cuts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
-        if any(segment.kind == "ramp" for segment in cuts) or high - low < spec.ramp_min_span_degc:
-            return cuts, slope
-        first = first or (cuts, slope)
+        parts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
+        if any(segment.kind == "ramp" for segment in parts) or high - low < spec.ramp_min_span_degc:
+            return parts, slope
+        first = first or (parts, slope)
     assert first is not None  # noqa: S101 (the loop runs at least once)
     return first
 
 
 def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
     """Findings of a log, including errors that would stop a fit, and its soaks and ramps."""
-    found = find_faults(log, recipe)
-    if any(finding.refused for finding in found):
-        return Examined(tuple(found))
+    findings = find_faults(log, recipe)
+    if any(finding.refused for finding in findings):
+        return Examined(tuple(findings))
     env = values(log.frame, "temp_env_degc")
-    held: tuple[Held, ...] = ()
+    conditions: tuple[Held, ...] = ()
     try:
-        cuts, _ = _cut(log, recipe)
+        parts, _ = _cut(log, recipe)
         pinned = stated_segments.stated_rows(log, recipe, ["soak", "ramp"]) is not None
-        held = tuple(
+        conditions = tuple(
             (
-                Held("ramp", piece.start, piece.stop, piece.rate, "°C/min", pinned)
-                if piece.kind == "ramp"
+                Held("ramp", part.start, part.stop, part.rate, "°C/min", pinned)
+                if part.kind == "ramp"
                 else Held(
                     "soak",
-                    piece.start,
-                    piece.stop,
-                    float(np.median(env[piece.start : piece.stop])),
+                    part.start,
+                    part.stop,
+                    float(np.median(env[part.start : part.stop])),
                     "°C",
                     pinned,
                 )
             )
-            for piece in cuts
+            for part in parts
         )
-        prepare(log, recipe, found)
+        prepare(log, recipe, findings)
     except (FitError, FrameError) as error:
-        found.append(Finding.of(error))
-    return Examined(tuple(found), held)
+        findings.append(Finding.of(error))
+    return Examined(tuple(findings), conditions)
 
 
 def _denoised(
-    log: Log, gyro: Array, held: intervals.Intervals, recipe: FogThermalRecipe
+    log: Log, gyro: Array, blocks: intervals.Intervals, recipe: FogThermalRecipe
 ) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]]:
     """Block means [m] of the denoised indication, and noise and thresholds per level.
 
@@ -301,9 +301,9 @@ def _denoised(
     """
     spec = recipe.denoise
     if not spec.enabled:
-        return held.means(gyro), ()
+        return blocks.means(gyro), ()
     try:
-        found = denoise(
+        smooth = denoise(
             gyro,
             wavelet=spec.wavelet,
             levels=None if spec.levels == "auto" else spec.levels,
@@ -314,17 +314,17 @@ def _denoised(
         )
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    noise = (log.name, tuple(found.noise), tuple(found.thresholds))
-    means = held.means(found.signal)
+    noise = (log.name, tuple(smooth.noise), tuple(smooth.thresholds))
+    means = blocks.means(smooth.signal)
     chunks.release(gyro)
     return means, (noise,)
 
 
 def _ramps(
-    log: Log, cuts: Sequence[segments.Segment], held: intervals.Intervals, env: Array
+    log: Log, parts: Sequence[segments.Segment], blocks: intervals.Intervals, env: Array
 ) -> tuple[Ramp, ...]:
     """Ramps in model intervals, named by their log (and numbered if it has several)."""
-    moving = [segment for segment in cuts if segment.kind == "ramp"]
+    moving = [segment for segment in parts if segment.kind == "ramp"]
     if not moving:
         raise FrameError(
             f"{log.file}: no ramp found: the chamber air moves from {env.min():g} to"
@@ -338,7 +338,7 @@ def _ramps(
         [log.name] if len(moving) == 1 else [f"{log.name}:{k}" for k in range(1, len(moving) + 1)]
     )
     return tuple(
-        Ramp(name, held.of_row(segment.start), held.of_row(segment.stop - 1) + 1, segment.rate)
+        Ramp(name, blocks.of_row(segment.start), blocks.of_row(segment.stop - 1) + 1, segment.rate)
         for name, segment in zip(names, moving, strict=True)
     )
 
