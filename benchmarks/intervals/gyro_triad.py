@@ -17,9 +17,9 @@ import numpy as np
 from calibkit.errors import CalibkitError
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
+    fit,
     simulate_rate_table as simulated,
     table_runs,
-    triad_fit,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.numeric import gum
@@ -66,7 +66,7 @@ def simulate(case: Case, number: int) -> Outcome:
     )
     try:
         runs = {g: (table_runs.fit_run(spec, log),) for g, log in logs.items()}
-        fitted = triad_fit.fit_axes(spec, runs)
+        fitted = fit.fit_axes(spec, runs)
         made = coefficient_files.list_results(fitted, spec)[1]
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))

@@ -22,7 +22,7 @@ from calibkit.errors import CalibkitError
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
-    over_runs,
+    fit,
     simulate_rate_table as simulated,
     table_runs,
 )
@@ -152,7 +152,7 @@ def simulate(case: Case, number: int) -> Outcome:
     logs = [_log(gyro, case, degc, rng) for degc in _degc(case).tolist()]
     try:
         runs = [_fit_run(log, f"run_{k}", spec) for k, log in enumerate(logs)]
-        (made,) = coefficient_files.list_results(over_runs.fit_runs(spec, {"": runs}), spec)
+        (made,) = coefficient_files.list_results(fit.fit_runs(spec, {"": runs}), spec)
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     models = {model.name: model for model in made.models}
