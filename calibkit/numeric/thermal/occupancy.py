@@ -15,7 +15,7 @@ spike: 6 of 10 million normal samples are.
 """
 
 
-def spikes(indication: Array, held: Intervals) -> Integers:
+def spikes(indication: Array, intervals: Intervals) -> Integers:
     """Rows [k] of the spikes in an indication [n].
 
     A sample is compared with the median of its model interval. The standard deviation is estimated
@@ -24,32 +24,32 @@ def spikes(indication: Array, held: Intervals) -> Integers:
     (counts of a quiet gyro), the smallest non-zero deviation is used instead. With two samples in
     an interval neither is a spike.
     """
-    own, middles, largest = (np.empty(held.first.size) for _ in range(3))
-    for among, rows in held.groups():
-        first = held.first[among] - rows.start
+    deviation, middles, largest = (np.empty(intervals.first.size) for _ in range(3))
+    for among, rows in intervals.groups():
+        first = intervals.first[among] - rows.start
         middles[among] = order_statistics.run_medians(indication[rows], first)
-        away = _deviation(indication[rows], middles[among], held.count[among])
-        own[among] = order_statistics.run_medians(away, first)
+        away = _deviation(indication[rows], middles[among], intervals.count[among])
+        deviation[among] = order_statistics.run_medians(away, first)
         largest[among] = np.maximum.reduceat(away, first)
         chunks.release(indication)
 
     def deviations() -> Iterator[Array]:
-        for among, rows in held.groups():
-            yield _deviation(indication[rows], middles[among], held.count[among])
+        for among, rows in intervals.groups():
+            yield _deviation(indication[rows], middles[among], intervals.count[among])
             chunks.release(indication)
 
-    whole = order_statistics.median_of_chunks(deviations, held.rows)
+    whole = order_statistics.median_of_chunks(deviations, intervals.rows)
     if whole == 0.0:
         whole = min(
             (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0
         )
-    limit = SPIKE * MAD_TO_SIGMA * np.maximum(own, whole)
-    found = [np.zeros(0, dtype=np.int64)]
+    limit = SPIKE * MAD_TO_SIGMA * np.maximum(deviation, whole)
+    rows_of_spikes = [np.zeros(0, dtype=np.int64)]
     for k in np.flatnonzero(largest > limit).tolist():
-        start = int(held.first[k])
-        part = indication[start : start + int(held.count[k])]
-        found.append(np.flatnonzero(np.abs(part - middles[k]) > limit[k]) + start)
-    return np.concatenate(found)
+        start = int(intervals.first[k])
+        part = indication[start : start + int(intervals.count[k])]
+        rows_of_spikes.append(np.flatnonzero(np.abs(part - middles[k]) > limit[k]) + start)
+    return np.concatenate(rows_of_spikes)
 
 
 def _deviation(values: Array, middles: Array, count: Integers) -> Array:
@@ -61,17 +61,19 @@ def _deviation(values: Array, middles: Array, count: Integers) -> Array:
     return np.abs(away, out=away)
 
 
-def means(values: Array, held: Intervals, *, without: Integers) -> Array:
+def means(values: Array, intervals: Intervals, *, without: Integers) -> Array:
     """Means [m] of values [n] over the model intervals without the rows `without` [k]; an interval
     with no other rows keeps them.
     """
-    found = held.means(values)
-    hit, at = np.unique(np.searchsorted(held.first, without, side="right") - 1, return_index=True)
+    averages = intervals.means(values)
+    hit, at = np.unique(
+        np.searchsorted(intervals.first, without, side="right") - 1, return_index=True
+    )
     ends = np.append(at, without.size)
     for k, interval in enumerate(hit.tolist()):
-        first, count = int(held.first[interval]), int(held.count[interval])
+        first, count = int(intervals.first[interval]), int(intervals.count[interval])
         kept = np.ones(count, dtype=np.bool_)
         kept[without[ends[k] : ends[k + 1]] - first] = False
         if kept.any():
-            found[interval] = np.mean(values[first : first + count][kept])
-    return found
+            averages[interval] = np.mean(values[first : first + count][kept])
+    return averages
