@@ -290,8 +290,8 @@ class LeastSquares:
         mean over its posterior for a flat prior on τ, as the maximum would understate one near
         zero; infinite, biases that are free, for fewer than LEAST_LOGS.
         """
-        # With the most likely size, that of `calibkit.fit`, in its place, k = 2 covered 90.5 % of the
-        # coefficients of lagged models for 93.2 % (benchmarks/drift_coverage.py, 40 gyros).
+        # With the most likely size in its place, that of `calibkit.fit`, k = 2 covered 90.5 % of
+        # the coefficients of lagged models, not 93.2 % (benchmarks/drift_coverage.py, 40 gyros).
         if self.logs < LEAST_LOGS:
             return float("inf")
         C, one = self.covariance[: self.logs, : self.logs], np.ones(self.logs)
