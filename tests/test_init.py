@@ -7,6 +7,7 @@ import pytest
 
 import dialects
 from calibkit import instruments, pipeline, recipe
+from calibkit.ingest.column_names import LogColumn
 from conftest import ROOT
 
 SHIPPED = (
@@ -456,3 +457,20 @@ def test_a_mapped_columns_name_and_unit_are_values(name):
     assert tomllib.loads(text)["columns"]["gyro_dph"]["from"] == name
     assert set(tomllib.loads(text)) == {"columns"}
     assert tomllib.loads(toml_text.from_tables({name: {name: name}}).text) == {name: {name: name}}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("case temp degF", "degF"),
+        ("case_temp_degf", "degF"),
+        ("Case temp K", "K"),
+        ("time ms", "ms"),
+        ("table angle rad", "rad"),
+        ("K", ""),
+        ("gyro x", ""),
+    ],
+)
+def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
+    """Words apart by a blank as well as by a low line; a name of one word is a name."""
+    assert LogColumn(name, "").stated == unit

@@ -47,12 +47,23 @@ LAST_WORDS = {
     "rads": "rad/s",
     "radps": "rad/s",
     "deg": "deg",
+    "rad": "rad",
     "mps2": "m/s^2",
     "ms2": "m/s^2",
     "g": "g",
     "mg": "mg",
 }
 """Last word of a column's name → the only unit that it can mean."""
+
+
+def unit_of_last_word(name: str) -> str:
+    """Unit that the last of several words of a column's name is, as in `temp_case_degf` and "case
+    temp degF"; or "".
+    """
+    words = re.split(r"[_ ]+", units.name_without_unit(name).strip().lower())
+    return LAST_WORDS.get(words[-1], "") if len(words) > 1 else ""
+
+
 _AXES = re.compile(
     r"(?:^|[_ .\-(（/]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
 )
@@ -84,8 +95,7 @@ class LogColumn:
         """Unit that the log states, in its header, in a row of units, or as the last word of the
         name; or "".
         """
-        last = self.plain.rsplit("_", 1)[-1] if "_" in self.plain else ""
-        return self.unit or units.unit_in_header(self.name) or LAST_WORDS.get(last, "")
+        return self.unit or units.unit_in_header(self.name) or unit_of_last_word(self.name)
 
     @property
     def dimension(self) -> str:

@@ -207,8 +207,7 @@ def _require_last_word(table: Table, source: str, name: str, target: str) -> Non
 
 def _unit_of_name(source: str, target: str) -> str:
     """Unit of a target's dimension that the last word of a column's name is, or ""."""
-    _, mark, last = units.name_without_unit(source).lower().rpartition("_")
-    unit = column_names.LAST_WORDS.get(last, "") if mark else ""
+    unit = column_names.unit_of_last_word(source)
     return unit if unit and units.TABLE[unit].dimension == units.TABLE[target].dimension else ""
 
 
