@@ -189,7 +189,7 @@ def over_noise(
     temperature = np.full(stations * draws, 60.0)
     columns, _ = simulate.Tool((pair, pair)).stations(repeated, latitude, temperature, rng)
     parts = components(Campaign({"stations.csv": columns}, {}, {}), "x")
-    prior = root_choice.Prior(np.ones(temperature.size), np.full(temperature.size, 0.01))
+    prior = root_choice.ScalePrior(np.ones(temperature.size), np.full(temperature.size, 0.01))
     found = root_choice.solve(root_choice.estimate_roots(parts, latitude), prior)
     error, plain = (
         np.sqrt(

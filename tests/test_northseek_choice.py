@@ -82,7 +82,7 @@ def u_of(found, k):
 
 def prior_of(count, s=1.0, u=0.01):
     """Prior, the same at all stations."""
-    return root_choice.Prior(np.full(count, s), np.full(count, u))
+    return root_choice.ScalePrior(np.full(count, s), np.full(count, u))
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
@@ -193,7 +193,9 @@ def test_the_covariance_is_that_of_drawn_readings(used):
         (45.0, 0.0, 330.0),
     ):
         exact = parts_of(np.full(20_000, theta), phi, psi, latitude, 1.002)
-        priors = root_choice.Prior(1.002 + 1e-3 * rng.normal(size=20_000), np.full(20_000, 1e-3))
+        priors = root_choice.ScalePrior(
+            1.002 + 1e-3 * rng.normal(size=20_000), np.full(20_000, 1e-3)
+        )
         found = solved(shaken(exact, rng), latitude, priors, limits=limits)
         assert (found.weight > 0.0).all() == used
         drawn = np.cov(

@@ -203,7 +203,7 @@ def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solve
     assert "cannot determine" in found.status[2]
     assert "not finite" in found.status[3]
     assert np.isnan(found.components(UNIT).gyro_x[1:]).all()
-    prior = root_choice.Prior(np.ones(4), np.full(4, 0.01))
+    prior = root_choice.ScalePrior(np.ones(4), np.full(4, 0.01))
     roots = root_choice.estimate_roots(found.components(UNIT), LATITUDE, refused=found.status)
     solved = root_choice.solve(roots, prior)
     assert solved.status == found.status

@@ -11,7 +11,7 @@ from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component, Model, Parameter
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.root_choice import Prior
+from calibkit.instruments.inclinometer.root_choice import ScalePrior
 from calibkit.instruments.inclinometer.scale_fit import ScaleOverTemperature
 from calibkit.numeric import gum
 
@@ -35,7 +35,7 @@ class ScaleModel:
     turn_deg: float = 0.0
     """Standard deviation of the turn of the gyro against its accelerometer [°]."""
 
-    def prior(self, temperature: Array) -> Prior:
+    def prior(self, temperature: Array) -> ScalePrior:
         """Prior of s at temperatures [n] [°C].
 
         Beyond the range s is that of its end, less certain by what the slope there would add; an
@@ -54,7 +54,7 @@ class ScaleModel:
         count = temperature.size
         of_range, middle = u[count:].max(), (s[count:].min() + s[count:].max()) / 2.0
         spread = np.hypot(of_range, np.ptp(s[count:]) / np.sqrt(12.0))
-        return Prior(np.where(logged, s[:count], middle), np.where(logged, u[:count], spread))
+        return ScalePrior(np.where(logged, s[:count], middle), np.where(logged, u[:count], spread))
 
     @classmethod
     def read(cls, model: Model) -> Self:
@@ -80,7 +80,7 @@ class ScaleFit:
     dof: int
     residual_rms: float
     used: Mask
-    left_out: Prior
+    left_out: ScalePrior
     effective_dof: Array | None = None
     components: tuple[Component, ...] = ()
     flags: tuple[str, ...] = ()

@@ -24,7 +24,7 @@ from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import estimate_roots
-from calibkit.instruments.inclinometer.scale_fit import Roots
+from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
 from calibkit.planning.exchange import Pool
 from calibkit.planning.levels import LEVELS, Tour
@@ -115,7 +115,7 @@ class StationBench(TourBench):
         u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
         return u, np.where(used, by_turn, 0.0), np.any(~(roots.s > 0.0), axis=1)
 
-    def fit(self, rows: Roots, *, turn_known: bool = True) -> Fit:
+    def fit(self, rows: StationRoots, *, turn_known: bool = True) -> Fit:
         """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
         measured.
         """
@@ -132,7 +132,7 @@ class StationBench(TourBench):
             names=[*(f"s{k}" for k in range(self.order + 1)), "turn"],
         )
 
-    def temperatures(self, rows: Roots) -> list[Array]:
+    def temperatures(self, rows: StationRoots) -> list[Array]:
         """Of all stations."""
         middle, half = self.assumed.middle_half
         return [middle + half * rows.x]
@@ -189,7 +189,7 @@ class StationBench(TourBench):
         x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(choice)))
         one_log, chosen = np.zeros(len(x), dtype=np.int64), list(choice)
         u, by_turn = (np.tile(of_place[chosen], len(degc)) for of_place in (u, by_turn))
-        roots = Roots(np.ones(len(x)), u, x, by_turn, one_log)
+        roots = StationRoots(np.ones(len(x)), u, x, by_turn, one_log)
         return Design(label, clock.schedule(), (log,), roots)
 
     def choices(self) -> Iterator[list[int]]:
@@ -241,7 +241,7 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
         u, by_turn, _ = bench.judge_roots(seen.components[axis], seen.status[axis])
         used = np.isfinite(u)
         x = assumed.mapped(seen.temperature[used])
-        pairs.append(Roots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
+        pairs.append(StationRoots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
     scatter = assumed.size(*SCATTER)
     told = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
     return replace(bench, have=pairs[int(np.argmin(told))])

@@ -52,7 +52,7 @@ DEFAULT_LIMITS, DEFAULT_HISTORY = LimitSpec(), HistorySpec()
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
+class ScalePrior:
     """Value and standard uncertainty of s at each station [n] before its own readings."""
 
     s: Array
@@ -81,7 +81,7 @@ class Estimates:
     status: tuple[str, ...]
     """[n]: empty, or why the station is refused."""
 
-    def choose_root(self, prior: Prior, rows: slice = slice(None)) -> tuple[Integers, Mask]:
+    def choose_root(self, prior: ScalePrior, rows: slice = slice(None)) -> tuple[Integers, Mask]:
         """Column [m] of the root of each selected station that the heading chooses, or else is
         likelier, and whether both are about equally likely.
         """
@@ -223,7 +223,7 @@ def estimate_roots(
 
 def history_prior(
     estimates: Estimates, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
-) -> Prior:
+) -> ScalePrior:
     """Prior of s at each station from the stations before it: value and rate of change (step D), by
     a Kalman filter.
 
@@ -254,17 +254,21 @@ def history_prior(
         # the filter's prediction may be zero or negative; the prior must be a positive scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
         station = slice(k, k + 1)
-        column, ambiguous = estimates.choose_root(Prior(value[station], spread[station]), station)
+        column, ambiguous = estimates.choose_root(
+            ScalePrior(value[station], spread[station]), station
+        )
         root = k, int(column[0])
         informative = not estimates.status[k] and estimates.usable[root] and not ambiguous[0]
         if informative and covariance[0, 0] > 0.0:
             gain = covariance[:, 0] / (covariance[0, 0] + estimates.uncertainty[root] ** 2)
             state = state + gain * (estimates.s[root] - state[0])
             covariance = covariance - np.outer(gain, covariance[0])
-    return Prior(value, spread)
+    return ScalePrior(value, spread)
 
 
-def solve(estimates: Estimates, prior: Prior, latitude_uncertainty_deg: float = 0.0) -> Solution:
+def solve(
+    estimates: Estimates, prior: ScalePrior, latitude_uncertainty_deg: float = 0.0
+) -> Solution:
     """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
     rates (step E), seek north (step F).
 
@@ -332,7 +336,7 @@ def solve(estimates: Estimates, prior: Prior, latitude_uncertainty_deg: float = 
 
 def _list_flags(
     estimates: Estimates,
-    prior: Prior,
+    prior: ScalePrior,
     s_root: Array,
     u_root: Array,
     accepted: Mask,

@@ -20,7 +20,7 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, sensitivities, solve
-from calibkit.instruments.inclinometer.root_choice import Prior, Solution
+from calibkit.instruments.inclinometer.root_choice import ScalePrior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
@@ -40,7 +40,7 @@ LEAST_SPARE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Roots:
+class StationRoots:
     """Roots of s at n stations."""
 
     s: Array
@@ -59,14 +59,14 @@ class ScaleOverTemperature:
 
     fit: Fit
     """Of s0 … sn in powers of x and of the turn [°]."""
-    roots: Roots
+    roots: StationRoots
     """That were fitted."""
     to_raw: Array
     """[n + 1, n + 1], matrix from powers of x to powers of °C."""
     valid_degc: tuple[float, float]
     used: Mask
     """Mask [n] of the stations used in the fit."""
-    left_out: Prior
+    left_out: ScalePrior
     """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
     reading.
     """
@@ -155,12 +155,12 @@ def scale(p: Numbers, x: Array) -> Numbers:
     return np.asarray(np.vander(x, len(p) - 1, increasing=True) @ p[:-1])
 
 
-def residual(p: Numbers, roots: Roots) -> Numbers:
+def residual(p: Numbers, roots: StationRoots) -> Numbers:
     """What (1) leaves of the roots [n], of parameters s0 … sn, δ [°]."""
     return np.asarray(scale(p, roots.x) + p[-1] * roots.turn - roots.s)
 
 
-def shared_errors(roots: Roots, log: Shared | None) -> list[Shared]:
+def shared_errors(roots: StationRoots, log: Shared | None) -> list[Shared]:
     """Scatter of s from log to log, and from station to station within a log."""
     count = len(roots.s)
     station = Shared(
@@ -218,7 +218,7 @@ def fit_over_temperature(
         )
     limits = (float(degc.min()), float(degc.max()))
     half = half or 1.0
-    all_roots = Roots(
+    all_roots = StationRoots(
         s=np.where(used, solution.s_root, 0.0),
         u=np.where(used, solution.s_root_uncertainty, np.inf),
         x=(np.clip(temp_degc, *limits) - middle) / half,
@@ -231,7 +231,7 @@ def fit_over_temperature(
     # one that states no uncertainty would be the only one that counts
     typical = float(np.median(all_roots.u[used]))
     least_u = 1e-3 * typical if typical > 0.0 else 1.0
-    roots = Roots(
+    roots = StationRoots(
         s=all_roots.s[used],
         u=np.maximum(all_roots.u[used], least_u),
         x=all_roots.x[used],
@@ -248,7 +248,7 @@ def fit_over_temperature(
     return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable)
 
 
-def _separates_turn(roots: Roots, order: int) -> bool:
+def _separates_turn(roots: StationRoots, order: int) -> bool:
     """Whether derivatives by a turn are other than a polynomial of the temperature."""
     powers = np.vander(roots.x, order + 1, increasing=True) / roots.u[:, None]
     turn = roots.turn / roots.u
@@ -257,7 +257,7 @@ def _separates_turn(roots: Roots, order: int) -> bool:
 
 
 def _fit_orders(
-    roots: Roots, tried_orders: Sequence[int], shared: Sequence[Shared], *, with_turn: bool
+    roots: StationRoots, tried_orders: Sequence[int], shared: Sequence[Shared], *, with_turn: bool
 ) -> list[Fit]:
     """Fits of those orders that leave more levels (logs, or stations) than the polynomial has
     coefficients: with fewer it runs through each, and their scatter is unknown.
@@ -291,7 +291,7 @@ def _fit_orders(
     return fits
 
 
-def _leave_out(fit: Fit, all_roots: Roots, roots: Roots, used: Mask) -> Prior:
+def _leave_out(fit: Fit, all_roots: StationRoots, roots: StationRoots, used: Mask) -> ScalePrior:
     """s(T) [n] at each station without its own root, and its standard uncertainty with the scatter.
 
     Without row i the parameters change by G_i (P r)_i / P_ii, and their covariance grows by
@@ -315,4 +315,4 @@ def _leave_out(fit: Fit, all_roots: Roots, roots: Roots, used: Mask) -> Prior:
     mean = fit.weights @ values
     spread = fit.weights @ (np.array(variances) + (np.array(values) - mean) ** 2)
     scatter = sum(size.value**2 for size in fit.shared)
-    return Prior(mean, np.sqrt(spread + scatter))
+    return ScalePrior(mean, np.sqrt(spread + scatter))

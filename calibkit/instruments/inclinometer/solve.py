@@ -17,7 +17,7 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import (
     Combined,
     Estimates,
-    Prior,
+    ScalePrior,
     Solution,
 )
 from calibkit.instruments.inclinometer.stations import Stations
@@ -41,7 +41,7 @@ class SolvedStations:
     """Solutions of the stations by each sensor pair that is read, and combined."""
 
     solutions: Mapping[Sensor, Solution]
-    priors: Mapping[Sensor, Prior]
+    priors: Mapping[Sensor, ScalePrior]
     combined: Combined
     mounted: mounting.Mounted
     """Its variance is part of that of the combined azimuth."""
@@ -261,7 +261,7 @@ def _fit_one_root(
     scatter = spec.history.standard_uncertainty
     valid = (float(temperature[k]), float(temperature[k])) if timed else None
     model = ScaleModel(np.array([s]), np.array([[u**2]]), scatter, valid, noise)
-    prior = Prior(np.full(usable.size, spec.history.s), np.full(usable.size, scatter))
+    prior = ScalePrior(np.full(usable.size, spec.history.s), np.full(usable.size, scatter))
     return ScaleFit(model, 0, 0.0, usable, prior)
 
 
@@ -300,7 +300,7 @@ def _require_plausible(
 
 def _predict_departure(
     stations: Stations, model: ScaleModel, spec: InclinometerRecipe, axis: Sensor
-) -> Prior:
+) -> ScalePrior:
     """Prior of s at each station: s(T) times the relative departure from it that the stations
     before show (step D).
     """
@@ -316,7 +316,7 @@ def _predict_departure(
         stations.elapsed,
         spec.departure,
     )
-    return Prior(
+    return ScalePrior(
         base.s * departure.s,
         np.hypot(base.standard_uncertainty, base.s * departure.standard_uncertainty),
     )
@@ -324,7 +324,7 @@ def _predict_departure(
 
 def _solve_stations(
     stations: Stations,
-    priors: Mapping[Sensor, Prior],
+    priors: Mapping[Sensor, ScalePrior],
     spec: InclinometerRecipe,
     turn_deg: float,
 ) -> SolvedStations:
