@@ -116,6 +116,28 @@ def test_azimuths_of_turned_gyros_are_within_u_and_validation_rejects_them(deg):
     assert np.sum(named) <= 2 if deg == 0.0 else deg < 0.3 or np.all(named)
 
 
+def test_a_noisier_second_gyro_does_not_widen_the_azimuth():
+    """Gyro y of ten times the noise, whose turn nobody can tell, in 12 tools: U of both pairs is at
+    most 1.2 times that of pair x alone, and the azimuths are within it.
+    """
+    ratios, inside = [], []
+    alone = recipe(stations={"pairs": "x"})
+    for seed in range(200, 212):
+        rng = np.random.default_rng(seed)
+        made = simulate.campaign(seed)
+        noisy = {
+            name: log | {"gyro_y_dph": log["gyro_y_dph"] + 0.1 * rng.standard_normal(4 * 36)}
+            for name, log in made.logs.items()
+        }
+        log, unseen = log_of(noisy["stations.csv"]), log_of(noisy[UNSEEN], "unseen")
+        both = compare(fit([log]), unseen)
+        one = compare(fit([log], alone), unseen, alone)
+        ratios.append(np.median(both.standard_uncertainty) / np.median(one.standard_uncertainty))
+        inside.append(covered(both))
+    assert np.max(ratios) <= 1.2
+    assert np.mean(inside) >= LEAST
+
+
 def test_the_turn_is_a_result_that_survives_the_file():
     """0.3° of both gyros, with its standard uncertainty, in the components of the models."""
     fits = fit([log_of(turned(simulate.campaign(3).logs["stations.csv"], 0.3))])

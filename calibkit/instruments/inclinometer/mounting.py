@@ -87,10 +87,15 @@ class Mounted:
         stations: Stations,
         solutions: Mapping[Sensor, Solution],
         spec: InclinometerRecipe,
-        turn_deg: float,
+        azimuth_weight: Array,
+        turns_deg: Mapping[Sensor, float],
     ) -> Self:
-        """Azimuths whose gyros are turned by an unknown angle of standard deviation `turn_deg`;
-        `[[errors.component]]` and type B terms on `azimuth_deg` and `position_deg` are stated.
+        """Azimuths whose gyros are turned by unknown angles of standard deviations `turns_deg`,
+        the larger of which counts; `[[errors.component]]` and type B terms on `azimuth_deg` and
+        `position_deg` are stated.
+
+        azimuth_weight : [pairs, n], of the pairs in the combined azimuth. A turn counts in full
+        from half of the weight on: a noisy gyro does not tell its turn, nor carry the azimuth.
         """
         changes = []
         for axis, solution in solutions.items():
@@ -98,7 +103,8 @@ class Mounted:
             with np.errstate(invalid="ignore"):
                 changes.append(np.sum(solution.azimuth_slopes * moved(parts), axis=2))
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
-        largest = np.fmax.reduce(np.abs(by_turn))
+        counted = np.minimum(2.0 * azimuth_weight, 1.0) * np.abs(by_turn)
+        sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
         with_positions, of_azimuth = (
             sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
             for terms in (
@@ -108,13 +114,12 @@ class Mounted:
         )
         index = np.fmax.reduce(np.abs(by_index)) ** 2 * (with_positions - of_azimuth)
         of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
-        turns_deg = [entry.value_in("deg") for entry in of_mounting]
+        stated_deg = max((entry.value_in("deg") for entry in of_mounting), default=0.0)
         without_turn = of_azimuth + index
-        stated = without_turn + (largest * max(turns_deg, default=0.0)) ** 2
         return cls(
             np.fmax.reduce(by_turn),
-            without_turn + (largest * turn_deg) ** 2,
-            np.asarray(stated),
+            without_turn + np.fmax.reduce(sizes_deg * counted) ** 2,
+            np.asarray(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
         )
 
 

@@ -419,6 +419,8 @@ class Combined:
     """In [0, 360)."""
     uncorrected_deg: Array
     """Azimuth with s = 1, combined with the same weights."""
+    azimuth_weight: Array
+    """[pairs, n], of the azimuth of each pair; 0 where it is not used."""
     covariance: Array
     """[n, 3, 3] of inclination, toolface, azimuth [°]."""
     status: tuple[str, ...]
@@ -476,6 +478,7 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
         toolface_deg=wrapped(mean[:, 1]),
         azimuth_deg=full_circle(mean[:, 2], 360.0),
         uncorrected_deg=full_circle(mean[:, 3], 360.0),
+        azimuth_weight=np.where(used, weight[:, :, 2], 0.0),
         covariance=np.where(solved[:, None, None], covariance, np.nan),
         status=status,
         flags=_flag_pairs(pairs, used),

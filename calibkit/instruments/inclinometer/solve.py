@@ -117,9 +117,9 @@ def fit_scale(
         axis: _fit_over_temperature(solve_in_sequence(plausible, spec, axis), plausible, spec, axis)
         for axis in spec.axes
     }
-    turn_deg = max(scale.model.turn_deg for scale in fits.values())
+    turns_deg = {axis: scale.model.turn_deg for axis, scale in fits.items()}
     left_out = {axis: scale.left_out for axis, scale in fits.items()}
-    solved = _solve_stations(plausible, left_out, spec, turn_deg)
+    solved = _solve_stations(plausible, left_out, spec, turns_deg)
     solved.require_consistent("the stations")
     return fits, solved
 
@@ -138,7 +138,7 @@ def seek_north(
             plausible,
             {axis: _predict_departure(plausible, models[axis], spec, axis) for axis in spec.axes},
             spec,
-            max(models[axis].turn_deg for axis in spec.axes),
+            {axis: models[axis].turn_deg for axis in spec.axes},
         )
         status = {
             axis: _refuse_contradictions(solved.solutions[axis], plausible.status[axis], spec)
@@ -326,7 +326,7 @@ def _solve_stations(
     stations: Stations,
     priors: Mapping[Sensor, ScalePrior],
     spec: InclinometerRecipe,
-    turn_deg: float,
+    turns_deg: Mapping[Sensor, float],
 ) -> SolvedStations:
     """Solve every station with its priors, and combine both pairs where both are read; the azimuth
     is as uncertain as how the sensors are mounted makes it.
@@ -350,7 +350,7 @@ def _solve_stations(
         for axis in spec.axes
     }
     combined = root_choice.combine(solutions)
-    mounted = mounting.Mounted.of(stations, solutions, spec, turn_deg)
+    mounted = mounting.Mounted.of(stations, solutions, spec, combined.azimuth_weight, turns_deg)
     covariance = combined.covariance.copy()
     covariance[:, 2, 2] += mounted.variance
     return SolvedStations(solutions, priors, replace(combined, covariance=covariance), mounted)
