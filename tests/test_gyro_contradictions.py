@@ -113,8 +113,8 @@ RATE_TABLE = {
     [(1.0, "accepted"), (1.0005, "accepted"), (1.01, "rejected"), (-1.0, "rejected")],
 )
 def test_a_run_of_another_gyro_or_sign_is_rejected(scale, verdict):
-    """One of six runs over temperature, counts of 1 % more or of the other sign: K is that of
-    neither. What may be a bend of K(T), 500 ppm, is flagged alone.
+    """One of six runs over temperature with 1 % more counts, or of the other sign: K is that of
+    neither; 500 ppm, which may be a bend of K(T), are flagged alone.
     """
     rng = np.random.default_rng(11)
     logs = {

@@ -4,6 +4,7 @@ stand (Broder 1997, bottom-k sketch).
 A copy whose first or last rows were cut keeps nearly all of its sample. What is hashed is as many
 consecutive rows as make nearly each position of the log different from all others: then noise, not
 quantisation, tells positions apart, and an independent repeat shares next to none of them.
+`check.copies` compares the samples of logs, and finds copies with rounded digits in another way.
 """
 
 from collections.abc import Sequence
@@ -25,8 +26,8 @@ this log as rarely as the log has it again: in a tenth at most.
 
 
 def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
-    """The SIZE smallest hashes of rows of columns [n], or of the fewest consecutive rows that are
-    nearly all different; empty where none are.
+    """The SIZE smallest hashes of rows of columns [n]. Where rows are not different enough, as many
+    consecutive ones are hashed together as needed; empty where even these are alike.
     """
     for doublings in DOUBLINGS if columns else ():
         smallest, counts = _smallest_hashes(columns, doublings)

@@ -1,4 +1,12 @@
-"""Dwells → the triad over temperature, by gravity vectors or by the length of gravity alone."""
+"""Dwells → the triad over temperature, by gravity vectors or by the length of gravity alone.
+
+    r = C(G, t; p) - g                    vectors, g of the attitude            [n, 3]       (1)
+    r = R(fixture) C(G, t; p) - g(tilt)   the same in a fixture, on a tilted table           (2)
+    r = |C(G, t; p)| - 1                  lengths, in units of local gravity    [n, 1]       (3)
+
+C is what indications G mean at temperature t, a = k G - z with cross-axis terms: `equation`, (1)
+and (2). Errors that dwells share (`shared_errors`) are fitted beside p by `solve`.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +34,7 @@ LARGEST_ANGLE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Triad:
-    """The equation fitted to n dwells."""
+    """Equation (1), (2) or (3) fitted to n dwells."""
 
     terms: Terms
     fit: Fit
@@ -123,6 +131,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         for component, places in enumerate(of_components):
             rows = slice(component, None, per_dwell)
             good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
+            # rows of a level that stands apart as a whole stay in, though the start leaves them out
             used[rows] = np.any(
                 [good, *(stand_out_together(good, level) for level in levels)], axis=0
             )
@@ -163,7 +172,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
 
 
 def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
-    """Residual against gravity vectors, or against the length of gravity."""
+    """Residual (1) or (2) against gravity vectors, or (3) against the length of gravity."""
     tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
     indication, reference = dwells.indication, dwells.reference
     tool_rotation = attitude.tool_rotation(dwells.inclination, dwells.toolface) if tilt else None

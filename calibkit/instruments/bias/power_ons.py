@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.frame import Log, values
-from calibkit.instruments.bias.recipe import Terms
+from calibkit.instruments.bias.recipe import ThermalTable
 from calibkit.numeric import chunks, intervals
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
@@ -51,8 +51,8 @@ class _Span:
     clock: str
     switched_on: bool
     """Whether the instrument was switched on again before."""
-    apart: bool
-    """Whether the temperature before it is not known."""
+    after_gap: bool
+    """Whether it follows a gap in its log: the temperature before it is not known."""
     note: str
     """Why it is another power-on, where a gap makes it one."""
 
@@ -88,7 +88,7 @@ def _restarted_rows(time: Array) -> Array:
     return np.asarray(back[anew & (elapsed > RESTARTED_S)])
 
 
-def mend_clock(log: Log, spec: Terms) -> Log:
+def mend_clock(log: Log, spec: ThermalTable) -> Log:
     """Log whose time goes on where its clock begins anew, a whole model interval later."""
     import pandas as pd
 
@@ -112,7 +112,7 @@ def mend_clock(log: Log, spec: Terms) -> Log:
     return replace(log, frame=frame, notes=(*log.notes, note))
 
 
-def choose_interval(logs: Sequence[Log], spec: Terms) -> float:
+def choose_interval(logs: Sequence[Log], spec: ThermalTable) -> float:
     """Model interval [s]: stated, or USUAL_INTERVAL_S, or that of the slowest log."""
     if spec.interval_s != "auto":
         return float(spec.interval_s)
@@ -120,7 +120,7 @@ def choose_interval(logs: Sequence[Log], spec: Terms) -> float:
 
 
 def find_power_ons(
-    logs: Sequence[Log], raw: Sequence[Log], spec: Terms, interval_s: float
+    logs: Sequence[Log], raw: Sequence[Log], spec: ThermalTable, interval_s: float
 ) -> list[PowerOn]:
     """Power-ons of all logs, of which `raw` are as they were read, before their clocks were
     mended.
@@ -176,18 +176,20 @@ def cut_stretches(
     return cut, tuple(notes)
 
 
-def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
+def _cut(log: Log, raw: Log, spec: ThermalTable, interval_s: float) -> Iterator[_Span]:
     """Spans of a log between gaps, restarts of its clock and stated power-ons."""
     time = values(log.frame, "time_s")
     # a gap is an interval at least, so that no block holds rows of both sides
     longest = max(spec.max_gap_s, interval_s, 2.5 * log.steps.usual)
     gaps = chunks.rows_where(time, lambda step: step > longest, step=True)
-    lines = log.frame.index[gaps + 1].to_numpy() - log.frame.index[gaps].to_numpy()
-    excluded = gaps[lines > 1]
+    # The index numbers the rows of the file: where it jumps at a gap, the file has rows there that
+    # the recipe excludes, or that lack a value. The instrument was logged, so it stayed on.
+    skipped = log.frame.index[gaps + 1].to_numpy() - log.frame.index[gaps].to_numpy()
+    logged_gaps = gaps[skipped > 1]
     stated = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
     again = {int(row) for row in np.searchsorted(time, stated) if 0 < row < time.size}
     again |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
-    unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, excluded)} - again
+    unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, logged_gaps)} - again
     again |= unexplained
     edges = sorted({0, time.size} | again | {int(row) + 1 for row in gaps})
     zero, clock = 0.0, log.file
@@ -205,7 +207,7 @@ def _cut(log: Log, raw: Log, spec: Terms, interval_s: float) -> Iterator[_Span]:
         yield _Span(log, first, stop, begins, lasts, clock, first in again, first > 0, note)
 
 
-def _goes_on(before: _Span, span: _Span, spec: Terms) -> bool:
+def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
     """Whether a span belongs to the power-on of the one before: in the same log, in a log that goes
     on where the other ended, or as the recipe states.
     """
@@ -220,13 +222,13 @@ def _goes_on(before: _Span, span: _Span, spec: Terms) -> bool:
     return _adjoins(before, span, spec)
 
 
-def _adjoins(before: _Span, span: _Span, spec: Terms) -> bool:
+def _adjoins(before: _Span, span: _Span, spec: ThermalTable) -> bool:
     """Whether a span begins on the same clock after another one has ended, without a long gap."""
     apart = span.begins - (before.begins + before.lasts)
     return before.clock == span.clock and 0.0 < apart <= spec.max_gap_s
 
 
-def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) -> PowerOn:
+def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name: str) -> PowerOn:
     """Block means of the spans of one power-on, on one clock."""
     parts: list[tuple[Array, Array, Mask]] = []
     channels: dict[str, list[Array]] = {channel: [] for channel in spec.channels}
@@ -239,7 +241,7 @@ def _average(group: Sequence[_Span], spec: Terms, interval_s: float, name: str) 
         held = intervals.Intervals.find(time, interval_s, log.steps.usual)
         means, temperature = held.means(time, origin=float(time[0])), held.means(case)
         before = group[k - 1]
-        joined = k > 0 and not span.apart and _adjoins(before, span, spec)
+        joined = k > 0 and not span.after_gap and _adjoins(before, span, spec)
         if k:
             gap = span.begins - (before.begins + before.lasts) if joined else interval_s
             begins += before.lasts + gap
@@ -293,7 +295,7 @@ def _starting_rate(time: Array, case: Array) -> float:
     return 0.5 * (first + second) if steady and sure and abs(first) >= MOVING_DEGC_MIN else 0.0
 
 
-def refuse_little_change(logs: Sequence[Log], spec: Terms) -> None:
+def refuse_little_change(logs: Sequence[Log], spec: ThermalTable) -> None:
     """Raise FitError for logs in which the temperature hardly changes."""
     ends = [log.extremes(CASE) for log in logs]
     low, high = min(low for low, _ in ends), max(high for _, high in ends)

@@ -90,7 +90,7 @@ class _Withheld(Table):
         return self
 
 
-class Terms(Table):
+class ThermalTable(Table):
     """Channels, choice of their terms, and power-ons."""
 
     channels: Annotated[tuple[Name, ...], Field(min_length=1, strict=False)]
@@ -152,7 +152,7 @@ class ThermalRecipe(Recipe):
     error_groups: ClassVar[tuple[str, ...]] = (GROUP,)
 
     procedure: Literal["thermal"]
-    thermal: Terms
+    thermal: ThermalTable
     output: _Output = _Output()
     acceptance: _Acceptance = _Acceptance()
 

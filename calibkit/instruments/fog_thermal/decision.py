@@ -220,9 +220,10 @@ def _flag_short_soaks(thermal: OnLevels, logs: Sequence[PreparedLog]) -> tuple[s
     """What is said of the shortest soak if the coil's slowest lag does not settle in it: as a
     cause, and as a flag where more than UNSETTLED of a change of temperature is left.
     """
-    lag_s = (
-        thermal.static_lag[1] if isinstance(thermal, BankModel) else max(thermal.lags, default=0.0)
-    )
+    if isinstance(thermal, BankModel):
+        _, lag_s, _ = thermal.static_lag  # the slower of its two lags
+    else:
+        lag_s = max(thermal.lags, default=0.0)
     soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
     shortest, needed = float(min(soaks)), SETTLED_LAGS * lag_s
     if shortest >= needed:

@@ -79,7 +79,7 @@ USED = tuple(Ramp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (
 @dataclass(frozen=True)
 class RampBench(Bench):
     """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
-    the median of each but those of turn-on biases and initial states, whose sizes are assumed.
+    sizes of turn-on biases and initial states are assumed, all others are the priors' medians.
 
         S = A - B (C + D)⁻¹ Bᵀ       information of one log on coefficients and static lag
         M = Σ_logs S + P             of all, P the precision of what is known before
@@ -137,9 +137,9 @@ class RampBench(Bench):
         moments = problem.gram(problem.rows, bank_fit.STATIC_MEAN, columns).matrix
         B, C, D = moments[SHARED:, :SHARED], moments[SHARED:, SHARED:], self.precision[SHARED:]
         o = np.linalg.solve(C + np.diag(D), B)
-        turn_on, start = (
-            (o[errors].T * D[errors]) @ o[errors] for errors in (slice(0, 1), slice(1, None))
-        )
+        # the errors of a log are its turn-on bias, then its initial states
+        by_error = [np.outer(row, row) * precision for row, precision in zip(o, D, strict=True)]
+        turn_on, start = by_error[0], np.sum(by_error[1:], axis=0)
         return np.stack([moments[:SHARED, :SHARED] - B.T @ o - turn_on - start, turn_on, start])
 
     @cached_property
@@ -172,8 +172,8 @@ class RampBench(Bench):
         return {"drift": of_drift, "drift at rest": at_rest}
 
     def variances(self, design: Design) -> dict[str, Sources]:
-        """Variances of each result: of the noise, of the errors of each log, and of what is known
-        of the coefficients before any is measured.
+        """Variances of each result, in the order of `SOURCES`: of the noise, of turn-on biases, of
+        initial states, and of what is known of coefficients and static lag before any is measured.
         """
         covariance, information = self.posterior(design)
         by_result, p = dict[str, Sources](), len(BANK.terms)
@@ -181,7 +181,8 @@ class RampBench(Bench):
             pull = covariance @ slopes.T
             known = self.precision[:SHARED, None] * pull**2
             by_log = np.sum(pull * (information @ pull), axis=1)
-            parts = (*by_log, known[:p].sum(axis=0), known[p:].sum(axis=0))
+            of_drift, of_static_lag = known[:p].sum(axis=0), known[p:].sum(axis=0)
+            parts = (*by_log, of_drift, of_static_lag)
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 

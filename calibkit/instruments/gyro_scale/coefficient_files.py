@@ -1,4 +1,13 @@
-"""Fits → gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json."""
+"""Fits → gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json.
+
+    F = K Ω + F0                                    line of a gyro about an axis, gyro-scale/1
+    F = K(T) Ω + Σ_k c_k(T) s_k(Ω) + F0(T)          response (`equation`), gyro-response/2
+    N = K_B/K_A, ε = K_Ba/K_A, γ = ε/N = cos α      pair (`published`), gyro-orthogonality/1
+    s = (K_x, K_y, K_z), unit vector s/|s|          gyro of a triad
+
+Ω table rate, F indication; K_Ba is K of gyro B about the axis of A. What runs leave uncertain comes
+from `Fit.of` of these.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -74,7 +83,7 @@ def _list_scales(
         figures += channel.figures
         for run in channel.runs:
             name, run_lines = channel.name_in(run), campaign.run_lines
-            fit = run_lines.line(run, channel.gyro)
+            fit = run_lines.line(run, channel.gyro)  # K, F0, F at rest
             if channel.mean is None or name != channel.name:
                 line = fit.part(slice(2))
                 models.append(line_model(name, line, run_lines, channel.gyro, [run]))

@@ -31,6 +31,8 @@ SHOWN = 40
 """Stations listed on the console; report.txt lists all."""
 COVERAGE = 2.0
 """Coverage factor of the stated uncertainty U (GUM 6.3.3)."""
+EXPANDED = f"U (k = {COVERAGE:g})"
+"""Its name in tables."""
 TITLE = "Stations before (s = 1) and after"
 COMPUTED = 1e-9
 """Standard uncertainty of a root of s below which the readings are taken for computed, not measured
@@ -78,6 +80,10 @@ class AngleErrors:
     def turn(self) -> tuple[float, float]:
         """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
         errors of the known stations share, and its standard uncertainty [°].
+
+            β = Σ (s e / u²) / Σ (s² / u²),   u(β)² = 1 / Σ (s² / u²) + (rms v / rms s)²
+
+        e azimuth errors, s their derivatives by a turn, u their noise, v what the recipe states.
         """
         slope, u, with_reference = self.by_turn, self.noise, self.known
         weight = np.where(with_reference, slope / u**2, 0.0)
@@ -86,8 +92,8 @@ class AngleErrors:
         return float(np.nansum(weight * self.after)) / power, float(np.hypot(power**-0.5, shared))
 
     def judge_uncertainty(self, name: str) -> Criterion:
-        """Criterion that azimuth errors of unseen stations are as large as stated; they may share
-        them altogether, since s(T) is common to all.
+        """Criterion that azimuth errors of unseen stations are as large as stated; s(T) is common
+        to all stations, so that all azimuths may err alike.
         """
         u = self.standard_uncertainty[self.known]
         comparison = unseen(self.after[self.known], u[:, None])
@@ -159,7 +165,7 @@ def tabulate_stations(stations: Stations, solved: SolvedStations, angles: AngleE
         "toolface [°]": fixed(solved.combined.toolface_deg),
         "azimuth s=1 [°]": fixed(solved.combined.uncorrected_deg),
         "azimuth [°]": fixed(solved.combined.azimuth_deg),
-        "U (k = 2) [°]": np.where(solved.refused, "refused", U).tolist(),
+        f"{EXPANDED} [°]": np.where(solved.refused, "refused", U).tolist(),
         **{f"s {axis}": fixed(pair.s, 6) for axis, pair in solved.solutions.items()},
     }
     if angles.known.any():
@@ -243,12 +249,12 @@ def summarize(
         return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
     shift = wrapped(solved.combined.azimuth_deg - solved.combined.uncorrected_deg)[with_result]
     values = [
-        KeyValue("median U (k = 2) of the azimuth", float(np.median(U)), "°"),
-        KeyValue("largest U (k = 2) of the azimuth", float(U.max()), "°"),
+        KeyValue(f"median {EXPANDED} of the azimuth", float(np.median(U)), "°"),
+        KeyValue(f"largest {EXPANDED} of the azimuth", float(U.max()), "°"),
         KeyValue("largest change of the azimuth by the correction", largest(shift), "°"),
     ]
     sentence = (
-        f"Azimuth of {U.size} of {count} stations: U (k = 2) {U.min():.2g}° to {U.max():.2g}°,"
+        f"Azimuth of {U.size} of {count} stations: {EXPANDED} {U.min():.2g}° to {U.max():.2g}°,"
         f" median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
         f" {largest(shift):.2g}°."
     )

@@ -242,7 +242,7 @@ def solve_components(
     """Components of every station (step B), with the noise stated by the recipe or estimated from
     the readings.
 
-    `known` is the noise of a calibration: it is pooled with the readings' own unless they
+    The noise of a calibration is pooled with the readings' own unless they
     contradict it. Raises FitError where the noise is unknown.
     """
     count = len(rows.names)
@@ -372,7 +372,7 @@ def fit_stations(
     Raises
     ------
     FitError
-        No station can be fitted, or a ramp without times.
+        No station can be fitted, though none is excluded by `faults`; a ramp without times.
 
     """
     if gyro_ramp and time_s is None:

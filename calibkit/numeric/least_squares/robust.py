@@ -4,6 +4,9 @@ Several outliers hide one another from ordinary residuals, and one of high lever
 the fit starts where the residuals have the smallest robust scale: the S-estimate (Rousseeuw & Yohai
 1984), of which up to half of the rows may be outliers; of few rows it starts from Huber's fit. It
 ends with Tukey's biweight at that scale.
+
+    Σ ρ(r/(c s)) = ½ (n - p),   ρ(x) = 1 - (1 - x²)³ to |x| = 1, then 1       scale s of residuals r
+    w = (1 - (r/(4.685 s))²)², 0 beyond                                     weights of the last fit
 """
 
 from dataclasses import dataclass
@@ -64,8 +67,10 @@ class RobustFit:
 
 
 def linear(design: Array, indication: Array) -> RobustFit:
-    """Fit indication [n] = design [n, p] · coefficients, of rows of equal noise, so that no few of
-    them move it: where another fit starts that states uncertainties, of the rows with a weight.
+    """Fit indication [n] = design [n, p] · coefficients so that a few wrong rows do not move it.
+
+    The rows have equal noise. The fit states no uncertainty: who needs one fits the rows that have
+    a weight again.
 
     Raises FitError as `fit.linear`; and for fewer than p + 5 rows, too few to find an outlier
     among them.

@@ -71,8 +71,18 @@ class DeviationCurve:
         lower, upper = chi_square_limits(deviation, dof, probability)
         tau_s = np.asarray(factors * interval_s, dtype=np.float64)
         return cls(
-            *(estimator, interval_s, samples, factors, tau_s, deviation, pairs.astype(np.int64)),
-            *(kinds, dof, lower, upper, probability),
+            estimator,
+            interval_s,
+            samples,
+            factors,
+            tau_s,
+            deviation,
+            pairs.astype(np.int64),
+            kinds,
+            dof,
+            lower,
+            upper,
+            probability,
         )
 
 
@@ -161,7 +171,14 @@ def overlapping(
         [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
     return DeviationCurve.of_variance(
-        *("overlapping Allan", interval_s, rate.size, factors, variance, pairs, kinds, dof),
+        "overlapping Allan",
+        interval_s,
+        rate.size,
+        factors,
+        variance,
+        pairs,
+        kinds,
+        dof,
         probability,
     )
 

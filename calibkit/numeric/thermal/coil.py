@@ -45,10 +45,9 @@ class Path:
         per_minute = rate * SECONDS_PER_MINUTE
         gradient = outer - inner
         if tau_inner is None:
-            return Drivers(outer, per_minute, gradient, gradient)
-        return Drivers(
-            outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
-        )
+            return Drivers(outer, per_minute, gradient, gradient_rate=gradient)
+        gradient_rate = per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
+        return Drivers(outer, per_minute, gradient, gradient_rate)
 
 
 FOLLOWED_DEGC = (-70.0, 110.0)
@@ -115,8 +114,9 @@ def _temperatures(
     Both temperatures start at the first case temperature of a log, as after a long soak. With the
     case temperature linear between samples, the solution is exact for any step and gap: with m the
     slope over a step h and a = exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a), where x0 and x1
-    are the case temperatures at both ends. Without an inner lag the inner temperature equals the
-    outer one.
+    are the case temperatures at both ends. The inner one, with b = exp(−h/τ_i):
+    T_i ← b T_i + x1 − b x0 − m (τ_o + τ_i) (1 − b) + (T_o − x0 + m τ_o) · `_carried`.
+    Without an inner lag it equals the outer one.
     """
     h, x = along.step, along.above[:, :-1]
     m = along.change / np.where(h > 0.0, h, 1.0)

@@ -106,6 +106,7 @@ class Filters:
     def __init__(self, bank: str) -> None:
         self.bank, self.half = bank, pywt.Wavelet(bank).dec_len // 2
         self.reads, self.needs = (2 - 2 * self.half, 1), (0, self.half - 1)
+        # centre of the low-pass filter: how far behind its values an approximation stands
         low = np.array(pywt.Wavelet(bank).dec_lo)
         self.delay = 1.0 - float(low @ np.arange(low.size)) / math.sqrt(2.0)
 
@@ -238,7 +239,8 @@ def average_over_shifts(
     allocate: Allocate = np.empty,
 ) -> Coefficients:
     """Approximations of a level with the details of further levels shrunk as by `synthesise`,
-    averaged over all shifts of a transform, in blocks that overlap by the reach of its filters.
+    averaged over all shifts (stationary transform, cycle spinning), in blocks that overlap by the
+    reach of its filters.
     """
     period = 1 << levels
     # of the filters of all levels together, there and back
