@@ -19,6 +19,8 @@ PPM_ROUNDING = 1e-8
 
 
 JUDGED_ANEW = {
+    "inclinometer": r"validate /(acceptance/0/value|logs/0/(worse_than_uncorrected_over_u|"
+    r"stations/\d+/azimuth_standard_uncertainty_deg))",
     release.PAIR: r"validate /(pair/\d/(standard_uncertainty|dof)|acceptance/[0-3]/.*|"
     r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
     "gyro_triad": r"validate /acceptance/[0-2]/.*",
@@ -31,7 +33,8 @@ JUDGED_ANEW = {
 """Uncertainties of unseen runs of gyros, which hold the errors that today's fit knows, and the
 criteria by them, with residuals about the line of a run; drifts of unseen warm-ups, which are
 judged along the rows that are corrected; U of a bias at 0 °C among the coefficients, which was
-smaller than that of the same bias in the table.
+smaller than that of the same bias in the table; u of azimuths, where each gyro's turn counts with
+its own derivative, no longer the larger of both with the larger.
 """
 
 

@@ -97,6 +97,8 @@ def fit_runs(spec: RateTableRecipe, runs: Runs, near: Campaign | None = None) ->
     """Fit each gyro in each run about the one axis, then over the runs and over temperature."""
     about = tuple(runs[""])
     run_lines = Lines.of([[(0, run) for run in about]], near.run_lines if near else None)
+    if not near:
+        run_lines.require_followed()
     channels = []
     for number, gyro in enumerate(spec.gyros):
         before = near.channels[number].over if near else None
@@ -256,6 +258,8 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     """
     about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
     run_lines = Lines.of([about], near.run_lines if near else None)
+    if not near:
+        run_lines.require_followed()
     known = spec.known_errors()
     run_scale = run_lines.run_scale(known.get("scale"))
     # K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs
@@ -387,6 +391,8 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
         [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups
     ]
     run_lines = Lines.of(about, near.run_lines if near else None)
+    if not near:
+        run_lines.require_followed()
     known = spec.known_errors()
     run_scale, mounting = run_lines.run_scale(known.get("scale")), None
     if "angle" in known:

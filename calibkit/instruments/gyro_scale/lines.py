@@ -115,7 +115,6 @@ class Lines:
         each = [line_of == k for k in range(len(lines))]
         published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
         run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
-        run_lines._require_followed()
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
@@ -123,7 +122,7 @@ class Lines:
             run_lines, in_time=near.in_time if near else tuple(run_lines._find_in_time())
         )
 
-    def _require_followed(self) -> None:
+    def require_followed(self) -> None:
         """Raise FitError for a gyro that does not follow the table about its own axis."""
         own = self.own()
         for (file, gyro), number in self.number.items():

@@ -22,6 +22,9 @@ from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.type_b import terms_of
 
+SMALL_WEIGHT = 0.25
+"""Weight of a pair in the azimuth, that of 1.7 times the noise, from which its turn counts in full.
+"""
 SHOWN = 3.0
 """Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
 ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
@@ -94,8 +97,9 @@ class Mounted:
         the larger of which counts; `[[errors.component]]` and type B terms on `azimuth_deg` and
         `position_deg` are stated.
 
-        azimuth_weight : [pairs, n], of the pairs in the combined azimuth. A turn counts in full
-        from half of the weight on: a noisy gyro does not tell its turn, nor carry the azimuth.
+        azimuth_weight : [pairs, n], of the pairs in the combined azimuth. A turn counts in full,
+        but by its weight where that is small: a noisy gyro does not tell its turn, nor carry the
+        azimuth.
         """
         changes = []
         for axis, solution in solutions.items():
@@ -103,7 +107,8 @@ class Mounted:
             with np.errstate(invalid="ignore"):
                 changes.append(np.sum(solution.azimuth_slopes * moved(parts), axis=2))
         by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
-        counted = np.minimum(2.0 * azimuth_weight, 1.0) * np.abs(by_turn)
+        share = np.where(azimuth_weight < SMALL_WEIGHT, azimuth_weight, 1.0)
+        counted = share * np.abs(by_turn)
         sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
         with_positions, of_azimuth = (
             sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)

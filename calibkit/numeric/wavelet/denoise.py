@@ -1,7 +1,7 @@
 """Wavelet denoising of a signal in one piece.
 
     s_0 = the signal;  s_j, d_j from s_(j−1) by lifting, j = 1 … L        `lifting.analyse`
-    σ_j = median |d_j| / 0.6745, threshold t_j from σ_j and the details   `shrinkage.THRESHOLDS`
+    σ_j = median |d_j| / Φ⁻¹(3/4), threshold t_j from σ_j and the details   `shrinkage.THRESHOLDS`
     s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `lifting.synthesise`
 
 The coarsest levels are averaged over all shifts (`lifting.average_over_shifts`).
