@@ -474,3 +474,18 @@ def test_a_mapped_columns_name_and_unit_are_values(name):
 def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
     """Words apart by a blank as well as by a low line; a name of one word is a name."""
     assert LogColumn(name, "").stated == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "canonical"),
+    [
+        ("加计Y(g)", "accel_y_g"),
+        ("加表z(g)", "accel_z_g"),
+        ("陀螺X(°/h)", "gyro_x_dph"),
+        ("测点", "station"),
+        ("井斜角(°)", "inclination_deg"),
+    ],
+)
+def test_a_chinese_name_has_its_axis_behind_the_sensor(name, canonical):
+    """No blank stands between the sensor and its axis."""
+    assert LogColumn(name, "").guess_canonical() == canonical

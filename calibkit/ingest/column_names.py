@@ -25,9 +25,9 @@ _ANGLE = r"angle|winkel|角度|角位|^pos|position"
 _GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
 _COUNTED = r"impuls|pulses?|counts?|脉冲"
 """Words that mean counts where no unit is stated."""
-_ACCEL = r"acc|加速|加表|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
+_ACCEL = r"acc|加速|加表|加计|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
 _WORDS: tuple[tuple[str, str], ...] = (
-    ("station", r"^stat|测站|^site|^messpunkt"),
+    ("station", r"^stat|测站|测点|^site|^messpunkt"),
     ("position_deg", r"^pos(ition)?([_ ]?deg)?$|转位|位置"),
     ("inclination_deg", r"incl|井斜|neig|^inc$"),
     ("toolface_deg", r"tool.?face|工具面|^tf|^roll"),
@@ -65,7 +65,8 @@ def unit_of_last_word(name: str) -> str:
 
 
 _AXES = re.compile(
-    r"(?:^|[_ .\-(（/]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
+    r"(?:^|[_ .\-(（/\u4e00-\u9fff]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)",
+    re.IGNORECASE,
 )
 """Axis in a name."""
 
