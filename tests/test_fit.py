@@ -95,8 +95,7 @@ def test_gyros_without_a_common_coefficient_are_solved_one_by_one_with_the_same_
 
 def one_block(design):
     """A matrix as one block."""
-    rows, columns = (np.arange(count) for count in design.shape)
-    return likelihood.DiagonalBlock(rows, columns, np.ix_(rows, columns), np.ix_(columns, columns))
+    return likelihood.DiagonalBlock(*(np.arange(count) for count in design.shape))
 
 
 def test_the_noise_of_one_sensor_is_in_its_own_uncertainty_alone():

@@ -19,7 +19,7 @@ no coefficient and no error in common are blocks of T and of C, each of which is
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -130,10 +130,6 @@ class DiagonalBlock(NamedTuple):
 
     rows: Integers
     columns: Integers
-    crossings: tuple[Any, ...]
-    """Index of rows and columns."""
-    square: tuple[Any, ...]
-    """Index of columns and columns."""
 
 
 def blocks(design: Array) -> list[DiagonalBlock]:
@@ -146,10 +142,7 @@ def blocks(design: Array) -> list[DiagonalBlock]:
             before = int(np.count_nonzero(columns))
             rows = filled[:, columns].any(axis=1)
             columns = filled[rows].any(axis=0)
-        crossings, square = np.ix_(rows, columns), np.ix_(columns, columns)
-        diagonal_blocks.append(
-            DiagonalBlock(np.flatnonzero(rows), np.flatnonzero(columns), crossings, square)
-        )
+        diagonal_blocks.append(DiagonalBlock(np.flatnonzero(rows), np.flatnonzero(columns)))
         left &= ~columns
     return diagonal_blocks
 
@@ -169,9 +162,10 @@ class MixedSolution:
         self.rows, self.variances, self.prior_variances = rows, variances, prior_variances
         self.restricted = restricted
         self.R: Array = variances[:parts] @ rows.shares
+        self.noise = np.sqrt(self.R)
         self.root = np.sqrt(variances[parts:])[rows.group]
-        T = np.hstack([rows.J, rows.Z * self.root]) / np.sqrt(self.R)[:, None]
-        y = rows.y / np.sqrt(self.R)
+        T = np.hstack([rows.J, rows.Z * self.root]) / self.noise[:, None]
+        y = rows.y / self.noise
         self.inverse = np.zeros((T.shape[1], T.shape[1]))  # C⁻¹
         self.solution = np.zeros(T.shape[1])
         # rows of each block, its B [rows, columns], and how many columns, the first, are of errors
@@ -223,15 +217,14 @@ class MixedSolution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        root = np.sqrt(self.R)[:, None]
-        left = F / root
+        left = F / self.noise[:, None]
         for rows, B, _ in self.bases:
             left[rows] -= B @ (B.T @ left[rows])
-        return np.asarray(left / root)
+        return np.asarray(left / self.noise[:, None])
 
     def _traces(self) -> tuple[Array, Array]:
         """Diagonals of I - R^½ P R^½ [n], and of Zᵀ P Z [q]; without restriction of V⁻¹ for P."""
-        Z = self.rows.Z / np.sqrt(self.R)[:, None]
+        Z = self.rows.Z / self.noise[:, None]
         leverage, of_errors = np.zeros(len(Z)), np.sum(Z**2, axis=0)
         for rows, B, errors in self.bases:
             basis = B if self.restricted else B[:, :errors]
@@ -270,8 +263,8 @@ class MixedSolution:
             noise += np.array([[np.sum(a * b) for b in inner] for a in inner])
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
-        largest_square = np.block([[noise, cross], [cross.T, mixed]])
-        return 0.5 * largest_square + self.prior_variances.information(self.variances)
+        of_all = np.block([[noise, cross], [cross.T, mixed]])
+        return 0.5 * of_all + self.prior_variances.information(self.variances)
 
 
 def maximise(

@@ -81,7 +81,7 @@ class Correction:
         of_axes = [np.eye(3)] if len(self.models) == 1 else [*np.eye(3)[:, :, None]]
         for model, axes in zip(self.models, of_axes, strict=True):  # [3, a] of those it corrects
             corrects = axes.sum(axis=1)
-            # noise is that of each axis, where the fit has told them apart
+            # where the fit has a noise of each axis, it is that
             noise = {p.name: p.value for p in model.parameters}
             independent += corrects * [
                 noise.get(f"noise_{a}", model.residual_rms) ** 2 for a in "xyz"

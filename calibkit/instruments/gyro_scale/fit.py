@@ -66,16 +66,8 @@ VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
 LEAST_LEVELS = 3
 """Fewest temperatures that show a slope of K and F0."""
-GRID = 9
-"""Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
 SMALL_SINE = 0.01
 """Sine of the angle between the gyros below which two γ do not tell the error of mounting."""
-COLLINEAR = 4.0
-"""Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
-uncertainty is flagged.
-"""
-PARALLEL = 1e-12
-"""Sine of an angle below which every direction across the axes is possible."""
 OWN_AND_CROSS = [0, 3, 2, 1]
 """Places of K_A, K_B, K_Ba, K_Ab among the lines of A about a, A about b, B about a, B about b."""
 CHANNELS = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
@@ -93,12 +85,21 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> C
     return fit_runs(spec, runs, near)
 
 
+def _lines_of(sets: Sequence[Sequence[tuple[int, TableRun]]], near: Campaign | None) -> Lines:
+    """Lines of sets of runs, each with the number of its axis; raises FitError for a gyro that does
+    not follow the table.
+    """
+    if near:
+        return Lines.of(sets, near.run_lines)
+    run_lines = Lines.of(sets)
+    run_lines.require_followed()
+    return run_lines
+
+
 def fit_runs(spec: RateTableRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
     """Fit each gyro in each run about the one axis, then over the runs and over temperature."""
     about = tuple(runs[""])
-    run_lines = Lines.of([[(0, run) for run in about]], near.run_lines if near else None)
-    if not near:
-        run_lines.require_followed()
+    run_lines = _lines_of([[(0, run) for run in about]], near)
     channels = []
     for number, gyro in enumerate(spec.gyros):
         before = near.channels[number].over if near else None
@@ -257,9 +258,7 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
     """
     about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
-    run_lines = Lines.of([about], near.run_lines if near else None)
-    if not near:
-        run_lines.require_followed()
+    run_lines = _lines_of([about], near)
     known = spec.known_errors()
     run_scale = run_lines.run_scale(known.get("scale"))
     # K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs
@@ -390,9 +389,7 @@ def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) ->
     about = [
         [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups
     ]
-    run_lines = Lines.of(about, near.run_lines if near else None)
-    if not near:
-        run_lines.require_followed()
+    run_lines = _lines_of(about, near)
     known = spec.known_errors()
     run_scale, mounting = run_lines.run_scale(known.get("scale")), None
     if "angle" in known:

@@ -243,8 +243,8 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
         x = assumed.mapped(seen.temperature[used])
         pairs.append(StationRoots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
     scatter = assumed.size(*SCATTER)
-    told = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
-    return replace(bench, have=pairs[int(np.argmin(told))])
+    weight = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
+    return replace(bench, have=pairs[int(np.argmin(weight))])
 
 
 def simulate_plan(
