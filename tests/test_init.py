@@ -7,7 +7,7 @@ import pytest
 
 import dialects
 from calibkit import instruments, pipeline, recipe
-from calibkit.ingest.column_names import LogColumn
+from calibkit.ingest.column_names import LogColumn, assign_columns
 from conftest import ROOT
 
 SHIPPED = (
@@ -489,3 +489,36 @@ def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
 def test_a_chinese_name_has_its_axis_behind_the_sensor(name, canonical):
     """No blank stands between the sensor and its axis."""
     assert LogColumn(name, "").guess_canonical() == canonical
+
+
+@pytest.mark.parametrize(
+    ("names", "canonical"),
+    [
+        (("Rate (deg/s)", "Counts (1/s)"), {"table_rate_dps", "gyro_lsb"}),
+        (("Speed [deg/s]", "Pulses"), {"table_rate_dps", "gyro_lsb"}),
+        (("角速度(°/s)", "脉冲数"), {"table_rate_dps", "gyro_lsb"}),
+        (("Gyro rate (deg/s)", "Counts"), {"gyro_dph"}),
+        (("Rate (deg/h)", "Counts"), {"gyro_dph"}),
+    ],
+)
+def test_a_rate_beside_counts_is_that_of_the_table(names, canonical):
+    """Where no name says table or gyro; a gyro at rest is logged in deg/h."""
+    assert assign_columns([LogColumn(name, "") for name in names])[0].keys() == canonical
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_rates_and_counts_without_a_word_of_the_table_are_a_rate_table(
+    timed, tmp_path, calibkit, log_writer
+):
+    """As rows over time, or as one row for each held rate."""
+    rate = np.array([-100.0, -30.0, -3.0, 3.0, 30.0, 100.0])
+    columns = {"Rate (deg/s)": np.repeat(rate, 400) if timed else rate}
+    columns["Counts (1/s)"] = 4123.4 * columns["Rate (deg/s)"] + 55.0
+    if timed:
+        columns = {"Time (s)": 0.1 * np.arange(2400)} | columns
+    log_writer(tmp_path / "a.csv", **columns)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "rate_table"
+    assert spec["columns"]["table_rate_dps"] == {"from": "Rate (deg/s)"}
+    assert spec["columns"]["gyro_x_lsb"] == {"from": "Counts (1/s)"}
+    assert ("rate_hz" in spec["logs"]) == (not timed)

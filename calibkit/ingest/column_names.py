@@ -23,7 +23,7 @@ _TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set
 _RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
 _ANGLE = r"angle|winkel|角度|角位|^pos|position"
 _GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
-_COUNTED = r"impuls|pulses?|counts?|脉冲"
+_COUNTED = r"impuls|pulses?|counts?|\blsb\b|脉冲"
 """Words that mean counts where no unit is stated."""
 _ACCEL = r"acc|加速|加表|加计|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
 _WORDS: tuple[tuple[str, str], ...] = (
@@ -179,6 +179,32 @@ def _number_gyros(columns: Sequence[LogColumn]) -> dict[str, str]:
     }
 
 
+def _find_table(columns: Sequence[LogColumn]) -> dict[str, str]:
+    """Name → canonical column of a table's rate and of what a gyro counted beside it, in a log that
+    names neither table nor gyro. A gyro at rest is logged in deg/h, or without its counts.
+    """
+    if any(column.guess_canonical().startswith("table_") for column in columns):
+        return {}
+    rates = [
+        column
+        for column in columns
+        if column.dimension == "angular rate"
+        and column.stated != "deg/h"
+        and re.search(_RATE, column.plain)
+        and not re.search(_GYRO, column.plain)
+        and column.guess_canonical() == "gyro_dph"
+    ]
+    counted = {}
+    for column in columns:
+        if column.dimension.startswith("count") or (
+            not column.stated and re.search(_COUNTED, column.plain)
+        ):
+            counted[column.name] = column.guess_canonical() or "gyro_lsb"
+    if len(rates) != 1 or not counted:
+        return {}
+    return {rates[0].name: "table_rate_dps"} | counted
+
+
 def assign_columns(
     columns: Sequence[LogColumn],
 ) -> tuple[dict[str, LogColumn], list[tuple[str, LogColumn]]]:
@@ -187,10 +213,10 @@ def assign_columns(
     """
     taken: dict[str, LogColumn] = {}
     others: list[tuple[str, LogColumn]] = []
-    numbered = _number_gyros(columns)
+    by_others = _number_gyros(columns) | _find_table(columns)
     # a column that is called canonically comes first, then in the log's order
     for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
-        meant = numbered.get(column.name) or column.guess_canonical()
+        meant = by_others.get(column.name) or column.guess_canonical()
         if meant and meant not in taken:
             taken[meant] = column
         elif meant:

@@ -5,6 +5,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from calibkit import recipe
 from calibkit.ingest import mapping
 from calibkit.ingest.column_names import LogColumn
@@ -15,6 +17,8 @@ from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
 """Table axis in the name of a log: a single letter, or a letter after a word for axis."""
+MOST = 0.5
+"""Share of the rows of a table without times from which each is a rate of its own."""
 REFERENCE = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
 """Columns that every rate-table recipe reads."""
 
@@ -74,12 +78,20 @@ def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
     """Axis and column of each gyro; empty for logs that are not of a rate table."""
     if "table_rate_dps" not in evidence.columns:
         return []
-    if "time_s" not in evidence.columns and not evidence.group.layout.names:
+    if "time_s" not in evidence.columns and not _has_row_a_rate(evidence):
         return []
     return [
         (name.split("_")[1] if name.count("_") > 1 else "x", column)
         for name, column in evidence.gyros().items()
     ]
+
+
+def _has_row_a_rate(evidence: Evidence) -> bool:
+    """Whether the logs have no header, or each of their rows another rate than the one before."""
+    rate = evidence.glimpse.first.get(evidence.columns["table_rate_dps"].name, np.empty(0))
+    return bool(evidence.group.layout.names) or (
+        rate.size > 1 and float(np.mean(np.diff(rate) != 0.0)) > MOST
+    )
 
 
 def _choose(
