@@ -11,10 +11,10 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
-from calibkit.numeric.wavelet.extension import EXTENSIONS, Coefficients
+from calibkit.numeric.wavelet.extension import EXTENSIONS
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, noise_gains
 from conftest import ROOT
-from transforms import ends_of, forward, inverse
+from transforms import forward, inverse
 
 SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
 
@@ -70,7 +70,7 @@ def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp()
             error = denoise(log, extension=extension, shifted=0).signal - trend
             errors[extension] += float(np.sum(error[:60] ** 2 + error[-60:] ** 2))
     assert errors["trend"] < 0.25 * errors["antisymmetric"]
-    assert errors["trend"] < 0.8 * min(errors["symmetric"], errors["constant"], errors["periodic"])
+    assert errors["trend"] < 0.8 * errors["symmetric"]
 
 
 @pytest.mark.parametrize("extension", ["antisymmetric", "trend"])
@@ -90,7 +90,7 @@ def test_symmetric_extension_bends_a_straight_line_at_both_ends():
     line = 5.0 * np.arange(1200) / 1200.0
 
     def without_details(extension):
-        coefficients = forward(line, "cdf97", 6, extension, window=96)
+        coefficients = forward(line, "cdf97", 6, extension)
         return inverse(*coefficients, "cdf97", line.size, lambda _level, d: np.zeros_like(d))
 
     bent = without_details("symmetric") - line
@@ -132,7 +132,7 @@ def test_only_marked_samples_change_with_the_extension(wavelet, threshold, lengt
         assert np.array_equal(other.signal[~first.edge], first.signal[~first.edge])
 
 
-@pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 20), ("cdf97", 62), ("db4", 62)])
+@pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 30), ("cdf97", 62), ("db4", 62)])
 def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
     """The samples that do change under another extension come that close to the inner borders of
     the mask.
@@ -141,14 +141,14 @@ def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
     changed = np.zeros(1500, dtype=bool)
     for seed in range(20):
         generator = np.random.default_rng(seed)
-        kept = [generator.random(log.size // 2**j + 64) < 0.5 for j in (1, 2, 3)]
+        kept = [generator.random(log.size // 2**j + 200) < 0.5 for j in (1, 2, 3)]
 
         def shrink(level, detail, kept=kept):
             return detail * kept[level][: detail.size]
 
         signals = [
             inverse(*forward(log, wavelet, 3, extension), wavelet, log.size, shrink)
-            for extension in ("symmetric", "constant")
+            for extension in ("symmetric", "antisymmetric")
         ]
         changed |= signals[0] != signals[1]
     clear = np.flatnonzero(~denoise(log, wavelet=wavelet, levels=3, shifted=0).edge)
@@ -276,10 +276,10 @@ def test_the_published_scheme_is_a_decimated_transform_there_and_back(wavelet, s
     """Without shifts, whatever the blocks."""
     signal = np.random.default_rng(size).normal(size=size).cumsum()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibkit.numeric.wavelet.lifting.BLOCK", block)
+        patch.setattr("calibkit.numeric.wavelet.denoise.BLOCK", block)
         got = denoise(signal, wavelet=wavelet, levels=2, shifted=0)
     shrink = firm(got.thresholds)
-    coefficients = forward(signal, wavelet, 2, "trend", window=6)
+    coefficients = forward(signal, wavelet, 2, "trend")
     assert np.array_equal(got.signal, inverse(*coefficients, wavelet, size, shrink))
 
 
@@ -327,19 +327,3 @@ def test_all_levels_of_a_short_signal_are_averaged_over_all_shifts():
     signal = np.random.default_rng(8).normal(size=400).cumsum()
     found, all_of_them = (denoise(signal, levels=2, shifted=k).signal for k in (3, 2))
     assert np.array_equal(found, all_of_them)
-
-
-@pytest.mark.parametrize("wavelet", ["cdf97", "db4", "sym8"])
-def test_levels_that_go_on_by_themselves_bend_a_trend_no_more_than_the_signal_would(wavelet):
-    """A curve with noise, of a length that no level divides: rms error of the first and last 100
-    samples beside that of the signal extended as far as the filters reach.
-    """
-    curve, rng = np.linspace(3.0, 40.0, 3001) ** 1.1, np.random.default_rng(6)
-    own, far = [], []
-    for noisy in curve + rng.normal(size=(12, curve.size)):
-        own.append(denoise(noisy, wavelet=wavelet, levels=7).signal - curve)
-        ends = ends_of(noisy, wavelet, "trend", 3 << 6)
-        long = ends.extend(Coefficients(noisy, 0, 0), (-2500, curve.size + 2500))
-        far.append(denoise(long, wavelet=wavelet, levels=7).signal[2500:-2500] - curve)
-    assert rms([error[:100] for error in own]) < 1.1 * rms([error[:100] for error in far])
-    assert rms([error[-100:] for error in own]) < 1.1 * rms([error[-100:] for error in far])

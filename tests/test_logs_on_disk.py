@@ -19,7 +19,7 @@ from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.gyro_scale import dropouts
 from calibkit.numeric import anomalies, chunks, intervals, level_changes, order_statistics, segments
 from calibkit.numeric.thermal import occupancy
-from calibkit.numeric.wavelet import denoise, extension, lifting
+from calibkit.numeric.wavelet import denoise, extension
 from conftest import ROOT
 
 FILE = "ramp_heating_05.csv"
@@ -87,7 +87,7 @@ def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
     _, usual = prepared(folder)
     monkeypatch.setattr(chunks, "ROWS", 257)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    monkeypatch.setattr(lifting, "BLOCK", 37)
+    monkeypatch.setattr(denoise, "BLOCK", 37)
     _, cut = prepared(folder)
     same(usual, cut, rtol=1e-10)
 
@@ -248,7 +248,7 @@ def long_log(monkeypatch):
     "work",
     [
         lambda log: thermometers.check_steps(log, "temp_case_degc"),
-        lambda log: extension.Ends.fit(values(log.frame, "gyro_dph"), "trend", 0.0, 1 << 19),
+        lambda log: extension.find_end(values(log.frame, "gyro_dph"), "trend", 1 << 19),
     ],
     ids=["steps", "ends"],
 )

@@ -1,39 +1,59 @@
-"""A whole wavelet transform of a signal, level by level, and back."""
+"""A whole wavelet transform of an extended signal, level by level, and back."""
 
 from __future__ import annotations
 
-from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.extension import Coefficients, Ends
+import numpy as np
+
+from calibkit.numeric.wavelet import denoise
+from calibkit.numeric.wavelet.extension import beyond, find_end
 from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 
 
-def ends_of(signal, name, extension, window=12):
-    """How a signal goes on."""
-    return Ends.fit(signal, extension, find_wavelet(name).delay, window)
+def extend(signal, name, levels, extension="symmetric"):
+    """Signal with a margin at both ends, and the length of the margin."""
+    period = 1 << levels
+    margin = find_wavelet(name).length * period
+    return denoise._extend(signal, extension, margin, period, np.empty), margin
 
 
-def forward(signal, name, levels, extension="symmetric", window=12):
+def extend_by(signal, count, extension="symmetric", window=12):
+    """Signal with so many samples more at both ends."""
+    ends = [
+        beyond(side, find_end(side, extension, window), count) for side in (signal, signal[::-1])
+    ]
+    return np.concatenate([ends[0], signal, ends[1][::-1]])
+
+
+def forward(signal, name, levels, extension="symmetric"):
     """Approximations of the last level, and details of all, the finest first."""
-    approximations, details = Coefficients(signal, 0, 0), []
-    ends = ends_of(signal, name, extension, window)
+    approximations, _ = extend(signal, name, levels, extension)
+    details = []
     for _ in range(levels):
-        approximations, detail = lifting.analyse(approximations, find_wavelet(name), ends)
+        approximations, detail = denoise._analyse(approximations, find_wavelet(name), np.empty)
         details.append(detail)
     return approximations, details
 
 
 def inverse(approximations, details, name, length, shrink=lambda _level, detail: detail):
     """The signal again."""
-    spans = [(0, length), *(detail.span for detail in details)]
-    for detail, span in zip(details[::-1], spans[-2::-1], strict=True):
-        approximations = lifting.synthesise(
-            approximations, detail, span, find_wavelet(name), shrink
+    for level in range(len(details) - 1, -1, -1):
+        approximations = denoise._synthesise(
+            approximations,
+            details[level],
+            find_wavelet(name),
+            lambda part, level=level: shrink(level, part),
+            np.empty,
         )
-    return approximations.values
+    margin = find_wavelet(name).length << len(details)
+    return approximations[margin : margin + length]
 
 
 def clean_details(signal, name, levels, extension="symmetric"):
     """Details of each level that no extension touches, and the index of the first of each."""
     _, details = forward(signal, name, levels, extension)
+    margin = find_wavelet(name).length << levels
     spans = clean_spans(find_wavelet(name), signal.size, levels)[1:]
-    return [(detail.part(span), span[0]) for detail, span in zip(details, spans, strict=True)]
+    return [
+        (detail[(margin >> level) + low : (margin >> level) + high], low)
+        for level, (detail, (low, high)) in enumerate(zip(details, spans, strict=True), start=1)
+    ]

@@ -56,8 +56,8 @@ def _digest(column: Array) -> NDArray[np.uint8]:
 
 
 def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
-    """Lifting CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined as
-    the peer joins them.
+    """Lifting CDF 9/7, universal thresholds by the noise of every level, soft, the ends mirrored
+    as the peer mirrors them.
     """
     from calibkit.numeric.wavelet import denoise as stage
 
@@ -69,7 +69,7 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
             wavelet="cdf97",
             levels=levels,
             rule="soft",
-            extension="periodic",
+            extension="symmetric",
             shifted=0,
         ).signal
 

@@ -54,7 +54,8 @@ def _digest(column: Array) -> Array:
 
 
 def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
-    """PyWavelets: CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined.
+    """PyWavelets: CDF 9/7, universal thresholds by the noise of every level, soft, the ends
+    mirrored.
 
     The noise is told from the details `inside`, which are those whose filter lies wholly on the
     signal.
@@ -62,14 +63,17 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
     import pywt
 
     def run() -> Array:
-        parts = pywt.wavedec(signal, "bior4.4", mode="periodization", level=levels)
+        margin = pywt.Wavelet("bior4.4").dec_len << levels
+        wide = np.pad(signal, margin, "reflect")
+        parts = pywt.wavedec(wide, "bior4.4", mode="periodization", level=levels)
         for j, (low, high) in enumerate(inside):
-            detail = parts[-1 - j]
-            noise = np.median(np.abs(detail[low:high])) / 0.6745
+            detail, first = parts[-1 - j], margin >> (j + 1)
+            noise = np.median(np.abs(detail[first + low : first + high])) / 0.6745
             parts[-1 - j] = pywt.threshold(
                 detail, noise * np.sqrt(2.0 * np.log(signal.size)), mode="soft"
             )
-        return np.asarray(pywt.waverec(parts, "bior4.4", mode="periodization"))
+        rebuilt = pywt.waverec(parts, "bior4.4", mode="periodization")
+        return np.asarray(rebuilt[margin : margin + signal.size])
 
     return run, lambda result: {"signal": result}
 

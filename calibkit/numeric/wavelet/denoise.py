@@ -1,39 +1,29 @@
 """Wavelet denoising of a signal in one piece.
 
-    s_0 = the signal;  s_j, d_j from s_(j−1) by lifting, j = 1 … L        `lifting.analyse`
+    s_0 = the signal, extended beyond its ends                            `extension.beyond`
+    s_j, d_j from s_(j−1), j = 1 … L                                      `Lifting.analyse`
     σ_j = median |d_j| / Φ⁻¹(3/4), threshold t_j from σ_j and the details   `shrinkage.THRESHOLDS`
-    s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `lifting.synthesise`
+    s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `Lifting.synthesise`
 
-The coarsest levels are averaged over all shifts (`lifting.average_over_shifts`).
+The coarsest levels are averaged over all shifts (`_average_over_shifts`). A level is taken in
+blocks that overlap by what the filters reach: they stay in a processor's cache, and no coefficient
+depends on them.
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
+import pywt
 from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, did_you_mean
-from calibkit.numeric.chunks import all_finite, release
-from calibkit.numeric.wavelet.extension import (
-    EXTENSIONS,
-    Coefficients,
-    Ends,
-    Extension,
-    Span,
-)
-from calibkit.numeric.wavelet.lifting import (
-    Allocate,
-    Wavelet,
-    analyse,
-    average_over_shifts,
-    clean_spans,
-    find_wavelet,
-    synthesise,
-)
+from calibkit.numeric.chunks import all_finite, ranges, release
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Extension, beyond, find_end
+from calibkit.numeric.wavelet.lifting import Wavelet, clean_spans, find_wavelet
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
@@ -43,6 +33,12 @@ from calibkit.numeric.wavelet.shrinkage import (
     noise_gains,
 )
 
+Allocate = Callable[[int], Array]
+"""Allocates an array for so many values."""
+BLOCK = 1 << 15
+"""Coefficients that go through all steps of a level at a time: they stay in a processor's
+second-level cache.
+"""
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise estimated from them (29 % standard
 error of the MAD).
@@ -94,11 +90,11 @@ def denoise(
     wavelet : "haar", "cdf53", "cdf97", "db2", or any discrete one of PyWavelets.
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
-    extension : how the signal goes on beyond its ends (see `extension.Ends`).
+    extension : how the signal goes on beyond its ends (see `extension`).
     shifted : number of coarsest levels that are averaged over all shifts; 0 for the published
         scheme, which is decimated.
-    allocate : makes the arrays of coefficients and of the result; memory beyond them is that of a
-        block, unless the threshold is "sure".
+    allocate : makes the arrays of details and of the result; memory beyond them is that of a block,
+        unless the threshold is "sure".
 
     Raises
     ------
@@ -115,62 +111,129 @@ def denoise(
     samples = np.ascontiguousarray(signal, dtype=np.float64)
     bank = find_wavelet(wavelet)
     _require_usable(samples, threshold, rule, extension)
-    depth = _deepest(wavelet, samples.size) if levels is None else levels
-    if not _fits(wavelet, samples.size, depth):
+    size = samples.size
+    depth = _deepest(wavelet, size) if levels is None else levels
+    if not _fits(wavelet, size, depth):
         raise FitError(
-            f"{samples.size} samples are shorter than the filter: {wavelet} over {depth} levels"
+            f"{size} samples are shorter than the filter: {wavelet} over {depth} levels"
             f" needs {_shortest(wavelet, depth)}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
-    # the lines at the ends are as long as one and a half times the coarsest details are apart
-    ends = Ends.fit(samples, extension, bank.delay, 3 << (depth - 1))
-    fine = max(depth - shifted, 0)
-    approximations = unshifted = Coefficients(samples, 0, 0)
-    details: list[Coefficients] = []
-    spans: list[Span] = []
+    shifted = min(shifted, depth)
+    fine, period = depth - shifted, 1 << depth
+    # how far the filters of all levels reach from a sample, there and back
+    reach = (bank.length - 1) * (period - 1)
+    margin = bank.length * period
+    whole = _extend(samples, extension, margin, period, allocate)
+    approximations, unshifted = whole, whole
+    details: list[Array] = []
     for level in range(depth):
         if level == fine:
             unshifted = approximations
-        spans.append(approximations.span)
-        approximations, detail = analyse(approximations, bank, ends, allocate)
+        approximations, detail = _analyse(approximations, bank, allocate)
         details.append(detail)
-    clean = clean_spans(bank, samples.size, depth)
-    noise, thresholds = _find_thresholds(details, clean[1:], bank, threshold, samples.size)
+    noise, thresholds = _find_thresholds(details, bank, threshold, size, margin)
 
     def shrink(level: int, part: Array) -> Array:
         return RULES[rule](part, float(thresholds[level]))
 
-    margin = 0
-    if fine < depth:
-        approximations = average_over_shifts(unshifted, depth - fine, bank, ends, shrink, allocate)
-        margin = 2 << depth  # a shift moves what the extension touches by less
-    del unshifted, detail, details[fine:], spans[fine:]
-    while details:
-        span = spans.pop()
-        approximations = synthesise(approximations, details.pop(), span, bank, shrink, allocate)
-    # samples that are rebuilt from coefficients alone that no extension touches
-    low, high = clean[-1]
-    for above in reversed(clean[:-1]):
-        low = max(2 * (low - bank.needs[0]), above[0])
-        high = min(2 * (high - bank.needs[1]), above[1])
-    inner = low + margin, max(high - margin, low + margin)
-    return Denoised(approximations.values, noise, thresholds, inner, depth)
+    if shifted:
+        approximations = _average_over_shifts(unshifted, bank.bank, fine, depth, shrink, allocate)
+    for level in range(fine - 1, -1, -1):
+        approximations = _synthesise(
+            approximations, details.pop(level), bank, partial(shrink, level), allocate
+        )
+    inner = min(reach, size), max(size - reach, min(reach, size))
+    return Denoised(approximations[margin : margin + size], noise, thresholds, inner, depth)
+
+
+def _extend(
+    samples: Array, extension: Extension, margin: int, period: int, allocate: Allocate
+) -> Array:
+    """Signal with a margin before its first sample and one or more behind its last, so many values
+    that the coarsest period divides them.
+    """
+    size = samples.size
+    whole = allocate(-(-(size + 2 * margin) // period) * period)
+    for start, stop in ranges(size):
+        whole[margin + start : margin + stop] = samples[start:stop]
+        release(samples, whole)
+    # the lines at the ends are as long as one and a half times the coarsest details are apart
+    window, turned = 3 * period // 2, samples[::-1]
+    whole[:margin] = beyond(samples, find_end(samples, extension, window), margin)
+    behind = beyond(turned, find_end(turned, extension, window), whole.size - margin - size)
+    whole[margin + size :] = behind[::-1]
+    return whole
+
+
+def _blocks(size: int, margin: int, multiple: int = 1) -> Iterator[tuple[int, int, int, int]]:
+    """First index and one past the last of each block, and of what it takes with the margin around
+    it; all are multiples of a number.
+    """
+    for start, stop in ranges(size, -(-BLOCK // multiple) * multiple):
+        yield start, stop, max(start - margin, 0), min(stop + margin, size)
+
+
+def _analyse(values: Array, bank: Wavelet, allocate: Allocate) -> tuple[Array, Array]:
+    """Approximations and details [n/2] of values [n]."""
+    approximations, details = allocate(values.size // 2), allocate(values.size // 2)
+    for start, stop, first, last in _blocks(details.size, bank.length):
+        inside = slice(start - first, stop - first)
+        both = bank.analyse(values[2 * first : 2 * last])
+        approximations[start:stop], details[start:stop] = both[0][inside], both[1][inside]
+        release(values, approximations, details)
+    return approximations, details
+
+
+def _synthesise(
+    approximations: Array,
+    details: Array,
+    bank: Wavelet,
+    shrink: Callable[[Array], Array],
+    allocate: Allocate,
+) -> Array:
+    """Values [2 n] of approximations [n] and of what `shrink` makes of details [n]."""
+    values = allocate(2 * details.size)
+    for start, stop, first, last in _blocks(details.size, bank.length):
+        rebuilt = bank.synthesise(approximations[first:last], shrink(details[first:last]))
+        values[2 * start : 2 * stop] = rebuilt[2 * (start - first) : 2 * (stop - first)]
+        release(values, approximations, details)
+    return values
+
+
+def _average_over_shifts(
+    known: Array,
+    bank: str,
+    fine: int,
+    depth: int,
+    shrink: Callable[[int, Array], Array],
+    allocate: Allocate,
+) -> Array:
+    """Approximations of level `fine` with the details of further levels shrunk, averaged over all
+    shifts (stationary transform, cycle spinning).
+    """
+    values, period = allocate(known.size), 1 << (depth - fine)
+    margin = pywt.Wavelet(bank).dec_len * period
+    for start, stop, first, last in _blocks(known.size, margin, period):
+        coefficients = pywt.swt(known[first:last], bank, level=depth - fine, trim_approx=True)
+        for k in range(1, len(coefficients)):  # the coarsest details come first
+            coefficients[k] = shrink(depth - k, coefficients[k])
+        values[start:stop] = pywt.iswt(coefficients, bank)[start - first : stop - first]
+        release(known, values)
+    return values
 
 
 def _find_thresholds(
-    details: Sequence[Coefficients],
-    clean: Sequence[Span],
-    wavelet: Wavelet,
-    threshold: Threshold,
-    length: int,
+    details: Sequence[Array], wavelet: Wavelet, threshold: Threshold, length: int, margin: int
 ) -> tuple[Array, Array]:
     """Noise and thresholds [levels] of a signal of a length, from those details of each level that
-    lie wholly on it.
+    lie wholly on it; those of sample 0 have the index margin / 2^level.
     """
     levels = len(details)
     gains, noise, thresholds = noise_gains(wavelet.bank, levels), np.zeros(levels), np.zeros(levels)
-    for j in range(levels):
-        on_signal = details[j].part(clean[j])
+    for j, (low, high) in enumerate(clean_spans(wavelet, length, levels)[1:]):
+        first = margin >> (j + 1)
+        on_signal = details[j][first + low : first + high]
         enough = on_signal.size >= OWN_NOISE_FROM
         noise[j] = estimate_noise(on_signal) if enough else noise[j - 1] * gains[j] / gains[j - 1]
         estimate = THRESHOLDS[threshold if enough else "universal"]

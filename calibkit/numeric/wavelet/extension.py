@@ -1,10 +1,14 @@
-"""Coefficients of a wavelet transform level by level, and how they go on beyond the ends of a
-signal where a filter reaches over them.
+"""How a signal goes on beyond its ends, where the filters of a wavelet transform reach over them.
+
+"symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end points,
+x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample into the whole
+extension; "trend" reflects in the value at the end of a straight line fitted to the last samples,
+which keeps a linear trend and averages the noise, or mirrors where that line has no slope beyond
+its noise, so that an end at rest has no error of its own.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Literal, Self, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -12,10 +16,8 @@ from calibkit.arrays import Array
 from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet.shrinkage import estimate_noise
 
-Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
+Extension = Literal["symmetric", "antisymmetric", "trend"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
-Span = tuple[int, int]
-"""First index and one past the last; empty where its end is at or before its start."""
 
 SIGNIFICANT = 6.0
 """Slope at an end, in standard errors by white noise, beyond which the signal moves there: flicker
@@ -29,37 +31,7 @@ memory is bounded.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Coefficients:
-    """Approximations or details [n] of a level, 0 the signal itself.
-
-    Element 0 has the index `first`. Index i lies at sample 2^level i, but for the delay of the
-    filters.
-    """
-
-    values: Array
-    first: int
-    level: int
-
-    @property
-    def span(self) -> Span:
-        """Indices that are known."""
-        return self.first, self.first + self.values.size
-
-    def interpolate(self, position: Array) -> Array:
-        """Values between indices, along straight lines; beyond those known, the last of them."""
-        below = np.clip(np.floor(position).astype(np.int64) - self.first, 0, self.values.size - 1)
-        above = np.minimum(below + 1, self.values.size - 1)
-        share = np.clip(position - self.first - below, 0.0, 1.0)
-        return self.values[below] + share * (self.values[above] - self.values[below])
-
-    def part(self, span: Span) -> Array:
-        """Those with given indices, as far as they are known."""
-        return self.values[max(span[0] - self.first, 0) : max(span[1] - self.first, 0)]
-
-
-@dataclass(frozen=True, slots=True)
-class End:
+class End(NamedTuple):
     """Value of a signal at an end [unit of the signal], and whether it is reflected in that point
     rather than mirrored.
     """
@@ -68,56 +40,26 @@ class End:
     reflected: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Ends:
-    """How a signal of some length goes on beyond its ends, and the approximations of each level.
-
-    "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end
-    points, x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample
-    into the whole extension; "trend" reflects in the value at the end of a straight line fitted to
-    the last samples, which keeps a linear trend and averages the noise, or mirrors where that line
-    has no slope beyond its noise, so that an end at rest has no error of its own; "constant" holds
-    the end values; "periodic" joins the two ends.
+def find_end(signal: Array, extension: Extension, window: int) -> End:
+    """End of a signal [n] at its first sample; "trend" fits its line to at most `window` samples,
+    or twice as many.
     """
+    if extension == "trend":
+        end = _fit_end(signal, window)
+        release(signal)
+        return end
+    return End(float(signal[0]), reflected=extension == "antisymmetric")
 
-    extension: Extension
-    length: int
-    delay: float
-    """Sample about which the filter of approximation 0 of level 1 lies."""
-    left: End
-    right: End
 
-    @classmethod
-    def fit(cls, signal: Array, extension: Extension, delay: float, window: int) -> Self:
-        """Ends of a signal [n]; "trend" fits its lines to at most `window` samples."""
-        left, right = (End(float(signal[k]), extension != "symmetric") for k in (0, -1))
-        if extension == "trend":
-            left, right = _fit_end(signal, window), _fit_end(signal[::-1], window)
-            release(signal)
-        return cls(extension, signal.size, delay, left, right)
-
-    def extend(self, known: Coefficients, span: Span) -> Array:
-        """Approximations of given indices, whether known or not."""
-        low, high = known.span
-        if low <= span[0] and span[1] <= high:
-            return known.part(span)
-        before = self._reflect(known, self.left, 0, (span[0], min(low, span[1])))
-        behind = self._reflect(known, self.right, self.length - 1, (max(high, span[0]), span[1]))
-        return np.concatenate((before, known.part(span), behind))
-
-    def _reflect(self, known: Coefficients, end: End, sample: int, span: Span) -> Array:
-        """Approximations of given indices beyond an end, which lies at a sample."""
-        index, apart = np.arange(*span, dtype=np.float64), 2.0**known.level
-        # an approximation is √apart times what it is of
-        value = end.value * math.sqrt(apart)
-        if self.extension == "constant":
-            return np.full(index.size, value)
-        if self.extension == "periodic":
-            period = self.length / apart
-            return known.interpolate(index + period if sample == 0 else index - period)
-        place = (sample - self.delay * (apart - 1.0)) / apart
-        mirrored = known.interpolate(2.0 * place - index)
-        return 2.0 * value - mirrored if end.reflected else mirrored
+def beyond(signal: Array, end: End, count: int) -> Array:
+    """The `count` samples before the first one of a signal [n]; of a signal that is shorter, the
+    reflection is repeated.
+    """
+    kind: Literal["odd", "even"] = "odd" if end.reflected else "even"
+    padded = np.pad(signal[: count + 1], (count, 0), "reflect", reflect_type=kind)
+    # NumPy reflects in the first sample itself
+    shift = 2.0 * (end.value - float(signal[0])) if end.reflected else 0.0
+    return np.asarray(padded[:count] + shift)
 
 
 def _fit_end(end: Array, window: int) -> End:
