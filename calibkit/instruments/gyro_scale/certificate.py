@@ -5,10 +5,8 @@ axes.
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
@@ -19,7 +17,7 @@ from calibkit.certificate.blocks import (
     tabulate,
 )
 from calibkit.certificate.names import name_model, name_subject, show_symbol
-from calibkit.certificate.quantities import NO_SLOPES, coefficient, of_figure, state
+from calibkit.certificate.quantities import coefficient, of_figure, state
 from calibkit.certificate.results import (
     Block,
     CertificateFigure,
@@ -30,7 +28,7 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Figure as StatedFigure, Model, Record
+from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms, quantities
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
@@ -93,11 +91,12 @@ NAMES = {
     "bias": Words("bias", "零偏"),
 }
 """Figure → its term in the standards."""
-F0_LABEL = Words("F₀ [1/s]")
+LETTERS = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
+"""Coefficient of a line → its term."""
 GYRO = Words("gyro", "陀螺")
 ANGLE = "angle_deg"
-"""Figures of angles between input axes, and quantity of type B terms on the angles between the axes
-of the table.
+"""Figures of angles between input axes, and name of type B terms on the angles between the axes of
+the table.
 """
 MAGNITUDES = {
     "nonlinearity_full_scale",
@@ -114,134 +113,87 @@ ONE_TEMPERATURE_DEGC = 1.0
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
     """Blocks of scale factors and, for several gyros, of angles and misalignment."""
-    found = (
-        (forms.SCALE_FILE, _state_scale),
-        (forms.ORTHOGONALITY_FILE, _state_angles),
-    )
-    return tuple(
-        state(stated, stated.records[name]) for name, state in found if name in stated.records
-    )
+    laid_out = []
+    if forms.SCALE_FILE in stated.records:
+        laid_out.append(_state_scale(stated, stated.records[forms.SCALE_FILE]))
+    if forms.ORTHOGONALITY_FILE in stated.records:
+        record = stated.records[forms.ORTHOGONALITY_FILE]
+        pair = any(model.form == forms.PAIR.name for model in record.models)
+        laid_out.append(_state_pair(stated, record) if pair else _state_triad(stated, record))
+    return tuple(laid_out)
 
 
 def _state_scale(stated: Stated, record: Record) -> Block:
     """Block of lines, curves over temperature and figures."""
     lines = [model for model in record.models if model.form == forms.LINE.name]
-    others = [model for model in record.models if model.form != forms.LINE.name]
-    curves = [model for model in others if model.form == POLYNOMIAL.name]
-    letters = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
     labels = _label_lines(lines)
-    of_lines = GridTable(
-        Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
-        Words("gyro, run", "陀螺、测次"),
-        (Words("K"), Words("F₀")),
-        ("1/deg", "1/s"),
-        tuple(labels.values()),
-        tuple(
-            tuple(_state_of_line(stated, record, model, *entry) for entry in letters.items())
-            for model in lines
-        ),
-    )
-    tables: list[ListTable | GridTable] = [of_lines]
+    cells = []
+    for line in lines:
+        results = []
+        for letter, words in LETTERS.items():
+            quantity = quantities.of_line(record, line, letter, words)
+            result = state(stated, quantity, {})
+            if forms.TEMPERATURE in line.valid:
+                degc = quantities.temperature_of_line(line)
+                result = replace(result, at=((forms.TEMPERATURE, degc, "degC"),))
+            results.append(result)
+        cells.append(tuple(results))
+    tables: list[ListTable | GridTable] = [
+        GridTable(
+            Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
+            Words("gyro, run", "陀螺、测次"),
+            (Words("K"), Words("F₀")),
+            ("1/deg", "1/s"),
+            tuple(labels.values()),
+            tuple(cells),
+        )
+    ]
     figures: list[CertificateFigure] = []
-    notes: list[Words] = []
-    for model in others:
-        title = name_model(model.name) + Words(": coefficients", "：系数")
+    # of many lines one note for all
+    notes = [residual_words(line) for line in lines]
+    if len(lines) > MOST_NOTES:
+        rms, dof = sorted(line.residual_rms for line in lines), min(line.dof for line in lines)
+        unit = unit_mark(lines[0].residual_unit)
+        notes = [
+            Words(
+                f"Residual rms of the {len(lines)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
+                f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
+                f"{len(lines)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
+                f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
+            )
+        ]
+    curves = []
+    for model in record.models:
+        if model.form == forms.LINE.name:
+            continue
         values = []
         if model.form == POLYNOMIAL.name:
+            curves.append(model)
             values.append(quantities.over_temperature(record, model, "p"))
+        title = name_model(model.name) + Words(": coefficients", "：系数")
         tables.append(list_coefficients(stated, record, model, title, values))
         notes += [range_words(model), *stated.left_out(model)]
-    for letter in ("K", "F0"):
+    for letter in LETTERS:
         columns = [
             (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
             for model in curves
             if f".{letter}_" in model.name
         ]
-        title = Words(f"{show_symbol(letter)} over temperature", f"{show_symbol(letter)} 随温度")
+        symbol = show_symbol(letter)
+        title = Words(f"{symbol} over temperature", f"{symbol} 随温度")
         table = tabulate(stated, title, columns) if columns else None
-        if table is not None:
-            tables.append(table)
-            figures.append(_plot_change(table) if letter == "K" else plot(table, F0_LABEL))
+        if table is None:
+            continue
+        tables.append(table)
+        figures.append(_plot_change(table) if letter == "K" else plot(table, Words("F₀ [1/s]")))
     tables += _tabulate_figures(stated, record, labels)
-    return make_block(
-        record,
-        Words("Scale factors on the rate table", "转台标度因数"),
-        (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,),
-        tables,
-        figures,
-        (*_many_residuals(lines), *dict.fromkeys(notes)),
-    )
-
-
-def _state_of_line(
-    stated: Stated, record: Record, line: Model, letter: str, words: Words
-) -> Result:
-    """K or F0 of a line at the mean temperature of its runs: an error of the thermometer moves it
-    by the slope of its curve, where one was fitted. Principal is the mean over the runs of a gyro
-    about its own axis.
-    """
-    slopes, at = NO_SLOPES, _find_temperature(line)
-    name = f"{line.name.partition('.')[0]}.{letter}_over_temperature"
-    curve = next((model for model in record.models if model.name == name), None)
-    if curve is not None and at is not None:
-        slope = np.polynomial.Polynomial([c.value for c in curve.coefficients]).deriv()(at[0][1])
-        slopes = {forms.TEMPERATURE: (at[0][1], -float(slope))}
-    principal = letter == "K" and "." not in line.name and not quantities.is_cross(line.name)
-    quantity = coefficient(record, line, letter, words, slopes)
-    if letter == "K" and not quantities.is_cross(line.name):
-        quantity = replace(quantity, undecided=quantities.undecided_scale(record))
-    result = state(stated, quantity, {}, principal=principal)
-    return result if at is None else replace(result, at=at)
-
-
-def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:
-    """Mean case temperature of a line's runs as a condition of the result; None where it was not
-    logged.
-    """
-    if forms.TEMPERATURE not in model.valid:
-        return None
-    known = {parameter.name: parameter.value for parameter in model.parameters}
-    return (
-        (
-            forms.TEMPERATURE,
-            known.get("temp_case", sum(model.valid[forms.TEMPERATURE]) / 2.0),
-            "degC",
-        ),
-    )
-
-
-def _label_lines(models: Sequence[Model]) -> dict[str, Words]:
-    """Labels of lines by their names: gyro and case temperature, or the range where its runs
-    differ; where these are alike also the log, or that it is fitted to all runs.
-    """
-    found = {}
-    runs = Counter(model.name.partition(".")[0] for model in models if "." in model.name)
-    for model in models:
-        subject, at = name_subject(f".{model.name}"), _find_temperature(model)
-        own = Words("")
-        if at is not None:
-            low, high = model.valid[forms.TEMPERATURE]
-            span = f"{low:.1f} … {high:.1f}"
-            text = span if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
-            own = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
-        log, count = model.name.partition(".")[2], runs[model.name]
-        from_log = Words("")
-        if log:
-            from_log = Words(f", {log}", f"，{log}")
-        elif count > 1:  # those at other temperatures by the curve through them
-            from_log = Words(f", all {count} runs, weighted", f"，全部 {count} 次加权")
-        found[model.name] = subject, from_log, own
-    plain = [subject + at for subject, _, at in found.values()]
-    return {
-        name: subject + at if plain.count(subject + at) == 1 else subject + log + at
-        for name, (subject, log, at) in found.items()
-    }
+    equations = (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,)
+    title = Words("Scale factors on the rate table", "转台标度因数")
+    return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
 
 
 def _plot_change(table: GridTable) -> CertificateFigure:
-    """Departure of K over temperature from the middle point of each column, in ppm of the largest
-    K.
-    """
+    """K over temperature from the middle point of each column, in ppm of the largest K."""
     columns = [
         [result.value for _, result in column_results(table, k)] for k in range(len(table.heads))
     ]
@@ -251,177 +203,157 @@ def _plot_change(table: GridTable) -> CertificateFigure:
     return plot(table, label, origins=middles, scale=PPM / largest)
 
 
+def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
+    """Labels of lines by their names: gyro and case temperature, or the range where its runs
+    differ; where these are alike also the log, or that it is fitted to all runs.
+    """
+    runs_of = Counter(line.name.partition(".")[0] for line in lines if "." in line.name)
+    short, long = {}, {}
+    for line in lines:
+        subject, where, source = name_subject(f".{line.name}"), Words(""), Words("")
+        if forms.TEMPERATURE in line.valid:
+            low, high = line.valid[forms.TEMPERATURE]
+            text = f"{quantities.temperature_of_line(line):.1f}"
+            if high - low > ONE_TEMPERATURE_DEGC:
+                text = f"{low:.1f} … {high:.1f}"
+            where = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
+        log, count = line.name.partition(".")[2], runs_of[line.name]
+        if log:
+            source = Words(f", {log}", f"，{log}")
+        elif count > 1:  # those at other temperatures by the curve through them
+            source = Words(f", all {count} runs, weighted", f"，全部 {count} 次加权")
+        short[line.name], long[line.name] = subject + where, subject + source + where
+    labels = [*short.values()]
+    return {
+        name: label if labels.count(label) == 1 else long[name] for name, label in short.items()
+    }
+
+
 def _tabulate_figures(
     stated: Stated, record: Record, names: Mapping[str, Words]
-) -> list[ListTable | GridTable]:
+) -> Iterator[GridTable]:
     """Tables of figures in the standards' terms: rows are figures, columns are models, by their
-    names.
+    names; models with the same figures stand side by side.
     """
-    kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
+    rows: dict[tuple[str, str, str], dict[str, Result]] = {}
     models = {model.name: model for model in record.models}
     for figure in record.figures:
-        what, standard, model = FigureName.of(figure.name)
-        words = NAMES.get(what, Words(what.replace("_", " ")))
-        dof = float(models[model].dof) if model in models else math.inf
-        if what == "repeatability" and model in models:
+        what, standard, of_model = FigureName.of(figure.name)
+        model = models.get(of_model)
+        dof = math.inf if model is None else float(model.dof)
+        if what == "repeatability" and model is not None:
             # a standard deviation over runs
-            runs = {p.name: p.value for p in models[model].parameters}.get("runs", 2.0)
+            runs = {p.name: p.value for p in model.parameters}.get("runs", 2.0)
             dof = max(runs - 1.0, 1.0)
-        quantity = replace(
-            of_figure(record, figure, words, dof=dof),
-            standard=standard,
-            magnitude=what in MAGNITUDES,
-        )
-        result = state(stated, quantity, {})
-        kinds.setdefault((what, standard, figure.unit), {})[model] = result
-    alike: dict[tuple[object, ...], list[str]] = {}
-    for name in names:  # models with the same figures stand side by side
-        alike.setdefault(tuple(kind for kind, row in kinds.items() if name in row), []).append(name)
-    tables: list[ListTable | GridTable] = []
-    for shown, group in alike.items():
-        rows = [(kind, row) for kind, row in kinds.items() if kind in shown]
-        table = GridTable(
+        words = NAMES.get(what, Words(what.replace("_", " ")))
+        quantity = of_figure(record, figure, words, dof=dof)
+        quantity = replace(quantity, standard=standard, magnitude=what in MAGNITUDES)
+        row = rows.setdefault((what, standard, figure.unit), {})
+        row[of_model] = state(stated, quantity, {})
+    columns: dict[tuple[tuple[str, str, str], ...], list[str]] = {}
+    for name in names:
+        kinds = tuple(kind for kind, row in rows.items() if name in row)
+        columns.setdefault(kinds, []).append(name)
+    columns.pop((), None)
+    for kinds, of_models in columns.items():
+        labels = [
+            NAMES.get(what, Words(what)) + Words(f" {standard}" if standard else "")
+            for what, standard, _ in kinds
+        ]
+        yield GridTable(
             Words("Figures of the scale factor", "标度因数特征量"),
             Words(""),
-            tuple(names[name] for name in group),
-            tuple(unit for (_, _, unit), _ in rows),
-            tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows),
-            tuple(tuple(row.get(name) for name in group) for _, row in rows),
+            tuple(names[name] for name in of_models),
+            tuple(unit for _, _, unit in kinds),
+            tuple(labels),
+            tuple(tuple(rows[kind].get(name) for name in of_models) for kind in kinds),
             by_row=True,
         )
-        tables += [table] if shown else []
-    return tables
 
 
-def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
-    """Notes on fit residuals: one per model, or a common one for more than MOST_NOTES models."""
-    if len(models) <= MOST_NOTES:
-        return tuple(map(residual_words, models))
-    rms = sorted(model.residual_rms for model in models)
-    unit, dof = unit_mark(models[0].residual_unit), min(model.dof for model in models)
-    return (
-        Words(
-            f"Residual rms of the {len(models)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
-            f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
-            f"{len(models)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
-            f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
-        ),
-    )
-
-
-def _state_angles(stated: Stated, record: Record) -> Block:
-    """Block of gyro_orthogonality.json, for a pair or for runs about three axes."""
-    if any(model.form == forms.PAIR.name for model in record.models):
-        return _state_pair(stated, record)
-    models = [model for model in record.models if model.form == forms.TRIAD.name]
-    tables = (
-        _tabulate_sensitivities(stated, record, models),
-        *(
-            _tabulate_sets(stated, record, models, what, title, unit)
-            for what, title, unit in (
-                ("misalignment", Words("Unit vectors of the input axes", "输入轴单位矢量"), "1"),
-                (ANGLE, Words("Angles between the input axes", "输入轴夹角"), "deg"),
+def _state_triad(stated: Stated, record: Record) -> Block:
+    """Block of runs about three axes: the rows of S, the unit vectors and the angles, a row of each
+    for each gyro and temperature.
+    """
+    triads = [model for model in record.models if model.form == forms.TRIAD.name]
+    kinds = {
+        "S": Words("Sensitivities about the axes of the base", "绕基准轴的灵敏度"),
+        "misalignment": Words("Unit vectors of the input axes", "输入轴单位矢量"),
+        ANGLE: Words("Angles between the input axes", "输入轴夹角"),
+    }
+    cells: dict[str, dict[tuple[str, Words], Result]] = {kind: {} for kind in kinds}
+    notes: list[Words] = []
+    for triad in triads:
+        suffix, where = triad.name.removeprefix("triad").removeprefix("."), triad.name
+        if forms.TEMPERATURE in triad.valid:
+            middle = sum(triad.valid[forms.TEMPERATURE]) / 2.0
+            where = f"{middle:.1f} °C".replace("-", "−")
+        for c in triad.coefficients:
+            gyro, axis = c.name[2:-1], c.name[-1]
+            if not c.name.startswith("S_"):
+                continue
+            sensitivity = coefficient(record, triad, c.name, Words("sensitivity", "灵敏度"))
+            if gyro == axis:
+                undecided = quantities.undecided_scale(record)
+                sensitivity = replace(sensitivity, undecided=undecided)
+            principal = triad.name == "triad" and gyro == axis
+            place = f"{gyro} ({where})", Words(f"about {axis}", f"绕 {axis} 轴")
+            cells["S"][place] = state(stated, sensitivity, {}, principal=principal)
+        for figure in record.figures:
+            kind, _, rest = figure.name.partition(".")
+            name, _, of_suffix = rest.partition(".")
+            if kind not in kinds or of_suffix != suffix:
+                continue
+            # an error of the angle between two table axes turns a unit vector by as much
+            angle = kind == ANGLE
+            slope = 1.0 if angle else math.radians(math.sqrt(max(1.0 - figure.value**2, 0.0)))
+            words = Words(kinds[kind].en.lower(), kinds[kind].zh)
+            direction = of_figure(
+                record, figure, words, dof=triad.dof, slopes={ANGLE: (90.0, slope)}
             )
-        ),
-    )
-    notes = [words for model in models for words in (residual_words(model), range_words(model))]
+            gyro, head = ("", name.replace("_", " – ")) if "_" in name else (name[:-1], name[-1])
+            principal = angle and triad.name == "triad"
+            place = f"{gyro} ({where})".strip(), Words(head)
+            cells[kind][place] = state(stated, direction, {}, principal=principal)
+        notes += [residual_words(triad), range_words(triad)]
+    tables = []
+    units = {"S": "1/deg", "misalignment": "1", ANGLE: "deg"}
+    for kind, results in cells.items():
+        rows = tuple(dict.fromkeys(row for row, _ in results))
+        heads = tuple(dict.fromkeys(head for _, head in results))
+        grid = tuple(tuple(results.get((row, head)) for head in heads) for row in rows)
+        note = COEFFICIENT_NOTE if kind == "S" else None
+        of_heads = (units[kind],) * len(heads)
+        tables.append(GridTable(kinds[kind], GYRO, heads, of_heads, rows, grid, note))
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
     return make_block(record, title, (TRIAD_EQUATION,), tables, notes=notes)
 
 
-def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model]) -> GridTable:
-    """Table of the rows of S, one for each gyro and temperature."""
-    cells: dict[tuple[str, Words], Result] = {}
-    for model in models:
-        for c in model.coefficients:
-            gyro, axis = c.name[2:-1], c.name[-1]
-            if c.name.startswith("S_"):
-                sensitivity = coefficient(record, model, c.name, Words("sensitivity", "灵敏度"))
-                if gyro == axis:
-                    undecided = quantities.undecided_scale(record)
-                    sensitivity = replace(sensitivity, undecided=undecided)
-                principal = model.name == "triad" and gyro == axis
-                place = f"{gyro} ({_where(model)})", Words(f"about {axis}", f"绕 {axis} 轴")
-                cells[place] = state(stated, sensitivity, {}, principal=principal)
-    title = Words("Sensitivities about the axes of the base", "绕基准轴的灵敏度")
-    return _arrange(title, cells, "1/deg", COEFFICIENT_NOTE)
-
-
-def _tabulate_sets(
-    stated: Stated, record: Record, models: list[Model], what: str, title: Words, unit: str
-) -> GridTable:
-    """Table of the figures named what.<pair>[.<temperature>]: a row for each set of runs and,
-    unless they are angles, for each gyro.
-    """
-    cells: dict[tuple[str, Words], Result] = {}
-    for model in models:
-        suffix = model.name.removeprefix("triad").removeprefix(".")
-        for figure in record.figures:
-            kind, _, rest = figure.name.partition(".")
-            key, _, where = rest.partition(".")
-            if (kind, where) == (what, suffix):
-                gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
-                # an error of the angle between two table axes turns a unit vector by as much
-                across = math.sqrt(max(1.0 - figure.value**2, 0.0))
-                slope = 1.0 if what == ANGLE else math.radians(across)
-                by_axes = {ANGLE: (90.0, slope)}
-                words = Words(title.en.lower(), title.zh)
-                direction = of_figure(record, figure, words, dof=model.dof, slopes=by_axes)
-                principal = what == ANGLE and model.name == "triad"
-                place = f"{gyro} ({_where(model)})".strip(), Words(column)
-                cells[place] = state(stated, direction, {}, principal=principal)
-    return _arrange(title, cells, unit)
-
-
-def _arrange(
-    title: Words, cells: Mapping[tuple[str, Words], Result], unit: str, note: Words | None = None
-) -> GridTable:
-    """Table of results by the labels of their rows and columns."""
-    rows = tuple(dict.fromkeys(row for row, _ in cells))
-    heads = tuple(dict.fromkeys(head for _, head in cells))
-    table = tuple(tuple(cells.get((row, head)) for head in heads) for row in rows)
-    return GridTable(title, GYRO, heads, (unit,) * len(heads), rows, table, note)
-
-
-def _where(model: Model) -> str:
-    """Mean temperature of a triad's runs; the model's name where it was not logged."""
-    span = model.valid.get(forms.TEMPERATURE)
-    return model.name if span is None else f"{sum(span) / 2.0:.1f} °C".replace("-", "−")
-
-
 def _state_pair(stated: Stated, record: Record) -> Block:
     """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
-    model = record.model("pair")
+    pair = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (state(stated, one, {}) for one in quantities.list_pair(record, model))
+    *ratios, alpha = (state(stated, one, {}) for one in quantities.list_pair(record, pair))
+    if alpha.uncertainty is not None:
+        U = alpha.uncertainty.expanded_uncertainty
+        if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
+            # first-order u(α) diverges at 0° and 180°
+            low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
+            alpha = replace(alpha, interval=(low, high))
     error = figures["orthogonality_error_deg"]
     words = Words("orthogonality error 90° − α", "正交误差 90° − α")
-    slopes = quantities.by_angle(model, error.name)
-    off = state(stated, of_figure(record, error, words, dof=model.dof, slopes=slopes), {})
-    results = (*ratios, _bounded(alpha, figures), off)
+    slopes = quantities.by_angle(pair, error.name)
+    off = state(stated, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {})
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
-    table = ListTable(Words("Orthogonality", "正交性"), results)
+    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, off))
     notes = [
         Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
         if figures["side"].value < 0.0
         else Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。"),
-        range_words(model),
+        range_words(pair),
     ]
     if figures["clamped"].value:
         notes.append(
             Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
         )
     return make_block(record, title, (PAIR_EQUATION,), (table,), notes=notes)
-
-
-def _bounded(alpha: Result, figures: Mapping[str, StatedFigure]) -> Result:
-    """α with the interval from the file where α ± U would exceed 0° to 180°: first-order u(α)
-    diverges there.
-    """
-    if alpha.uncertainty is None:
-        return alpha
-    U = alpha.uncertainty.expanded_uncertainty
-    if alpha.value - U > 0.0 and alpha.value + U < 180.0:
-        return alpha
-    low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
-    return replace(alpha, interval=(low, high))

@@ -1,5 +1,10 @@
-"""Figures of gyros on a rate table: scale-factor error against rate, K over temperature, γ with its
-interval, angles and misalignment of input axes.
+"""Figures of gyros on a rate table, a row of panels for each gyro: what the held rates leave of the
+best straight line, K over temperature with what the runs leave of it, and for three axes the angles
+between the input axes.
+
+    (F_j − F̂_j)/max |F_j|,   (F_j − F̂_j)/|K Ω_j|,   F̂_j = K Ω_j + F0          (`published`, (1))
+
+N, γ and α of a pair, one value each, stand in the tables alone.
 """
 
 from __future__ import annotations
@@ -9,77 +14,79 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.numeric import gum
 from calibkit.report.documents import Drawn
-from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
+from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Coefficient, Model
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+    from calibkit.instruments.gyro_scale.campaign import Campaign, Channel
     from calibkit.instruments.gyro_scale.published import Line
-
-    RunLine = tuple[Channel, str, Line]
-    """A gyro, the name of a run, and the published line of both."""
+    from calibkit.instruments.gyro_scale.table_runs import TableRun
 
 COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
 """Colours of the runs in order; markers distinguish them too."""
 MARKERS = "osD^v<>P"
 PANELS = 3
 """Rows of panels on one page."""
+FINE_PPM = 20.0
+"""Deviation up to which the scale of a panel is linear."""
 MRAD = 1e3
 
 
 def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
-    """Figures and summary of a fit: K over temperature where it varies, which shows the verdict,
-    scale-factor error of every gyro, γ of a pair, input axes of a triad.
+    """Figures and summary of a fit: K over temperature first where it varies, as it shows the
+    verdict.
     """
     campaign = fitted.drawing
-    lines = [(channel, run.log.name, line) for channel, run, line in campaign.own_lines()]
-    gyros = [channel.gyro for channel in campaign.own]
-    figures = [
-        _draw_errors(title, lines, gyros[start : start + PANELS])
-        for start in range(0, len(gyros), PANELS)
-    ]
+    figures = []
     if any(channel.curves for channel in campaign.own):
-        figures.insert(0, _draw_temperatures(title, campaign))
-    if campaign.pair is not None:
-        figures.append(_draw_gamma(title, campaign.pair, campaign.pair_figures))
+        figures.append(_draw_temperatures(title, campaign))
+    lines = [*campaign.own_lines()]
+    for start in range(0, len(campaign.own), PANELS):
+        gyros = [channel.gyro for channel in campaign.own[start : start + PANELS]]
+        figures.append(_draw_errors(title, lines, gyros))
     if campaign.sets:
         figures.append(_draw_axes(title, campaign))
     return Drawn(tuple(figures), fitted.summary)
 
 
-def _mark(number: int) -> tuple[str, str]:
-    """Colour and marker of the series with an index."""
-    return COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
-
-
-def _draw_errors(title: str, lines: Sequence[RunLine], gyros: Sequence[str]) -> Figure:
-    """Residuals of the line in ppm of full scale, and relative deviation at each rate, one row of
-    panels per gyro.
-    """
-    figure, axes = page(
-        len(gyros),
-        2,
-        title=f"{title}: scale-factor error against rate",
-        height=1.4 + 3.3 * len(gyros),
-    )
-    for row, gyro in enumerate(gyros):
-        own = [(run, line) for channel, run, line in lines if channel.gyro == gyro]
-        left, right = axes[2 * row], axes[2 * row + 1]
-        for k, (run, line) in enumerate(own):
-            _draw_line(left, right, run, line, _mark(k))
+def _draw_errors(
+    title: str, lines: Sequence[tuple[Channel, TableRun, Line]], gyros: Sequence[str]
+) -> Figure:
+    """Residuals of the lines in ppm of full scale, and in ppm of each rate."""
+    height = 1.4 + 3.3 * len(gyros)
+    title = f"{title}: scale-factor error against rate"
+    figure, axes = page(len(gyros), 2, title=title, height=height)
+    for gyro, left, right in zip(gyros, axes[::2], axes[1::2], strict=True):
+        runs = [(run.log.name, line) for channel, run, line in lines if channel.gyro == gyro]
+        largest = 0.0
+        for k, (run, line) in enumerate(runs):
+            bars: dict[str, Any] = {
+                "color": COLOURS[k % len(COLOURS)],
+                "marker": MARKERS[k % len(MARKERS)],
+                "ms": 3.5,
+                "capsize": 2,
+                "elinewidth": 0.7,
+                "alpha": 0.85,
+            }
+            rate, (residual, u_residual) = line.rate_dps, line.of_full_scale_ppm
+            order = np.argsort(rate)
+            U = 2.0 * u_residual[order]
+            left.errorbar(rate[order], residual[order], U, label=run, lw=0.8, **bars)
+            deviation, U = line.per_point_ppm, 2.0 * line.u_per_point_ppm
+            largest = max(largest, float(np.nanmax(np.abs(deviation) + U)))
+            for direction, fill in ((1.0, bars["color"]), (-1.0, "white")):
+                at = np.flatnonzero((direction * rate > 0.0) & np.isfinite(deviation))
+                size, bars["markerfacecolor"] = np.abs(rate[at]), fill
+                right.errorbar(size, deviation[at], U[at], ls="", **bars)
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
         left.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
@@ -90,72 +97,31 @@ def _draw_errors(title: str, lines: Sequence[RunLine], gyros: Sequence[str]) -> 
         right.set_xlabel("|table rate| [°/s], negative rates open")
         right.set_xscale("log")
         right.xaxis.set_major_formatter("{x:g}")
-        _set_decades(right, [line for _, line in own])
+        if largest >= FINE_PPM:
+            # shows both the few ppm of fast rates and the noise of slow ones
+            right.set_yscale("symlog", linthresh=10.0)
+            decades = [10.0**k for k in range(1, int(np.ceil(np.log10(largest))) + 1)]
+            ticks = [-tick for tick in reversed(decades)] + [0.0, *decades]
+            right.set_yticks(ticks)
+            right.set_yticklabels([f"{tick:g}" for tick in ticks])
+            right.minorticks_off()
         low, high = left.get_ylim()
-        left.set_ylim(low, high + 0.12 * (high - low) * -(-len(own) // 3))
+        left.set_ylim(low, high + 0.12 * (high - low) * -(-len(runs) // 3))
         left.legend(loc="upper center", ncols=3)
     return figure
 
 
-def _draw_line(left: Axes, right: Axes, run: str, line: Line, mark: tuple[str, str]) -> None:
-    """Draw the errors of one run: left in ppm of full scale, right in ppm of each rate."""
-    colour, marker = mark
-    bars: Any = {
-        "ms": 3.5,
-        "capsize": 2,
-        "elinewidth": 0.7,
-        "alpha": 0.85,
-        "color": colour,
-        "marker": marker,
-    }
-    rate = line.rate_dps
-    order = np.argsort(rate)
-    residual, u_residual = line.of_full_scale_ppm
-    left.errorbar(rate[order], residual[order], 2.0 * u_residual[order], label=run, lw=0.8, **bars)
-    deviation, u_deviation = line.per_point_ppm, line.u_per_point_ppm
-    for side, fill in ((rate > 0.0, colour), (rate < 0.0, "white")):
-        turning = np.flatnonzero(side & np.isfinite(deviation))
-        right.errorbar(
-            np.abs(rate[turning]),
-            deviation[turning],
-            2.0 * u_deviation[turning],
-            ls="",
-            markerfacecolor=fill,
-            **bars,
-        )
-
-
-def _set_decades(ax: Axes, lines: Sequence[Line]) -> None:
-    """Set a scale that shows both the few ppm of fast rates and the noise of slow ones, with round
-    tick labels.
-    """
-    reach = max(
-        float(np.nanmax(np.abs(line.per_point_ppm) + 2.0 * line.u_per_point_ppm)) for line in lines
-    )
-    if reach < 20.0:
-        return
-    ax.set_yscale("symlog", linthresh=10.0)
-    ticks = [10.0**k for k in range(1, int(np.ceil(np.log10(reach))) + 1)]
-    ax.set_yticks([-tick for tick in reversed(ticks)] + [0.0, *ticks])
-    ax.set_yticklabels([f"{tick:g}" for tick in [-t for t in reversed(ticks)] + [0.0, *ticks]])
-    ax.minorticks_off()
-
-
 def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
-    """K of every run against case temperature with the fitted polynomial, and its residuals, one
-    row of panels per gyro.
-    """
+    """K of every run against case temperature with the fitted polynomial, and its residuals."""
     channels = [channel for channel in campaign.own if channel.curves]
-    rows = len(channels)
-    figure, axes = page(
-        rows, 2, title=f"{title}: scale factor over temperature", height=1.4 + 3.4 * rows
-    )
-    for row, channel in enumerate(channels):
-        left, right = axes[2 * row], axes[2 * row + 1]
-        fit = channel.curves[0]
-        grid = np.linspace(*fit.valid[forms.TEMPERATURE], 101)
+    height = 1.4 + 3.4 * len(channels)
+    title = f"{title}: scale factor over temperature"
+    figure, axes = page(len(channels), 2, title=title, height=height)
+    for channel, left, right in zip(channels, axes[::2], axes[1::2], strict=True):
+        polynomial = channel.curves[0]
+        grid = np.linspace(*polynomial.valid[forms.TEMPERATURE], 101)
         at = {forms.TEMPERATURE: grid}
-        curve, u_curve = POLYNOMIAL.evaluate(fit, at), POLYNOMIAL.standard_uncertainty(fit, at)
+        curve = POLYNOMIAL.evaluate(polynomial, at)
         temperature = np.array([run.temp_degc for run in channel.runs])
         K = campaign.run_lines.of_runs(channel.runs, channel.gyro)
         if channel.mean is not None:
@@ -165,18 +131,11 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
         ppm = PPM / reference
         left.plot(grid, (curve - reference) * ppm, color=GOOD, label="polynomial")
         left.plot(temperature, (K.value - reference) * ppm, "o", ms=4, color=DENOISED, label="runs")
-        residual = (K.value - np.interp(temperature, grid, curve)) * ppm
-        band = gum.coverage_factor(fit.dof) * u_curve * abs(ppm)
-        right.fill_between(grid, -band, band, color=RAW, alpha=0.5, lw=0)
-        right.errorbar(
-            temperature,
-            residual,
-            2.0 * K.u * abs(ppm),
-            fmt="o",
-            ms=4,
-            capsize=3,
-            color=DENOISED,
-        )
+        u_curve = POLYNOMIAL.standard_uncertainty(polynomial, at)
+        U = gum.coverage_factor(polynomial.dof) * u_curve * abs(ppm)
+        right.fill_between(grid, -U, U, color=RAW, alpha=0.5, lw=0)
+        residual, bar = (K.value - np.interp(temperature, grid, curve)) * ppm, 2.0 * K.u * abs(ppm)
+        right.errorbar(temperature, residual, bar, fmt="o", ms=4, capsize=3, color=DENOISED)
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
             ax.set_xlabel("case temperature [°C]")
@@ -186,98 +145,43 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
     return figure
 
 
-def _draw_gamma(title: str, pair: Model, figures: Sequence[Coefficient]) -> Figure:
-    """Both estimates of γ with 95 % bars relative to the first, and α with its interval."""
-    _, _, gamma_of_pair, alpha = pair.coefficients
-    side = "same" if gamma_of_pair.value >= 0.0 else "opposite"
-    figure, (left, right) = page(1, 2, title=f"{title}: gamma and alpha, {side} side", height=4.6)
-    of_pair = {one.name: one for one in figures}
-    about_a, about_b = of_pair["gamma_indicated"], of_pair["gamma_from_a_about_b"]
-    first = about_a.value
-    points = {
-        "B about A's axis": (first, about_a.standard_uncertainty),
-        "A about B's axis": (about_b.value, about_b.standard_uncertainty),
-    }
-    factor = gum.coverage_factor(pair.dof_of(gamma_of_pair), probability=0.95)
-    for k, (gamma, u) in enumerate(points.values()):
-        offset = (gamma - first) * PPM
-        bar = factor * PPM * u
-        left.errorbar(k, offset, bar, fmt="o", ms=6, capsize=5, color=COLOURS[k])
-        text = f"{gamma:.8f} ± {u:.1e}"
-        left.annotate(
-            text, (k, offset), xytext=(9, 6), textcoords="offset points", color=INK, fontsize=8
-        )
-    left.axhline(0.0, color=MUTED, lw=0.6)
-    left.set_xticks(range(len(points)), list(points))
-    left.set_xlim(-0.4, len(points) - 0.2)
-    left.set(title=f"gamma from {first:.8f}, bars 95 %", ylabel="[1e-6]")
-    low, high = of_pair["alpha_low_95_deg"].value, of_pair["alpha_high_95_deg"].value
-    reach = [
-        [(alpha.value - low) * ARCSECONDS_PER_DEGREE],
-        [(high - alpha.value) * ARCSECONDS_PER_DEGREE],
-    ]
-    right.errorbar(0.0, 0.0, xerr=reach, fmt="D", ms=6, capsize=6, color=DENOISED)
-    right.set_yticks([])
-    right.set(
-        title=f"alpha {alpha.value:.6f}°, 95 % {low:.6f}° to {high:.6f}°",
-        xlabel='from alpha ["]',
-    )
-    right.set_ylim(-1.0, 1.0)
-    return figure
-
-
 def _draw_axes(title: str, campaign: Campaign) -> Figure:
-    """Angles between input axes, and components of the input axes across their main axes."""
-    figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
-    sets, own = campaign.sets, campaign.own
-    angles: dict[str, Array] = {}
-    for g, h in combinations([channel.gyro for channel in own], 2):
-        errors = [one.figures[f"orthogonality_error_deg.{g}_{h}"] for one in sets]
-        factor = gum.coverage_factor(min(error.effective_dof or np.inf for error in errors))
-        angles[f"{g}, {h}"] = np.array(
-            [(error.value, factor * error.standard_uncertainty) for error in errors]
-        )
-    _draw_sets(left, sets, angles)
-    left.set(title="90° - angle between input axes, bars U", ylabel="[°]")
-    across: dict[str, Array] = {}
-    for channel in own:
-        for axis in forms.AXES:
-            if axis != channel.axis:
-                shares = [one.figures[f"misalignment.{channel.gyro}{axis}"] for one in sets]
-                across[f"{channel.gyro} to {axis}"] = MRAD * np.array(
-                    [(share.value, 2.0 * share.standard_uncertainty) for share in shares]
-                )
-    _draw_sets(right, sets, across)
-    right.set(title="input axes across their main axis, bars U", ylabel="[mrad]")
-    return figure
-
-
-def _draw_sets(ax: Axes, sets: Sequence[AxesSet], series: dict[str, Array]) -> None:
-    """Values and bars [sets, 2] by name against temperature, or side by side at a single
-    temperature.
+    """Angles between input axes, and components of the input axes across their main axes, against
+    temperature, or side by side at a single one.
     """
-    ax.axhline(0.0, color=MUTED, lw=0.6)
-    if not series:
-        ax.text(
-            0.5,
-            0.5,
-            "one gyro: nothing to compare",
-            transform=ax.transAxes,
-            ha="center",
-            color=MUTED,
-        )
-        return
-    single = len(sets) == 1
-    for k, (name, values) in enumerate(series.items()):
-        colour, marker = _mark(k)
-        where = np.array([float(k)]) if single else np.array([one.temp_degc for one in sets])
-        order = np.argsort(where)
-        points = where[order], values[order, 0], values[order, 1]
-        ax.errorbar(*points, marker=marker, ms=5, lw=0.9, capsize=4, color=colour, label=name)
-    if single:
-        ax.set_xticks(range(len(series)), list(series))
-        ax.set_xlim(-0.6, len(series) - 0.4)
-    else:
-        ax.set_xlabel("case temperature [°C]")
-        ax.margins(y=0.25)
-        ax.legend(loc="upper center", ncols=3)
+    figure, panels = page(1, 2, title=f"{title}: input axes", height=5.2)
+    panels[0].set(title="90° - angle between input axes, bars U", ylabel="[°]")
+    panels[1].set(title="input axes across their main axis, bars U", ylabel="[mrad]")
+    own, sets = campaign.own, campaign.sets
+    angles = {
+        f"{a}, {b}": f"orthogonality_error_deg.{a}_{b}"
+        for a, b in combinations([channel.gyro for channel in own], 2)
+    }
+    across = {
+        f"{channel.gyro} to {axis}": f"misalignment.{channel.gyro}{axis}"
+        for channel in own
+        for axis in forms.AXES
+        if axis != channel.axis
+    }
+    degc = np.array([one_set.temp_degc for one_set in sets])
+    order = np.argsort(degc)
+    for ax, names, unit in zip(panels, (angles, across), (1.0, MRAD), strict=True):
+        ax.axhline(0.0, color=MUTED, lw=0.6)
+        for k, (label, name) in enumerate(names.items()):
+            entries = [sets[number].figures[name] for number in order]
+            factor = gum.coverage_factor(min(e.effective_dof or np.inf for e in entries))
+            value = unit * np.array([entry.value for entry in entries])
+            U = unit * factor * np.array([entry.standard_uncertainty for entry in entries])
+            where = degc[order] if len(sets) > 1 else [float(k)]
+            colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
+            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5, "lw": 0.9}
+            ax.errorbar(where, value, U, capsize=4, label=label, **style)
+        if len(sets) > 1:
+            ax.set_xlabel("case temperature [°C]")
+            ax.margins(y=0.25)
+            if names:
+                ax.legend(loc="upper center", ncols=3)
+        else:
+            ax.set_xticks(range(len(names)), [*names])
+            ax.set_xlim(-0.6, len(names) - 0.4)
+    return figure

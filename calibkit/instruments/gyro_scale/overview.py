@@ -1,21 +1,28 @@
-"""First screen of gyros on a rate table: scale factors, angles and the largest figures in ppm."""
+"""First screen of gyros on a rate table: what is between the gyros, else the scale factor of each,
+and the largest figures of GJB 2426A in ppm.
+"""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from calibkit.coefficients import Figure, StageResult
+from calibkit.coefficients import StageResult
 from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
 from calibkit.instruments.gyro_scale.campaign import Campaign
 from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
 from calibkit.report.overview import KeyValue, Overview, concise
 
-_COUNTS = "counts/°"
-
 
 def summarize(campaign: Campaign, scales: StageResult) -> Overview:
-    """What is between the gyros, else the scale factor of each, and the largest figures."""
-    largest = _largest_figures(scales.figures)
+    """Sentence, facts and values of a fit; `scales` is what gyro_scale.json will hold."""
+    largest = []
+    for what, (name, _, _) in RUN_LIMITS.items():
+        same = [one for one in scales.figures if FigureName.of(one.name)[:2] == (what, GJB)]
+        if same:
+            worst = max(same, key=lambda figure: abs(figure.value))
+            unit = worst.unit.replace("degC", "°C")
+            label = f"largest {name} (GJB 2426A)"
+            largest.append(KeyValue(label, worst.value, unit, worst.standard_uncertainty))
     facts = _in_words(largest)
     if campaign.pair is not None:
         N, _, gamma, alpha = campaign.pair.coefficients
@@ -29,74 +36,44 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
         )
         facts = (f"N = K_B/K_A = {ratio}; γ = {of_gamma}.", *facts)
         return Overview(sentence, facts, (error, ratio, *largest)[:4])
-    sizes = _list_scales(campaign)
-    (listed,) = _in_words(sizes)
+    at_reference = _where(campaign.reference.temp_degc) if campaign.sets else ""
+    scale_factors = []
+    for channel in campaign.own:
+        if channel.mean is not None:
+            K, of_runs = channel.mean.coefficients[0], channel.repeated
+            where = channel.name + _where(float(np.mean([run.temp_degc for run in of_runs])))
+        else:
+            K = campaign.reference.figures[f"scale_factor.{channel.gyro}"]
+            where = channel.gyro + at_reference
+        label = f"scale factor of {where}"
+        scale_factors.append(KeyValue(label, K.value, "counts/°", K.standard_uncertainty))
+    (listed,) = _in_words(scale_factors)
     if not campaign.sets:
-        first = sizes[0]
+        first = scale_factors[0]
         ppm = PPM * first.standard_uncertainty / abs(first.value)
         sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
-        return Overview(sentence, facts, (*sizes, *largest)[:4])
-    # the largest departure of two input axes from a right angle
-    of_axes = campaign.reference.figures
-    errors = {name: one for name, one in of_axes.items() if name.startswith("orthogonality_error")}
-    if not errors:
-        return Overview(listed, facts, tuple(sizes[:4]))
-    name, largest_error = max(errors.items(), key=lambda entry: abs(entry[1].value))
-    of_both = name.partition(".")[2].replace("_", " and ")
-    name = f"90° − angle between the input axes of {of_both}"
-    worst = KeyValue(name, largest_error.value, "°", largest_error.standard_uncertainty)
-    where = _at(campaign.reference.temp_degc)
-    sentence = f"Largest departure from right angles{where}: {worst.name} is {worst}."
-    return Overview(sentence, (listed, *facts), (worst, *sizes)[:4])
-
-
-def _list_scales(campaign: Campaign) -> list[KeyValue]:
-    """Scale factor of each gyro at the reference temperature, of a triad about its input axis."""
-    if campaign.sets:
-        where = _at(campaign.reference.temp_degc)
-        of_axes = [
-            (channel.gyro + where, campaign.reference.figures[f"scale_factor.{channel.gyro}"])
-            for channel in campaign.own
-        ]
-    else:
-        of_axes = []
-        for channel in campaign.channels:
-            where = _at(float(np.mean([run.temp_degc for run in channel.repeated])))
-            if channel.mean is not None:
-                of_axes.append((channel.name + where, channel.mean.coefficients[0]))
-    return [
-        KeyValue(f"scale factor of {name}", K.value, _COUNTS, K.standard_uncertainty)
-        for name, K in of_axes
+        return Overview(sentence, facts, (*scale_factors, *largest)[:4])
+    angles = [
+        figure
+        for name, figure in campaign.reference.figures.items()
+        if name.startswith("orthogonality_error")
     ]
+    if not angles:
+        return Overview(listed, facts, tuple(scale_factors[:4]))
+    worst = max(angles, key=lambda figure: abs(figure.value))
+    of_both = worst.name.partition(".")[2].replace("_", " and ")
+    label = f"90° − angle between the input axes of {of_both}"
+    error = KeyValue(label, worst.value, "°", worst.standard_uncertainty)
+    sentence = f"Largest departure from right angles{at_reference}: {label} is {error}."
+    return Overview(sentence, (listed, *facts), (error, *scale_factors)[:4])
 
 
-def _at(degc: float) -> str:
+def _where(degc: float) -> str:
     """Where a value holds, if the temperature is known."""
     return f" at {degc:.1f} °C" if np.isfinite(degc) else ""
 
 
-def _largest_figures(figures: Iterable[Figure]) -> tuple[KeyValue, ...]:
-    """Largest of each figure of GJB 2426A over the runs and gyros."""
-    largest: dict[str, Figure] = {}
-    for figure in figures:
-        what, standard, _ = FigureName.of(figure.name)
-        if standard == GJB and what in RUN_LIMITS:
-            largest[what] = max(largest.get(what, figure), figure, key=lambda one: abs(one.value))
-    return tuple(
-        KeyValue(
-            f"largest {name} (GJB 2426A)",
-            largest[what].value,
-            largest[what].unit.replace("degC", "°C"),
-            largest[what].standard_uncertainty,
-        )
-        for what, (name, _, _) in RUN_LIMITS.items()
-        if what in largest
-    )
-
-
 def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:
     """Values as one line."""
-    if not values:
-        return ()
-    text = "; ".join(f"{one.name} = {one}" for one in values)
-    return (f"{text[0].upper()}{text[1:]}.",)
+    text = "; ".join(f"{value.name} = {value}" for value in values)
+    return (f"{text[0].upper()}{text[1:]}.",) if text else ()

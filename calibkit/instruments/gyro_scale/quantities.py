@@ -4,6 +4,8 @@ import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
+import numpy as np
+
 from calibkit.certificate.quantities import (
     Quantity,
     QuantityInput,
@@ -52,6 +54,29 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
         symbol=letter,
         principal=not is_cross(model.name),
     )
+
+
+def temperature_of_line(line: Model) -> float:
+    """Mean case temperature [°C] of the runs of a line."""
+    known = {parameter.name: parameter.value for parameter in line.parameters}
+    return known.get("temp_case", sum(line.valid[forms.TEMPERATURE]) / 2.0)
+
+
+def of_line(record: Record, line: Model, letter: str, words: Words) -> Quantity:
+    """K or F0 of a line at the mean temperature of its runs: an error of the thermometer moves it
+    by the slope of its curve, where one was fitted. Principal is the mean over the runs of a gyro
+    about its own axis.
+    """
+    quantity, gyro = coefficient(record, line, letter, words), line.name.partition(".")[0]
+    for model in record.models:
+        if model.name == forms.curve_name(gyro, letter) and forms.TEMPERATURE in line.valid:
+            degc = temperature_of_line(line)
+            curve = np.polynomial.Polynomial([c.value for c in model.coefficients])
+            slopes = {forms.TEMPERATURE: (degc, -float(curve.deriv()(degc)))}
+            quantity = coefficient(record, line, letter, words, slopes)
+    if letter == "F0" or is_cross(line.name):
+        return quantity
+    return replace(quantity, undecided=undecided_scale(record), principal="." not in line.name)
 
 
 def list_pair(record: Record, model: Model) -> list[Quantity]:

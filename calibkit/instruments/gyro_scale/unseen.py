@@ -1,21 +1,19 @@
 """Frozen coefficients compared with unseen runs: scale factors, rates before and after
 compensation, and the ratios of a pair.
 
-    e = K - K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²
+    e = K - K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²                                       (1)
 
 K is that of the unseen run, K(T) the quantity of the files at its temperature, s how runs repeat,
 u_B the type B terms; `fit.unseen` judges e over u.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
 from calibkit.certificate.quantities import Quantity
-from calibkit.coefficients import Criterion, Model, Record, over_u
+from calibkit.coefficients import Criterion, Record, over_u
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
@@ -30,6 +28,7 @@ from calibkit.instruments.gyro_scale import (
     quantities,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.campaign import Campaign
 from calibkit.instruments.gyro_scale.flags import WITHIN
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
@@ -52,127 +51,81 @@ so far.
 """
 SUFFIX = {GJB: "_gjb", IEEE: "_ieee"}
 """Standard → end of the key of an asymmetry in validation.json."""
-
-
-ScaleFactors = tuple[Value, Value]
-"""Scale factor of a gyro in an unseen run, and that of the files as another run shows it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Compared:
-    """One unseen run beside the files."""
-
-    entry: dict[str, Any]
-    """Of the run in validation.json."""
-    errors: list[dict[str, Any]]
-    """Errors before and after compensation, of each gyro or about the axes of the base."""
-    scales: list[ScaleFactors]
-    lines: list[Line]
-    """Of compensated rates, or published ones of a triad."""
+Entry = dict[str, Any]
+"""JSON object of validation.json."""
 
 
 def validate(
     spec: AnyRecipe, records: Mapping[str, Record], logs: Iterable[Log]
-) -> tuple[dict[str, Any], Summary]:
+) -> tuple[Entry, Summary]:
     """Compare scale factors and rates of unseen runs with the frozen coefficients; with both logs
     of a pair, also N and γ.
     """
     matrices = compensate.read_invertible(spec, records)
-    frozen = {one.name: one for one in quantities.list_sensitivities(records, spec)}
-    within_runs = quantities.hold_within_runs(records.values())
+    sensitivities = {one.name: one for one in quantities.list_sensitivities(records, spec)}
+    within = quantities.hold_within_runs(records.values())
+    triad = isinstance(spec, GyroTriadRecipe)
     runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
-    compared: list[Compared] = []
-    flags: list[str] = []
+    entries: list[Entry] = []
+    errors: list[tuple[str, Entry]] = []
+    straight: list[Line] = []
     criteria: list[Criterion] = []
+    flags: list[str] = []
     for log in logs:
         axis = spec.find_axis(log.file)
         run = table_runs.fit_run(spec, log)
         run_lines = Lines.of([[(0, run)]])
         runs[axis] = (*runs.get(axis, ()), run)
         flags += [*run.flags, *run_lines.flag_drifts()]
-        turned = matrices
-        if not isinstance(spec, GyroTriadRecipe):
-            turned = tuple(one for one in matrices if spec.own_axis(one.gyros[0]) == axis)
-        one = _compare_run(spec, run_lines, run, axis, turned, frozen)
-        compared.append(one)
-        if np.isfinite(run.temp_degc):
-            for matrix in turned:
+        entry: Entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
+        entries.append(entry)
+        scale_factors: list[tuple[Value, Value]] = []
+        of_gyros: list[Entry] = []
+        for matrix in matrices:
+            if not isinstance(spec, GyroTriadRecipe) and spec.own_axis(matrix.gyros[0]) != axis:
+                continue
+            for gyro in matrix.gyros:
+                quantity = sensitivities[quantities.sensitivity_name(gyro, axis if triad else "")]
+                scale_factors.append(_scale_factors(spec, run_lines, run, matrix, gyro, quantity))
+            if isinstance(spec, GyroTriadRecipe):
+                entry |= _compare_base(run, axis, matrix, table_runs.vertical_rate_dps(spec) or 0.0)
+                straight += run_lines.straightened({})
+            else:
+                compared, line = _compare_line(spec, run_lines, run, matrix, scale_factors[-1])
+                of_gyros.append(compared)
+                straight.append(line)
+            if np.isfinite(run.temp_degc):
                 flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
-        if not within_runs:
-            error = np.array([K.value - frozen.value for K, frozen in one.scales])
-            variance = np.array([K.u**2 + frozen.u**2 for K, frozen in one.scales])
-            dof = np.inf, max(float(sum(frozen.dof for _, frozen in one.scales)), 1.0)
-            judged = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
-            criteria.append(over_u(f"{log.file}: rms error of K", judged.to_object()))
-    body: dict[str, Any] = {"logs": [one.entry for one in compared]}
-    tables, of_limits, undecided = _judge_errors(spec, compared, within=within_runs)
+        if not triad:
+            entry["gyros"] = of_gyros
+        errors += [(log.file, one) for one in ([entry] if triad else of_gyros)]
+        if not within:
+            criteria.append(_judge_scale_factors(log.file, scale_factors))
+    body: Entry = {"logs": entries}
+    tables = [_tabulate_errors(errors, triad=triad)]
+    of_pair: tuple[str, ...] = ()
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
         again = fit.fit_pair(spec, runs)
-        body["pair"] = _compare_pair(records, again.pair, spec.type_b)
-        tables.append(_tabulate_pair_again(body["pair"]))
-        undecided += again.flags
-        criteria += _judge_pair(body["pair"], within=within_runs)
-    flags += undecided
-    lines = [line for one in compared for line in one.lines]
-    criteria += [*of_limits, *acceptance.judge_noise(lines, spec.acceptance)]
+        of_pair = again.flags
+        body["pair"] = [*_compare_pair(records, again, spec.type_b)]
+        tables.append(_tabulate_pair(body["pair"]))
+        criteria += _judge_pair(body["pair"], within=within)
+    limits, undecided = _judge_limits(spec, [error for _, error in errors], within=within)
+    criteria += [*limits, *acceptance.judge_noise(straight, spec.acceptance)]
+    flags += [*undecided, *of_pair]
     return body, Summary("", tuple(tables), tuple(dict.fromkeys(flags)), tuple(criteria))
 
 
-def _compare_run(
-    spec: AnyRecipe,
-    run_lines: Lines,
-    run: table_runs.TableRun,
-    axis: str,
-    turned: Sequence[forms.GyroMatrix],
-    frozen: Mapping[str, Quantity],
-) -> Compared:
-    """Gyros of a run about their own axes, or all of a triad, beside the files."""
-    log = run.log
-    entry: dict[str, Any] = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
-    triad = isinstance(spec, GyroTriadRecipe)
-    scales = [
-        _scale_factor(spec, run_lines, run, matrix, gyro, axis if triad else "", frozen)
-        for matrix in turned
-        for gyro in matrix.gyros
-    ]
-    if isinstance(spec, GyroTriadRecipe):
-        vertical_dps = table_runs.vertical_rate_dps(spec) or 0.0
-        entry |= _compare_base(run, axis, turned[0], vertical_dps)
-        return Compared(entry, [entry], scales, list(run_lines.straightened({})))
-    of_gyros = [
-        _compare_line(spec, run_lines, run, matrix, scale)
-        for matrix, scale in zip(turned, scales, strict=True)
-    ]
-    errors = [error for error, _ in of_gyros]
-    return Compared(entry | {"gyros": errors}, errors, scales, [line for _, line in of_gyros])
+def _judge_scale_factors(file: str, scale_factors: Sequence[tuple[Value, Value]]) -> Criterion:
+    """Criterion that scale factors of a run are off those of the files by (1) as u states."""
+    error = np.array([K.value - frozen.value for K, frozen in scale_factors])
+    variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
+    dof = np.inf, max(float(sum(frozen.dof for _, frozen in scale_factors)), 1.0)
+    judged = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
+    return over_u(f"{file}: rms error of K", judged.to_object())
 
 
-def _judge_errors(
-    spec: AnyRecipe, compared: Sequence[Compared], *, within: bool
-) -> tuple[list[Table], list[Criterion], list[str]]:
-    """Table of the errors of all runs, criteria of the recipe's limits, and flags for those that
-    decide nothing: where scale factors hold within their runs, a run beyond a limit of theirs
-    rejects, and one within it accepts nothing.
-    """
-    shown = [(one.entry["name"], error) for one in compared for error in one.errors]
-    errors = [error for _, error in shown]
-    if isinstance(spec, GyroTriadRecipe):
-        table, limits = _tabulate_base_errors(shown), acceptance.UNSEEN_BASE_LIMITS
-        errors = [error["after"] for error in errors]
-    else:
-        table, limits = _tabulate_line_errors(shown), acceptance.UNSEEN_LINE_LIMITS
-    criteria: list[Criterion] = []
-    flags: list[str] = []
-    for one in acceptance.judge_unseen(errors, limits, spec.acceptance):
-        if within and one.passed and one.name in OF_SCALE:
-            size = f"{one.name} {one.value:.3g} {one.unit}"
-            flags.append(f"{size} of these runs decides no limit: {WITHIN}")
-        else:
-            criteria.append(one)
-    return [table], criteria, flags
-
-
-def _judge_pair(compared: Sequence[Mapping[str, Any]], *, within: bool) -> Iterator[Criterion]:
+def _judge_pair(compared: Sequence[Entry], *, within: bool) -> Iterator[Criterion]:
     """Criteria that γ of unseen runs, and N where runs tell how scale factors repeat, differ as
     their uncertainties state.
     """
@@ -183,27 +136,45 @@ def _judge_pair(compared: Sequence[Mapping[str, Any]], *, within: bool) -> Itera
             yield over_u(f"pair: error of {one['name']}", over)
 
 
-def _scale_factor(
+def _judge_limits(
+    spec: AnyRecipe, errors: Sequence[Entry], *, within: bool
+) -> tuple[list[Criterion], list[str]]:
+    """Criteria of the recipe's limits, and flags for those that decide nothing: where scale factors
+    hold within their runs, a run beyond a limit of theirs rejects, and one within it accepts
+    nothing.
+    """
+    limits = acceptance.UNSEEN_LINE_LIMITS
+    if isinstance(spec, GyroTriadRecipe):
+        errors, limits = [error["after"] for error in errors], acceptance.UNSEEN_BASE_LIMITS
+    criteria, flags = [], []
+    for one in acceptance.judge_unseen(errors, limits, spec.acceptance):
+        if within and one.passed and one.name in OF_SCALE:
+            size = f"{one.name} {one.value:.3g} {one.unit}"
+            flags.append(f"{size} of these runs decides no limit: {WITHIN}")
+        else:
+            criteria.append(one)
+    return criteria, flags
+
+
+def _scale_factors(
     spec: AnyRecipe,
     run_lines: Lines,
     run: table_runs.TableRun,
     matrix: forms.GyroMatrix,
     gyro: str,
-    axis: str,
-    frozen: Mapping[str, Quantity],
-) -> ScaleFactors:
-    """Scale factor of a gyro about an axis in a run and in the files: with how runs repeat and type
-    B terms, at the run's temperature, clamped to the fitted range.
+    quantity: Quantity,
+) -> tuple[Value, Value]:
+    """Scale factor of a gyro in a run, and in the files with how runs repeat and type B terms, at
+    the run's temperature, clamped to the fitted range.
     """
-    quantity, model = frozen[quantities.sensitivity_name(gyro, axis)], matrix.model
-    degc = float(_temperatures(run).mean())
-    inputs = quantity.inputs
-    point = quantity.point({one.column: min(max(degc, one.low), one.high) for one in inputs})
+    model, degc = matrix.model, float(np.nan_to_num(run.plateaus.temp_degc).mean())
+    at = {one.column: min(max(degc, one.low), one.high) for one in quantity.inputs}
+    point = quantity.point(at)
     ((_, u, dof),) = point.type_a()
     K = point.value
     fastest = max(map(abs, model.valid.get(forms.RATE, ())), default=0.0) or FULL_SCALE
     slopes = {forms.RATE: (fastest, -K / fastest), "time_s": (1.0, K), **point.influences}
-    other = type_b.combine_terms(spec.type_b, quantity.called, K, quantity.unit, slopes)
+    u_B = type_b.combine_terms(spec.type_b, quantity.called, K, quantity.unit, slopes)
     repeats = [
         part.value / PPM * abs(K)
         for part in model.components
@@ -211,15 +182,10 @@ def _scale_factor(
     ]
     if matrix.curves and not repeats:
         repeats = [point.parts[0][0].residual_rms]
+    u_frozen = float(np.linalg.norm([u, max(repeats, default=0.0), u_B]))
     of_run = run_lines.of_runs([run], gyro)
-    u_frozen = float(np.linalg.norm([u, max(repeats, default=0.0), other]))
     of_files = Value(*(np.array(number) for number in (K, u_frozen, dof)))
     return Value(of_run.value[0], of_run.u[0], of_run.dof[0]), of_files
-
-
-def _temperatures(run: table_runs.TableRun) -> Array:
-    """Temperatures [p, °C] of the held rates, 0 where they were not logged."""
-    return np.nan_to_num(run.plateaus.temp_degc)
 
 
 def _compare_line(
@@ -227,70 +193,65 @@ def _compare_line(
     run_lines: Lines,
     run: table_runs.TableRun,
     matrix: forms.GyroMatrix,
-    scale: ScaleFactors,
-) -> tuple[dict[str, Any], Line]:
+    scale_factors: tuple[Value, Value],
+) -> tuple[Entry, Line]:
     """JSON object of one gyro of a run about its own axis, and the line of its compensated
     rates.
     """
-    (gyro,), (of_run, of_files) = matrix.gyros, scale
-    u_found, frozen = float(of_run.u), float(of_files.value)
-    line, temperature = run_lines.published(run, gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
-    indication = run.scale(gyro).indication
-    after = matrix.rates(indication[:, None], temperature)[:, 0]
-    K_of_rows, zero_of_rows = matrix.at(temperature)
-    compensated = Line(line.rate_dps, after, line.noise / np.abs(K_of_rows[:, 0, 0]))
+    (gyro,), (of_run, of_files) = matrix.gyros, scale_factors
+    u_K, K_frozen = float(of_run.u), float(of_files.value)
+    line, temperature = run_lines.published(run, gyro), np.nan_to_num(run.plateaus.temp_degc)
+    indication = run.plateaus.indication[:, run.gyros.index(gyro)]
+    rate_after = matrix.rates(indication[:, None], temperature)[:, 0]
+    K_of_rows, F0_of_rows = matrix.at(temperature)
+    compensated = Line(line.rate_dps, rate_after, line.noise / np.abs(K_of_rows[:, 0, 0]))
     K_before, F0_before = (part.item() for part in matrix.reference)
     before_is = "K and F0 of the mean model"
     if spec.nominal_scale_factor is not None:
         K_before, F0_before = spec.nominal_scale_factor, 0.0
         before_is = "nominal scale factor"
-    compared = {
+    full_scale = float(np.max(np.abs(line.rate_dps)))
+    errors = {}
+    for when, rate in (("before", (indication - F0_before) / K_before), ("after", rate_after)):
+        error = rate - line.rate_dps
+        errors[when] = {
+            "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
+            "rate_error_rms_dps": rms(error),
+            "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full_scale * PPM,
+        }
+    u_error = float(np.hypot(u_K, of_files.u)) / abs(K_frozen)
+    F0_frozen = float(F0_of_rows.mean())
+    entry = {
         "gyro": gyro,
         "K": line.K,
-        "K_standard_uncertainty": u_found,
-        "K_frozen": frozen,
+        "K_standard_uncertainty": u_K,
+        "K_frozen": K_frozen,
         "K_frozen_standard_uncertainty": float(of_files.u),
-        "scale_factor_error_ppm": (line.K / frozen - 1.0) * PPM,
-        "scale_factor_error_standard_uncertainty_ppm": (
-            float(np.hypot(u_found, of_files.u)) / abs(frozen) * PPM
-        ),
+        "scale_factor_error_ppm": (line.K / K_frozen - 1.0) * PPM,
+        "scale_factor_error_standard_uncertainty_ppm": u_error * PPM,
         "scale_factor_error_dof": min(float(of_files.dof), MOST_DOF),
-        "zero_error_dph": (line.F0 / line.K - float(zero_of_rows.mean()) / frozen) * DPH_PER_DPS,
+        "zero_error_dph": (line.F0 / line.K - F0_frozen / K_frozen) * DPH_PER_DPS,
         "rate_gain": compensated.K,
         "before_is": before_is,
-        "before": _line_errors((indication - F0_before) / K_before, line),
-        "after": _line_errors(after, line),
+        **errors,
     }
-    for figure in published.figures(line, u_found, gyro):
+    for figure in published.figures(line, u_K, gyro):
         if figure.unit == "ppm":
             what, standard, _ = FigureName.of(figure.name)
             key = what + SUFFIX[standard] if what == "asymmetry" else what
-            compared[f"{key}_ppm"] = figure.value
-    return compared, compensated
-
-
-def _line_errors(rate: Array, line: Line) -> dict[str, float]:
-    """Errors of rates [p] against the table's: slope error, rms and largest error relative to full
-    scale.
-    """
-    error = rate - line.rate_dps
-    full = float(np.max(np.abs(line.rate_dps)))
-    return {
-        "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
-        "rate_error_rms_dps": rms(error),
-        "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * PPM,
-    }
+            entry[f"{key}_ppm"] = figure.value
+    return entry, compensated
 
 
 def _compare_base(
     run: table_runs.TableRun, axis: str, matrix: forms.GyroMatrix, vertical_dps: float
-) -> dict[str, Any]:
+) -> Entry:
     """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
     use each gyro alone, with its scale factor about its main axis.
     """
-    plateaus, temperature = run.plateaus, _temperatures(run)
+    plateaus, temperature = run.plateaus, np.nan_to_num(run.plateaus.temp_degc)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         raise CoefficientError(
             f"{run.log.file}: no column '{forms.TEMPERATURE}'",
@@ -300,10 +261,10 @@ def _compare_base(
     S, _ = matrix.reference
     main = np.argmax(np.abs(S), axis=1)
     alone = (plateaus.indication - matrix.at(temperature)[1]) / S[np.arange(main.size), main]
-    a = forms.AXES.index(axis)
+    turned = forms.AXES.index(axis)
     true = np.zeros_like(rates)
-    true[:, a] = plateaus.rate_dps + vertical_dps
-    gain = float(np.polyfit(plateaus.rate_dps, rates[:, a], 1)[0])
+    true[:, turned] = plateaus.rate_dps + vertical_dps
+    gain = float(np.polyfit(plateaus.rate_dps, rates[:, turned], 1)[0])
     if not abs(gain - 1.0) < OTHER_AXIS:
         raise FrameError(
             f"{run.log.file}: the rate about {axis} comes out {gain:.4f} times the table's,"
@@ -313,77 +274,70 @@ def _compare_base(
                 " unit's gyros"
             ),
         )
-    return {
+    entry: Entry = {
         "axis": axis,
         "before_is": "each gyro by its scale factor about the axis that it senses most",
-        "before": _base_errors(alone - true[:, main], main == a, plateaus.rate_dps),
-        "after": _base_errors(rates - true, np.arange(len(forms.AXES)) == a, plateaus.rate_dps),
-        "rate_gain": gain,
     }
-
-
-def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]:
-    """Largest errors [n, m] along and across the turned axis, relative to full scale; zero where
-    there is no such column.
-    """
-    full = float(np.max(np.abs(rate_dps))) / PPM
-    return {
-        f"{kind}_max_ppm_of_full_scale": float(np.max(np.abs(error[:, chosen]), initial=0.0)) / full
-        for kind, chosen in (("rate_error", along), ("cross_axis", ~along))
-    }
+    full_scale = float(np.max(np.abs(plateaus.rate_dps))) / PPM
+    for when, error, axes in (
+        ("before", alone - true[:, main], main),
+        ("after", rates - true, np.arange(len(forms.AXES))),
+    ):
+        along, across = np.abs(error[:, axes == turned]), np.abs(error[:, axes != turned])
+        entry[when] = {
+            "rate_error_max_ppm_of_full_scale": float(along.max(initial=0.0)) / full_scale,
+            "cross_axis_max_ppm_of_full_scale": float(across.max(initial=0.0)) / full_scale,
+        }
+    return entry | {"rate_gain": gain}
 
 
 def _compare_pair(
-    records: Mapping[str, Record], again: Model | None, terms: Sequence[type_b.TypeB]
-) -> list[dict[str, Any]]:
+    records: Mapping[str, Record], again: Campaign, terms: Sequence[type_b.TypeB]
+) -> Iterator[Entry]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
         raise CoefficientError(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
-    frozen, compared = records[forms.ORTHOGONALITY_FILE].model("pair"), []
+    frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
+    assert again.pair is not None  # noqa: S101 (a fit of a pair has one)
+    now = {c.name: c for c in again.pair.coefficients}
     for c in frozen.coefficients:
-        assert again is not None  # noqa: S101 (a fit of a pair has one)
-        unseen_c = next(one for one in again.coefficients if one.name == c.name)
         # terms on the ratio itself, or on α
         slopes, names = quantities.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
-        type_b_u = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
+        u_B = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
+        parts = (
+            (now[c.name].standard_uncertainty, again.pair.dof_of(now[c.name])),
+            (c.standard_uncertainty, frozen.dof_of(c)),
+            (u_B, np.inf),
+        )
         difference = gum.combine(
-            [
-                gum.UncertaintyComponent(
-                    *(
-                        "found",
-                        unseen_c.value,
-                        unseen_c.standard_uncertainty,
-                        "A",
-                    ),
-                    dof=again.dof_of(unseen_c),
-                ),
-                gum.UncertaintyComponent(
-                    "frozen", c.value, c.standard_uncertainty, "A", dof=frozen.dof_of(c)
-                ),
-                gum.UncertaintyComponent("type B", c.value, type_b_u, "B"),
-            ]
+            [gum.UncertaintyComponent("", c.value, u, "A", dof=dof) for u, dof in parts]
         )
-        compared.append(
-            {
-                "name": c.name,
-                "frozen": c.value,
-                "found": unseen_c.value,
-                "difference": unseen_c.value - c.value,
-                "standard_uncertainty": difference.standard_uncertainty,
-                "dof": min(difference.effective_dof, MOST_DOF),
-                "unit": c.unit,
-            }
-        )
-    return compared
+        yield {
+            "name": c.name,
+            "frozen": c.value,
+            "found": now[c.name].value,
+            "difference": now[c.name].value - c.value,
+            "standard_uncertainty": difference.standard_uncertainty,
+            "dof": min(difference.effective_dof, MOST_DOF),
+            "unit": c.unit,
+        }
 
 
-def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Table of the lines of unseen runs: frozen and found K, errors before and after."""
+def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Table:
+    """Table of unseen runs before and after compensation: rates along and across the turned axis of
+    a triad, else frozen and found K and rates of each gyro.
+    """
+    along, across = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
     rows = []
-    for name, one in compared:
+    for name, one in errors:
         before, after = one["before"], one["after"]
+        gain = f"{one['rate_gain']:.6f}"
+        if triad:
+            sizes = [f"{part[kind]:.1f}" for kind in (along, across) for part in (before, after)]
+            rows.append((f"{name} about {one['axis']}", *sizes, gain))
+            continue
         u = one["scale_factor_error_standard_uncertainty_ppm"]
         rows.append(
             (
@@ -392,11 +346,17 @@ def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> 
                 f"{one['K_frozen']:.4f}",
                 f"{before['scale_factor_error_ppm']:+.1f}",
                 f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
-                f"{before['rate_error_max_ppm_of_full_scale']:.1f}",
-                f"{after['rate_error_max_ppm_of_full_scale']:.1f}",
-                f"{one['rate_gain']:.6f}",
+                f"{before[along]:.1f}",
+                f"{after[along]:.1f}",
+                gain,
             )
         )
+    if triad:
+        title = (
+            "Compensated rates of unseen runs: largest error along and across the turned axis, ppm"
+            " of full scale"
+        )
+        return Table(title, ("", "along", "after", "across", "after", "gain"), tuple(rows))
     heads = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
     title = (
         "Frozen coefficients on unseen runs: K error in ppm, largest rate error in ppm of full"
@@ -405,27 +365,7 @@ def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> 
     return Table(title, heads, tuple(rows))
 
 
-def _tabulate_base_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Table of rates of unseen runs along and across the turned axis, before and after
-    compensation.
-    """
-    kinds = ("rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale")
-    rows = tuple(
-        (
-            f"{name} about {one['axis']}",
-            *(f"{one[when][kind]:.1f}" for kind in kinds for when in ("before", "after")),
-            f"{one['rate_gain']:.6f}",
-        )
-        for name, one in compared
-    )
-    title = (
-        "Compensated rates of unseen runs: largest error along and across the turned axis, ppm of"
-        " full scale"
-    )
-    return Table(title, ("", "along", "after", "across", "after", "gain"), rows)
-
-
-def _tabulate_pair_again(entries: Sequence[Mapping[str, Any]]) -> Table:
+def _tabulate_pair(entries: Sequence[Entry]) -> Table:
     """Table of N, ε, γ, α of unseen runs, frozen and found."""
     rows = tuple(
         (
