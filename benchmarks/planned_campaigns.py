@@ -50,7 +50,7 @@ def make_plan(procedure: str, *stated: str, **asked: Any) -> document.Plan:  # n
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "plan"
         source = recipe.find(procedure, (*ORDERS.get(procedure, ()), *stated))
-        plans.plan(source, plans.Request(**asked), out)
+        plans.plan(source, out, **asked)
         return document.load_plan(out)
 
 
@@ -105,15 +105,12 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     """
     rng = np.random.default_rng(seed)
     assumed = plan.assumed
-    holds = gyro_plan.planned_holds(plan.schedule, assumed, spec.find_axis)
-    order, line = assumed.device.order, np.zeros_like(holds.run)
-    rate = holds.rate_dps
-    rows = equation.Rows(rate, rate, holds.run, holds.degc, holds.hours, line, line)
+    rows, order = gyro_plan.planned_holds(plan.schedule, assumed, lambda _: 0), assumed.device.order
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
     size = {one["effect"]: one["value"] for one in plan.document["components"]}
-    count, rate = int(holds.run.max()) + 1, holds.rate_dps[holds.run == 0]
+    count, rate = int(rows.run.max()) + 1, rows.rate_dps[rows.run == 0]
     drawn = rng.normal(0.0, 1.0, (3, count))
     response = rng.normal(0.0, size["response"] / 3600.0, len(rate))
     indication = (
@@ -121,7 +118,7 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
         + np.vander(x, order + 1, increasing=True) @ F0
         + size["zero"] / 3600.0 * drawn[1][rows.run]
         + size["zero drift"] / 3600.0 * drawn[2][rows.run] * rows.hours
-        + holds.noise * rng.normal(size=rows.run.size)
+        + rows.noise * rng.normal(size=rows.run.size)
         + np.tile(response, count)
     )
     # the best straight line over the rates takes its part of the response

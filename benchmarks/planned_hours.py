@@ -98,8 +98,8 @@ def make_plan(procedure: str, wish: str, range_degc: tuple[float, float] | None)
     """plan.json of a wish."""
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "plan"
-        request = plans.Request(wishes=(wish,), range_degc=range_degc)
-        plans.plan(recipe.find(procedure), request, out)
+        request = {"wishes": (wish,), "range_degc": range_degc}
+        plans.plan(recipe.find(procedure), out, **request)
         return dict(document.load_plan(out).document)
 
 

@@ -98,7 +98,7 @@ def time_plan(procedure: str, wish: str) -> tuple[float, float]:
     fitted = time.process_time() - begin
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        plans.plan(source, plans.Request(wishes=(wish,)), Path(folder) / "plan")
+        plans.plan(source, Path(folder) / "plan", wishes=(wish,))
     return time.process_time() - begin, fitted
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from calibkit import instruments, new_files, recipe, store, units
 from calibkit.errors import UsageError
-from calibkit.frame import Log, refuse
+from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
-from calibkit.planning import document, equipment, search
+from calibkit.planning import document, search
+from calibkit.planning.equipment import read_equipment
 from calibkit.planning.search import WITHHELD, Proposal
 from calibkit.planning.task import Task
 from calibkit.report.summary import Summary
@@ -38,25 +39,36 @@ class _Planned:
     document: dict[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What a plan is asked for, as the command line states it."""
-
-    wishes: tuple[str, ...] = ()
-    within_h: float | None = None
-    range_degc: tuple[float, float] | None = None
-    equipment: Path | None = None
-    attitudes: str = ""
-    earlier: str = ""
-    runs: Path | None = None
-    have: Path | None = None
-
-
 @one_thread()
-def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = False) -> _Planned:
+def plan(
+    source: recipe.Source,
+    out: Path,
+    *,
+    wishes: tuple[str, ...] = (),
+    within_h: float | None = None,
+    range_degc: tuple[float, float] | None = None,
+    equipment: Path | None = None,
+    attitudes: str = "",
+    earlier: str = "",
+    runs: Path = Path("runs"),
+    have: Path | None = None,
+    dry_run: bool = False,
+) -> _Planned:
     """Plan a campaign and write schedule.csv, plan.json, recipe.toml and plan.html.
 
-    Raises UsageError for what cannot be planned.
+    Parameters
+    ----------
+    source, out : recipe, and the folder that is written.
+    wishes : "NAME<=VALUE UNIT", each an expanded uncertainty.
+    within_h : hours of the chamber at most.
+    range_degc : range of use.
+    equipment : file of the laboratory, by default the sample bench.
+    attitudes : name of a fixture, empty for the usual one.
+    earlier, runs : run whose errors are assumed, and the folder of runs.
+    have : folder with logs that are measured already.
+    dry_run : whether nothing is written.
+
+    Raises UsageError for what cannot be planned, FrameError for a measured log that a fit refuses.
     """
     from calibkit.planning import page
 
@@ -65,26 +77,33 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
     paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
     for name in paths:
         new_files.refuse_existing(out / name)
-    file = None if request.equipment is None else recipe.find(str(request.equipment))
-    earlier = None
-    if request.earlier and request.runs is not None:
-        earlier = store.load(store.find(request.earlier, request.runs)).records
-    have = () if request.have is None else _read_measured(spec, request.have)
+    laboratory = None if equipment is None else recipe.find(str(equipment))
+    measured = []
+    if have is not None:
+        if not have.is_dir():
+            raise UsageError(
+                f"--have {have}: no such folder",
+                hint="name the folder that holds the logs which are measured already",
+            )
+        instrument = instruments.find(spec.procedure)
+        measured = [instrument.read(spec, have, name) for name in ingest.find_logs(spec, have)]
+        for log in measured:
+            refuse(instrument.faults(spec, log).findings)
     task = Task(
-        equipment.read_equipment(file),
-        request.wishes,
-        request.within_h,
-        request.range_degc,
-        request.attitudes,
-        earlier,
-        have,
-        request.have is not None and any((request.have / WITHHELD).glob("*")),
+        read_equipment(laboratory),
+        wishes,
+        within_h,
+        range_degc,
+        attitudes,
+        store.load(store.find(earlier, runs)).records if earlier else None,
+        tuple(measured),
+        have is not None and any((have / WITHHELD).glob("*")),
     )
     proposal = search.propose(prepare(spec, task))
     logs = proposal.campaign.schedule.by_log()
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
-    summary = page.summarize(proposal, spec.title or spec.procedure, request.within_h)
+    summary = page.summarize(proposal, spec.title or spec.procedure, within_h)
     text_of_recipe = document.write_recipe(spec, proposal, added=bool(task.have))
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, text_of_recipe))
@@ -98,22 +117,6 @@ def plan(source: recipe.Source, request: Request, out: Path, *, dry_run: bool = 
     new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
     printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
-
-
-def _read_measured(spec: recipe.Recipe, folder: Path) -> tuple[Log, ...]:
-    """Logs that are measured already; UsageError for no folder, FrameError for a log that a fit
-    refuses.
-    """
-    if not folder.is_dir():
-        raise UsageError(
-            f"--have {folder}: no such folder",
-            hint="name the folder that holds the logs which are measured already",
-        )
-    instrument, names = instruments.find(spec.procedure), ingest.find_logs(spec, folder)
-    logs = tuple(instrument.read(spec, folder, name) for name in names)
-    for log in logs:
-        refuse(instrument.faults(spec, log).findings)
-    return logs
 
 
 def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instruments.ROOMS`)
@@ -130,6 +133,9 @@ def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instr
 def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
     """Write the logs of a campaign that was run by the plan of a folder, and its truth; returns the
     names of the files.
+
+    Logs have the columns, units and signs that the recipe of the plan maps. Raises UsageError for a
+    recipe whose logs are no plain CSV, and for a plan of no actions.
     """
     planned = document.load_plan(folder)
     if not planned.schedule.actions:
@@ -137,18 +143,8 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
     spec = instruments.parse_recipe(planned.source)
     run = _stated(spec.procedure, "simulate_plan")
     campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
-    truth = {**campaign.truth, "seed": seed, "plan": planned.document["sha256"]}
-    files = _as_logged(spec, replace(campaign, truth=truth)).files()
-    new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
-    return sorted(files)
-
-
-def _as_logged(spec: recipe.Recipe, campaign: Campaign) -> Campaign:
-    """Logs in the columns, units and signs that the recipe maps; UsageError for a recipe whose logs
-    are no plain CSV.
-    """
-    others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
     mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
+    others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
     for name, mapping in mapped.items():
         keys = mapping.model_fields_set & NOT_NUMBERS
         others += [f"[columns.{name}] {key}" for key in keys]
@@ -160,16 +156,17 @@ def _as_logged(spec: recipe.Recipe, campaign: Campaign) -> Campaign:
             " CSV, with numbers",
             hint="plan and simulate by a recipe without it",
         )
-    decimals, logs = (
-        dict(campaign.decimals),
-        {file: dict(log) for file, log in campaign.logs.items()},
-    )
+    decimals, logs = dict(campaign.decimals), [dict(log) for log in campaign.logs.values()]
     for name, mapping in mapped.items():
         stated = units.unit_in_header(mapping.source)
         ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, stated)
         slope = abs(float(ends[1] - ends[0]))
         decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
-        for log in logs.values():
+        for log in logs:
             column = np.asarray(log.pop(name), dtype=np.float64)
             log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, stated)
-    return replace(campaign, logs=logs, decimals=decimals)
+    truth = {**campaign.truth, "seed": seed, "plan": planned.document["sha256"]}
+    as_logged = Campaign(dict(zip(campaign.logs, logs, strict=True)), decimals, truth)
+    files = as_logged.files()
+    new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
+    return sorted(files)

@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.constants import STANDARD_GRAVITY_MPS2
-from calibkit.errors import RecipeError, did_you_mean
+from calibkit.errors import RecipeError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
@@ -280,6 +280,9 @@ _MADE_OF: dict[str, tuple[float, dict[str, int]]] = {
 }
 """Dimension → size of its base unit, and what it is made of, where that is not itself."""
 _POWER = re.compile(r"(.+?)\^?([1-9²³])")
+_LIMIT = re.compile(
+    r"\s*(?P<name>.+?)\s*<=\s*(?P<value>\+?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(?P<unit>.*?)\s*"
+)
 
 
 def _take_apart(spelling: str) -> tuple[float, dict[str, int]]:
@@ -321,6 +324,19 @@ def difference_factor(source: str, target: str) -> float:
     raise RecipeError(
         f"'{source}' is not of the kind of '{target}'", hint=f"state it in {_alike(target)}"
     )
+
+
+def parse_limit(text: str, option: str) -> tuple[str, float, str]:
+    """Name, value and unit (empty where none is stated) of a text `name<=value unit`, the value
+    above 0; UsageError, which names the option of the command, for another text.
+    """
+    match = _LIMIT.fullmatch(text)
+    value = float(match["value"]) if match else 0.0
+    if match is None or not 0.0 < value < math.inf:
+        raise UsageError(
+            f"{option} '{text}' is no limit", hint="write name<=value unit, as 'drift<=0.1 deg/h'"
+        )
+    return match["name"], value, ALIASES.get(match["unit"], match["unit"])
 
 
 def _alike(target: str) -> str:

@@ -986,6 +986,4 @@ def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
     assert found.determines
     assert found.predicted == ()
     with pytest.raises(FitError, match=r"do not determine the scale factor .* of both signs"):
-        plans.plan(
-            recipe.find("gyro_pair", ()), plans.Request(have=tmp_path), tmp_path / "p", dry_run=True
-        )
+        plans.plan(recipe.find("gyro_pair", ()), tmp_path / "p", have=tmp_path, dry_run=True)

@@ -1,7 +1,6 @@
 """Plans of static instruments, inclinometers, pairs of gyros and records of noise."""
 
 import json
-from dataclasses import replace
 
 import pytest
 
@@ -31,7 +30,7 @@ def planned(request, tmp_path_factory):
     source = recipe.find(
         request.param, load_benchmark("planned_campaigns").ORDERS.get(request.param, ())
     )
-    plans.plan(source, plans.Request(wishes=(WISHES[request.param],)), out)
+    plans.plan(source, out, wishes=(WISHES[request.param],))
     return out
 
 
@@ -68,12 +67,10 @@ def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
     stated = json.loads((planned / "plan.json").read_text())
     found = plans.plan(
         recipe.find(str(planned / "recipe.toml")),
-        plans.Request(
-            wishes=(f"{stated['results'][0]['name']}<=1e3 {stated['results'][0]['unit']}",),
-            range_degc=tuple(stated["range_degc"]),
-            have=logs,
-        ),
         tmp_path / "plan",
+        wishes=(f"{stated['results'][0]['name']}<=1e3 {stated['results'][0]['unit']}",),
+        range_degc=tuple(stated["range_degc"]),
+        have=logs,
     )
     assert found.document["hours"] == 0.0
     again = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
@@ -82,15 +79,15 @@ def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
 
 def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_path):
     """One soak is measured: the others are planned, and both logs are fitted by the recipe."""
-    request = plans.Request(wishes=(WISHES["inclinometer"],))
+    request = {"wishes": (WISHES["inclinometer"],)}
     source = recipe.find("inclinometer", ("scale.order=2",))
-    plans.plan(source, request, tmp_path / "whole")
+    plans.plan(source, tmp_path / "whole", **request)
     logs = tmp_path / "logs"
     plans.simulate(tmp_path / "whole", logs, 7)
     rows = (logs / "stations.csv").read_text().splitlines()
     (logs / "stations.csv").write_text("\n".join(rows[:13]) + "\n")
     first = recipe.find(str(tmp_path / "whole" / "recipe.toml"))
-    plans.plan(first, replace(request, have=logs), tmp_path / "rest")
+    plans.plan(first, tmp_path / "rest", **{**request, "have": logs})
     plans.simulate(tmp_path / "rest", tmp_path / "added", 7)
     for path in (tmp_path / "added").glob("added_*.csv"):
         path.rename(logs / path.name)
@@ -130,14 +127,14 @@ def test_channels_of_another_unit_are_not_planned(tmp_path):
         "bias_temperature", ('polynomials.bias=[{indication="accel_x_g",order=2}]',)
     )
     with pytest.raises(UsageError, match="channels in deg/h"):
-        plans.plan(other, plans.Request(), tmp_path / "plan")
+        plans.plan(other, tmp_path / "plan")
 
 
 def test_unknown_attitudes_are_planned_at_one_temperature_alone(tmp_path):
     """Over temperature a hand cannot hold them."""
     over = recipe.find("accelerometer_magnitude", ("affine.enabled=true",))
     with pytest.raises(UsageError, match="one temperature"):
-        plans.plan(over, plans.Request(), tmp_path / "plan")
+        plans.plan(over, tmp_path / "plan")
 
 
 def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
@@ -145,20 +142,20 @@ def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
     source = recipe.find("gyro_noise")
     for hours, number in ((2.5, 1), (60.0, 0)):
         out = tmp_path / f"plan{number}"
-        notes = plans.plan(source, plans.Request(within_h=hours), out).document["notes"]
+        notes = plans.plan(source, out, within_h=hours).document["notes"]
         assert sum("bias instability of 0.03" in note for note in notes) == number
 
 
 @pytest.mark.parametrize("procedure", ["gyro_noise", "gyro_pair", "accelerometer_magnitude"])
 def test_a_range_asked_of_one_temperature_is_refused(procedure, tmp_path):
     """It would be left out of account silently."""
-    request = plans.Request(range_degc=(0.0, 50.0))
+    request = {"range_degc": (0.0, 50.0)}
     with pytest.raises(UsageError, match="at one temperature"):
-        plans.plan(recipe.find(procedure), request, tmp_path / "plan")
+        plans.plan(recipe.find(procedure), tmp_path / "plan", **request)
 
 
 def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
     """A hand has other positions than six faces."""
-    request = plans.Request(attitudes="faces")
+    request = {"attitudes": "faces"}
     with pytest.raises(UsageError, match="those of a hand"):
-        plans.plan(recipe.find("accelerometer_magnitude"), request, tmp_path / "plan")
+        plans.plan(recipe.find("accelerometer_magnitude"), tmp_path / "plan", **request)

@@ -80,13 +80,13 @@ def bench(tmp_path_factory):
 def planned(tmp_path_factory, bench):
     """Folder of a small plan."""
     out = tmp_path_factory.mktemp("planned") / "plan"
-    request = plans.Request(
-        wishes=("inclination<=0.012 deg",),
-        range_degc=(-20.0, 60.0),
-        attitudes="cube",
-        equipment=bench,
-    )
-    plans.plan(recipe.find("accelerometer", LOW_ORDERS), request, out)
+    request = {
+        "wishes": ("inclination<=0.012 deg",),
+        "range_degc": (-20.0, 60.0),
+        "attitudes": "cube",
+        "equipment": bench,
+    }
+    plans.plan(recipe.find("accelerometer", LOW_ORDERS), out, **request)
     return out
 
 
@@ -188,7 +188,7 @@ def test_work_of_a_person_waits_for_the_morning():
     """Remounting after the end of a working day begins with the next one."""
     clock = Clock(equipment.read_equipment(None))
     clock.ramp(-40.0, 3.0)
-    clock.soak(10.0 * 3600.0)
+    clock.add("soak", 10.0 * 3600.0)
     clock.remount(3.0)
     found = clock.schedule()
     assert [one.action for one in found.actions] == ["ramp", "soak", "ramp", "wait", "remount"]
@@ -356,7 +356,7 @@ def test_a_wish_that_cannot_be_met_exits_1_with_what_can(tmp_path):
 def test_what_cannot_be_planned_is_refused_in_one_line(procedure, options, expected, tmp_path):
     """Before anything is searched."""
     with pytest.raises(UsageError) as refused:
-        plans.plan(recipe.find(procedure), plans.Request(**options), tmp_path / "plan")
+        plans.plan(recipe.find(procedure), tmp_path / "plan", **options)
     assert expected in refused.value.message
     assert "\n" not in refused.value.message
     assert not (tmp_path / "plan").exists()
@@ -370,9 +370,9 @@ def test_a_chamber_that_makes_one_rate_of_ramps_is_refused(tmp_path):
     path.write_text(
         text.replace("fastest_degc_per_min = 10.0  # f", "fastest_degc_per_min = 1.0 # f"), "utf-8"
     )
-    asked = plans.Request(equipment=path)
+    asked = {"equipment": path}
     with pytest.raises(UsageError, match="leaves one of the rates"):
-        plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "plan")
+        plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", **asked)
 
 
 def test_every_planner_has_its_device_on_the_sample_bench():
@@ -397,10 +397,12 @@ def test_predicted_uncertainty_is_the_scatter_of_campaigns(planned):
 def planned_runs(tmp_path_factory, bench):
     """Folder of a plan of a rate table."""
     out = tmp_path_factory.mktemp("planned") / "plan"
-    request = plans.Request(
-        wishes=("scale factor<=1.5 ppm",), range_degc=(-40.0, 60.0), equipment=bench
-    )
-    plans.plan(recipe.find("rate_table"), request, out)
+    request = {
+        "wishes": ("scale factor<=1.5 ppm",),
+        "range_degc": (-40.0, 60.0),
+        "equipment": bench,
+    }
+    plans.plan(recipe.find("rate_table"), out, **request)
     return out
 
 
@@ -450,15 +452,15 @@ def test_what_is_measured_counts_and_the_cheapest_addition_is_planned(planned, b
     plans.simulate(planned, logs, 3)
     lines = (logs / "positions.csv").read_text().splitlines()
     (logs / "positions.csv").write_text("\n".join(lines[: 1 + 2 * (len(lines) // 4)]) + "\n")
-    request = plans.Request(
-        wishes=("inclination<=0.012 deg",),
-        range_degc=(-20.0, 60.0),
-        attitudes="cube",
-        equipment=bench,
-        have=logs,
-    )
+    request = {
+        "wishes": ("inclination<=0.012 deg",),
+        "range_degc": (-20.0, 60.0),
+        "attitudes": "cube",
+        "equipment": bench,
+        "have": logs,
+    }
     source = recipe.find("accelerometer", LOW_ORDERS)
-    found = plans.plan(source, request, tmp_path / "plan").proposal
+    found = plans.plan(source, tmp_path / "plan", **request).proposal
     whole = document.load_plan(planned)
     assert found.campaign.hours < 0.75 * whole.schedule.hours
     assert found.results[0].expanded <= 0.012
@@ -469,15 +471,15 @@ def test_a_recipe_of_a_plan_states_the_errors_that_the_fit_has(bench, tmp_path):
     where that is a parameter.
     """
     source = recipe.find("accelerometer", (*LOW_ORDERS, "affine.second_order=true"))
-    request = plans.Request(range_degc=(-20.0, 60.0), attitudes="cube", equipment=bench)
-    plans.plan(source, replace(request, within_h=9.0), tmp_path / "plan")
+    request = {"range_degc": (-20.0, 60.0), "attitudes": "cube", "equipment": bench}
+    plans.plan(source, tmp_path / "plan", **{**request, "within_h": 9.0})
     plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
     whole = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
     assert inspection.check(whole, tmp_path / "logs").judgement.exit_code == 0
-    loose = replace(request, wishes=("component<=1 g",), have=tmp_path / "logs")
-    plans.plan(source, loose, tmp_path / "same")
-    tight = replace(request, wishes=("component<=1e-9 g",), have=tmp_path / "logs")
-    plans.plan(source, tight, tmp_path / "more")
+    loose = {**request, "wishes": ("component<=1 g",), "have": tmp_path / "logs"}
+    plans.plan(source, tmp_path / "same", **loose)
+    tight = {**request, "wishes": ("component<=1e-9 g",), "have": tmp_path / "logs"}
+    plans.plan(source, tmp_path / "more", **tight)
 
     def stated(folder):
         spec = instruments.parse_recipe(recipe.find(str(tmp_path / folder / "recipe.toml")))
@@ -511,7 +513,7 @@ def test_check_holds_logs_against_the_schedule_beside_the_recipe(planned, tmp_pa
 def planned_ramps(tmp_path_factory):
     """Folder of a plan of ramps."""
     out = tmp_path_factory.mktemp("planned") / "plan"
-    plans.plan(recipe.find("fog_thermal"), plans.Request(within_h=7.0), out)
+    plans.plan(recipe.find("fog_thermal"), out, within_h=7.0)
     return out
 
 
@@ -565,7 +567,7 @@ def test_ramps_are_held_against_the_schedule(planned_ramps, tmp_path):
 def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
     """Each axis is a mounting in working hours; what the fit states is what was predicted."""
     folder = tmp_path / "plan"
-    plans.plan(recipe.find("gyro_triad"), plans.Request(wishes=("angle<=0.002 deg",)), folder)
+    plans.plan(recipe.find("gyro_triad"), folder, wishes=("angle<=0.002 deg",))
     plan = document.load_plan(folder)
     mountings = [one.start_s / 3600.0 for one in plan.schedule.actions if one.action == "remount"]
     assert len(mountings) == 2
@@ -590,8 +592,8 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
 
 def test_a_dividing_head_is_remounted(bench, tmp_path):
     """In one mounting gravity never leaves a plane; what rounding leaves does not count."""
-    request = plans.Request(range_degc=(-20.0, 60.0), attitudes="dividing-head", equipment=bench)
-    found = plans.plan(recipe.find("accelerometer", LOW_ORDERS), request, tmp_path / "plan")
+    request = {"range_degc": (-20.0, 60.0), "attitudes": "dividing-head", "equipment": bench}
+    found = plans.plan(recipe.find("accelerometer", LOW_ORDERS), tmp_path / "plan", **request)
     assert "remount" in {one.action for one in found.proposal.campaign.schedule.actions}
 
 
@@ -621,9 +623,9 @@ def earlier(tmp_path_factory):
 
 def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earlier, tmp_path):
     """The simulated gyro has 0.6 °/h over 1 s, turn-on biases of 0.02 °/h, a drift of 0.4 °/h."""
-    asked = plans.Request(within_h=8.0, earlier="FOG-0001", runs=earlier)
-    found = plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "plan").proposal
-    size = {one.effect: one.value for one in found.assumed.components}
+    asked = {"within_h": 8.0, "earlier": "FOG-0001", "runs": earlier}
+    found = plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", **asked).proposal
+    size = {one.effect: one.value for one in found.assumed.errors.values()}
     assert found.assumed.noise == pytest.approx(0.6, rel=0.05)
     assert size["drift"] == pytest.approx(0.4, rel=0.1)
     assert size["turn-on"] == pytest.approx(0.02, rel=0.6)
@@ -632,31 +634,31 @@ def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earl
 
 def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path):
     """Held rates are 0.4 °/h off the line; errors that were not seen are as on the bench."""
-    asked = plans.Request(earlier="GYRO-0001", runs=earlier)
-    found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
-    size = {one.effect: one.value for one in found.assumed.components}
+    asked = {"earlier": "GYRO-0001", "runs": earlier}
+    found = plans.plan(recipe.find("rate_table"), tmp_path / "plan", **asked).proposal
+    size = {one.effect: one.value for one in found.assumed.errors.values()}
     assert size["response"] == pytest.approx(0.4, rel=0.3)
     assert size["scale"] == 0.3
     with pytest.raises(UsageError, match="that run has no"):
-        plans.plan(recipe.find("fog_thermal"), asked, tmp_path / "other")
+        plans.plan(recipe.find("fog_thermal"), tmp_path / "other", **asked)
 
 
 def test_ramps_that_are_measured_count(tmp_path):
     """Three of the eight sample ramps need less than no ramp at all, all eight nothing."""
     source, wish = recipe.find("fog_thermal"), ("drift<=0.03 deg/h",)
-    whole = plans.plan(source, plans.Request(wishes=wish), tmp_path / "whole").proposal
+    whole = plans.plan(source, tmp_path / "whole", wishes=wish).proposal
     names = [f"ramp_{way}.csv" for way in ("heating_10", "cooling_10", "heating_05")]
     logs = copy_logs(names, "fog_thermal", tmp_path / "logs")
-    asked = plans.Request(wishes=wish, have=logs)
-    found = plans.plan(source, asked, tmp_path / "plan").proposal
+    asked = {"wishes": wish, "have": logs}
+    found = plans.plan(source, tmp_path / "plan", **asked).proposal
     assert found.results[0].expanded <= 0.03
     assert 0.0 < found.campaign.hours < 0.8 * whole.campaign.hours
     made = {one.log for one in found.campaign.schedule.actions if one.log}
     assert all(Path(name).name.startswith("added_ramp_") for name in made)
     spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
     assert spec.logs.files == ("*.csv", "added_ramp_*.csv")
-    every = plans.Request(wishes=wish, have=ROOT / "datasets" / "fog_thermal")
-    enough = plans.plan(source, every, tmp_path / "enough")
+    every = {"wishes": wish, "have": ROOT / "datasets" / "fog_thermal"}
+    enough = plans.plan(source, tmp_path / "enough", **every)
     assert enough.proposal.campaign.hours == 0.0
     # the sample logs have withheld ramps, the three have none and one is planned
     assert plans.UNJUDGED not in (*enough.proposal.notes, *found.notes)
@@ -665,8 +667,8 @@ def test_ramps_that_are_measured_count(tmp_path):
         "fog_thermal",
         tmp_path / "unseen",
     )
-    asked = plans.Request(wishes=wish, have=unseen)
-    assert plans.UNJUDGED in plans.plan(source, asked, tmp_path / "last").proposal.notes
+    asked = {"wishes": wish, "have": unseen}
+    assert plans.UNJUDGED in plans.plan(source, tmp_path / "last", **asked).proposal.notes
     Draft202012Validator(SCHEMA).validate(json.loads((tmp_path / "enough/plan.json").read_text()))
     with pytest.raises(UsageError, match="no actions"):
         plans.simulate(tmp_path / "enough", tmp_path / "simulated", 1)
@@ -676,8 +678,8 @@ def test_a_plan_of_runs_adds_the_temperature_that_is_missing(tmp_path):
     """At −40, 0 and 25 °C runs are measured, at 60 °C none."""
     names = ["at_-40.csv", "at_0.csv", "room_1.csv"]
     logs = copy_logs(names, "rate_table", tmp_path / "logs")
-    asked = plans.Request(have=logs)
-    found = plans.plan(recipe.find("rate_table"), asked, tmp_path / "plan").proposal
+    asked = {"have": logs}
+    found = plans.plan(recipe.find("rate_table"), tmp_path / "plan", **asked).proposal
     fitted = [one for one in found.campaign.schedule.recorded("rate") if "withheld" not in one.log]
     assert {one.set_degc for one in fitted} == {60.0}
 
@@ -687,8 +689,8 @@ def test_a_triad_is_completed_about_each_axis(tmp_path):
     names = [f"about_x_{degc}.csv" for degc in (-40, 0, 25, 60)]
     names += [f"about_y_{degc}.csv" for degc in (-40, 0, 25)]
     logs = copy_logs(names, "gyro_triad", tmp_path / "logs")
-    asked = plans.Request(wishes=("angle<=0.004 deg",), have=logs)
-    found = plans.plan(recipe.find("gyro_triad"), asked, tmp_path / "plan").proposal
+    asked = {"wishes": ("angle<=0.004 deg",), "have": logs}
+    found = plans.plan(recipe.find("gyro_triad"), tmp_path / "plan", **asked).proposal
     held = {one.log: one.set_degc for one in found.campaign.schedule.recorded("rate")}
     fitted = {log: degc for log, degc in held.items() if "withheld" not in log}
     about = {axis: {d for log, d in fitted.items() if f"_{axis}_" in log} for axis in "xyz"}
@@ -708,7 +710,7 @@ def test_hours_that_are_too_few_are_not_met(tmp_path):
 
 def test_the_shortest_plan_of_ramps_is_fitted(tmp_path):
     """Two ramps are no campaign, whatever they tell: each direction has one to leave out."""
-    plans.plan(recipe.find("fog_thermal"), plans.Request(), tmp_path / "plan")
+    plans.plan(recipe.find("fog_thermal"), tmp_path / "plan")
     plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
     source = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
     judged = inspection.check(source, tmp_path / "logs").judgement
@@ -717,7 +719,7 @@ def test_the_shortest_plan_of_ramps_is_fitted(tmp_path):
     two = copy_logs(["ramp_heating_10.csv", "ramp_cooling_10.csv"], "fog_thermal", tmp_path / "two")
     lacks = inspection.check(recipe.find("fog_thermal"), two).judgement.lacks
     assert "--have" in lacks[-1]
-    added = plans.plan(recipe.find("fog_thermal"), plans.Request(have=two), tmp_path / "added")
+    added = plans.plan(recipe.find("fog_thermal"), tmp_path / "added", have=two)
     assert added.proposal.campaign.hours > 0.0
 
 
@@ -745,6 +747,15 @@ def test_check_judges_a_campaign_as_a_plan_does(planned, tmp_path):
     assert any("wanted at most 0.001" in lack and "--have" in lack for lack in lacks)
 
 
+@pytest.mark.parametrize("procedure", ["accelerometer", "inclinometer"])
+def test_dwells_of_a_plan_of_0_2_have_the_noise_that_it_states(procedure):
+    """Of the mean over a dwell, whatever its length."""
+    plan = document.load_plan(ROOT / "tests" / "golden" / "0.2" / procedure / "plan")
+    settings, dwell = plan.document["settings"], plan.schedule.recorded("dwell")[0]
+    stated = settings.get("noise_g", settings.get("noise_dph"))
+    assert plan.assumed.noise_of(dwell.duration_s) == pytest.approx(stated)
+
+
 @pytest.mark.parametrize("procedure", ["accelerometer", "fog_thermal", "rate_table", "gyro_triad"])
 def test_check_predicts_what_each_planned_procedure_determines(procedure):
     """Over the temperatures of the sample logs."""
@@ -761,7 +772,7 @@ def test_simulated_logs_have_the_columns_that_the_recipe_maps(bench, tmp_path):
         '[columns.table_rate_dps]\nfrom = "rate (deg/h)"\nsign = -1\n'
         '[columns.temp_case_degc]\nfrom = "T"\nunit = "K"\n'
     )
-    plans.plan(recipe.find(str(path)), plans.Request(equipment=bench), tmp_path / "plan")
+    plans.plan(recipe.find(str(path)), tmp_path / "plan", equipment=bench)
     logs = tmp_path / "logs"
     plans.simulate(tmp_path / "plan", logs, 3)
     beside = document.beside(tmp_path / "plan" / "recipe.toml")
@@ -770,7 +781,7 @@ def test_simulated_logs_have_the_columns_that_the_recipe_maps(bench, tmp_path):
     assert not any(report.refused for report in found.logs)
     assert not any("rate" in lack for lack in found.judgement.lacks)
     binary = recipe.find(str(path), ("logs.rate_hz=1",))
-    plans.plan(binary, plans.Request(equipment=bench), tmp_path / "other")
+    plans.plan(binary, tmp_path / "other", equipment=bench)
     with pytest.raises(UsageError, match=r"\[logs\] rate_hz"):
         plans.simulate(tmp_path / "other", tmp_path / "none", 3)
 

@@ -146,7 +146,7 @@ class Bench(search.Bench):
     def design(self, rounds):
         """A number of rounds, from every stop to every other."""
         clock = schedule.Clock(self.task.equipment)
-        clock.soak(600.0 * rounds, "turns.csv")
+        clock.add("soak", 600.0 * rounds, "turns.csv")
         stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * rounds)
         angle = 60.0 * (stop[:, 1] - stop[:, 0])
         rows = Turns(angle, angle, stop)

@@ -92,9 +92,20 @@ def plan(
     from calibkit import plans
     from calibkit.recipe import find
 
-    request = plans.Request(wishes, within, range_degc, equipment, attitudes, earlier, runs, have)
     with working("planning"):
-        found = plans.plan(find(recipe, overrides), request, out, dry_run=dry_run)
+        found = plans.plan(
+            find(recipe, overrides),
+            out,
+            wishes=wishes,
+            within_h=within,
+            range_degc=range_degc,
+            equipment=equipment,
+            attitudes=attitudes,
+            earlier=earlier,
+            runs=runs,
+            have=have,
+            dry_run=dry_run,
+        )
     if not as_json:
         print_screen(found.summary, (), below=len(found.files))
     print_result(found.document, found.files, as_json=as_json, dry_run=dry_run)

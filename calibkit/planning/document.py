@@ -1,7 +1,6 @@
 """plan.json and the files beside it: written together, read back only as they were written."""
 
 import hashlib
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -39,43 +38,42 @@ class Plan:
         """What the plan assumes; UsageError for an error of a plan of calibkit 0.2 whose unit in a
         fit the sample bench does not tell.
         """
-        set_degc = [
-            action.set_degc for action in self.schedule.actions if math.isfinite(action.set_degc)
-        ]
+        document, schedule = self.document, self.schedule
+        set_degc = [action.set_degc for action in schedule.actions]
         range_degc = self.range_degc or (min(set_degc), max(set_degc))
-        components = tuple(map(ErrorComponent.model_validate, self.document["components"]))
-        noise = self.document["noise"]
-        if "device" in self.document:
-            device = Device.model_validate(self.document["device"])
-            return Assumed(device, noise["value"], range_degc, components, ())
-        # settings of calibkit 0.2 stated the noise over one time, and a lag
-        settings = self.document["settings"]
-        value, over_s = noise["value"], 1.0
-        if "noise_1s" in settings:
-            value = settings["noise_1s"]
-        elif "noise_dph" in settings:
-            value = settings["noise_dph"]
-            over_s = self.schedule.recorded("dwell")[0].duration_s
-        elif "terms" in settings:
-            value, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
-        device = Device(
-            lags_s=(settings.get("lag_s", 1.0),),
-            fastest_degc_per_min=1.0,
-            noise=value,
-            noise_unit=noise["unit"],
-            noise_s=over_s,
-        )
-        bench = read_equipment(None).device.values()
-        units = {
-            (error.group, error.effect): error.unit for known in bench for error in known.component
-        }
-        for error in components:
-            if units.get((error.group, error.effect)) != error.unit:
-                raise UsageError(
-                    f"the plan states {name_source(error)} in {error.unit}: calibkit 0.2 wrote it",
-                    hint="plan again to simulate it",
-                )
-        return Assumed(device, value, range_degc, components, ())
+        noise, unit = document["noise"]["value"], document["noise"]["unit"]
+        errors = [ErrorComponent.model_validate(stated) for stated in document["components"]]
+        if "device" in document:
+            device = Device.model_validate(document["device"])
+        else:
+            # calibkit 0.2 stated the noise over a time of its settings, and a lag
+            settings, over_s = document["settings"], 1.0
+            if "noise_1s" in settings:
+                noise = settings["noise_1s"]
+            elif "terms" in settings:
+                noise, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
+            else:
+                of_dwell = settings.get("noise_g", settings.get("noise_dph"))
+                if of_dwell is not None:
+                    noise, over_s = of_dwell, schedule.recorded("dwell")[0].duration_s
+            device = Device(
+                lags_s=(settings.get("lag_s", 1.0),),
+                fastest_degc_per_min=1.0,
+                noise=noise,
+                noise_unit=unit,
+                noise_s=over_s,
+            )
+            bench = read_equipment(None).device.values()
+            known = {(e.group, e.effect, e.unit) for device in bench for e in device.component}
+            for error in errors:
+                if (error.group, error.effect, error.unit) not in known:
+                    raise UsageError(
+                        f"the plan states {name_source(error)} in {error.unit}: calibkit 0.2 wrote"
+                        " it",
+                        hint="plan again to simulate it",
+                    )
+        by_name = {(error.group, error.effect): error for error in errors}
+        return Assumed(device, noise, range_degc, by_name, ())
 
     @property
     def range_degc(self) -> tuple[float, float] | None:
@@ -153,7 +151,7 @@ def plan_document(
             "coefficients": [asdict(coefficient) for coefficient in proposal.coefficients],
             "device": assumed.device.model_dump(mode="json", exclude={"component"}),
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
-            "components": [error.model_dump(mode="json") for error in assumed.components],
+            "components": [error.model_dump(mode="json") for error in assumed.errors.values()],
             "third_more": None if more is None else _campaign(more),
             "curve": [_campaign(campaign) for campaign in proposal.curve],
             "notes": list(proposal.notes),

@@ -142,7 +142,7 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
                 ["error", size, "unit", dof],
                 [
                     ("noise", assumed.noise, assumed.device.noise_unit, None),
-                    *((name_source(e), e.value, e.unit, e.dof) for e in assumed.components),
+                    *((name_source(e), e.value, e.unit, e.dof) for e in assumed.errors.values()),
                 ],
             ),
             element("ul", join_markup([element("li", note) for note in proposal.notes])),

@@ -3,8 +3,8 @@
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, fields
-from math import copysign, isnan
+from dataclasses import asdict, dataclass, fields
+from math import copysign
 from typing import Any, Literal
 
 from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
@@ -72,17 +72,12 @@ class Schedule:
 
     def to_csv(self) -> bytes:
         """One action per row; an empty field where a quantity has no part in it."""
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow([field.name for field in fields(Action)])
-        for action in self.actions:
-            writer.writerow(
-                [
-                    value if isinstance(value, str) else "" if isnan(value) else f"{value:.10g}"
-                    for value in astuple(action)
-                ]
-            )
-        return buffer.getvalue().encode()
+        from pandas import DataFrame  # a slow import
+
+        rows = DataFrame(
+            map(asdict, self.actions), columns=[field.name for field in fields(Action)]
+        )
+        return rows.to_csv(index=False, float_format="%.10g", lineterminator="\n").encode()
 
 
 def read_schedule(text: str, name: str) -> Schedule:
@@ -165,11 +160,7 @@ class Clock:
         """
         rate, change = self.equipment.fastest(device), degc - self.degc
         self.ramp(float(degc), rate, log)
-        self.soak(max(self.equipment.soak_s(device, change, rate), shortest_s), log)
-
-    def soak(self, duration_s: float, log: str = "") -> None:
-        """Hold the temperature."""
-        self.add("soak", duration_s, log)
+        self.add("soak", max(self.equipment.soak_s(device, change, rate), shortest_s), log)
 
     def dwell(self, fixture: Fixture, spot: Sequence[float], duration_s: float, log: str) -> None:
         """Move to an attitude, with a person where the fixture needs one, and hold it: inclination

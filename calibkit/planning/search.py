@@ -33,6 +33,8 @@ WORTH = 0.99
 """Uncertainty, relative to that of the plan, below which more hours buy something."""
 WITHHELD = "withheld/"
 """Folder of the logs that a fit does not see."""
+NUMBERED = ("log", "run")
+"""Fields of rows that count from 0 in each of several parts."""
 NOISE = "noise"
 """Source of what is not shared."""
 
@@ -202,7 +204,7 @@ class Bench(ABC):
         sources = {source for result in campaign.results.values() for source in result.limits}
         return [
             error
-            for error in self.assumed.components
+            for error in self.assumed.errors.values()
             if error.group in groups and name_source(error) in sources
         ]
 
@@ -239,7 +241,7 @@ class TourBench(Bench):
 
     def temperatures(self, rows: Any) -> Iterable[Array]:  # noqa: ANN401 (as of `rows`)
         """Temperatures [°C] of rows, or of several parts of which each has to span the range."""
-        return [rows.degc]
+        return [rows.temperature]
 
     def tours(self) -> list[Tour]:
         """Temperatures of campaigns, beside what is measured also of those that it lacks."""
@@ -340,15 +342,15 @@ def choose(
 
 
 def join(parts: Iterable[Any]) -> Any:  # noqa: ANN401 (rows of an instrument)
-    """Rows, arrays by name, one after the other; numbers of levels go on from those before. Parts
-    that are None are none, and None is what there is without any.
+    """Rows, arrays by name, one after the other; numbers of logs and runs go on from those before.
+    Parts that are None are none, and None is what there is without any.
     """
     first, *others = [part for part in parts if part is not None] or [None]
     for other in others:
         arrays = {}
         for name in (part.name for part in fields(first)):
             a, b = getattr(first, name), getattr(other, name)
-            if isinstance(b, np.ndarray) and np.issubdtype(b.dtype, np.integer):
+            if name in NUMBERED:
                 b = b + a.max(initial=-1) + 1
             arrays[name] = np.concatenate([a, b]) if isinstance(b, np.ndarray) else a + b
         first = replace(first, **arrays)

@@ -2,7 +2,6 @@
 rows share, range of use.
 """
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,8 +23,6 @@ ADDED = "added_"
 """Names of logs that are added to a campaign begin with this."""
 EARLIER_DOF = 20.0
 """Degrees of freedom of what an earlier run found."""
-_NUMBER = r"\+?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
-_WISH = re.compile(rf"^\s*(?P<name>.+?)\s*<=\s*(?P<value>{_NUMBER})\s*(?P<unit>\S+)\s*$")
 
 Units: TypeAlias = "Mapping[tuple[str, str], str]"
 """(group, effect) → unit of its standard deviation in a fit."""
@@ -44,22 +41,16 @@ class Wish:
         """Wish of a text "NAME<=VALUE UNIT", in the unit in which the result is offered; UsageError
         for another text, name or unit.
         """
-        match = _WISH.match(text)
-        value = float(match["value"]) if match else 0.0
-        if match is None or not 0.0 < value < float("inf"):
-            fault = 'expected "NAME<=VALUE UNIT"'
-        elif match["name"] not in offered:
-            fault = f"no result '{match['name']}'"
-        else:
-            unit = offered[match["name"]]
-            asked = units_of.ALIASES.get(match["unit"], match["unit"])
+        name, value, asked = units_of.parse_limit(text, "--want")
+        unit, fault = offered.get(name, ""), f"no result '{name}'"
+        if unit:
             try:
                 factor = 1.0 if asked == unit else units_of.difference_factor(asked, unit)
-                return cls(match["name"], value * factor, unit)
+                return cls(name, value * factor, unit)
             except RecipeError:
-                fault = f"'{asked}' is no unit of '{match['name']}'"
+                fault = f"'{asked}' is no unit of '{name}'"
         names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
-        raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}") from None
+        raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,8 +94,8 @@ class Assumed:
     noise: float
     """Of the mean over `device.noise_s`."""
     range_degc: tuple[float, float]
-    components: tuple[ErrorComponent, ...]
-    """In the units of a fit."""
+    errors: Mapping[tuple[str, str], ErrorComponent]
+    """(group, effect) → its size in the unit of a fit."""
     notes: tuple[str, ...]
 
     def noise_of(self, length_s: float) -> float:
@@ -113,8 +104,8 @@ class Assumed:
 
     def size(self, group: str, effect: str) -> float:
         """Standard deviation of an error in the unit of a fit; 0 where none is assumed."""
-        sizes = {(error.group, error.effect): error.value for error in self.components}
-        return sizes.get((group, effect), 0.0)
+        known = self.errors.get((group, effect))
+        return known.value if known else 0.0
 
     @property
     def middle_half(self) -> tuple[float, float]:
@@ -129,13 +120,12 @@ class Assumed:
 
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
-        stated = {(error.group, error.effect): error for error in self.components}
-        return [
-            replace(error, size=known.value, size_dof=known.dof, optional=False)
-            if (known := stated.get((error.group, error.effect)))
-            else error
-            for error in shared
-        ]
+        stated = list(shared)
+        for k, error in enumerate(stated):
+            known = self.errors.get((error.group, error.effect))
+            if known:
+                stated[k] = replace(error, size=known.value, size_dof=known.dof, optional=False)
+        return stated
 
 
 def assume(
@@ -197,7 +187,7 @@ def assume(
             )
         in_unit = {"value": error.value_in(units[name]), "unit": units[name]}
         components[name] = error.model_copy(update=in_unit)
-    return Assumed(device, noise or device.noise, (low, high), tuple(components.values()), notes)
+    return Assumed(device, noise or device.noise, (low, high), components, notes)
 
 
 def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | StageResult]:

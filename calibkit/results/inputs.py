@@ -132,14 +132,8 @@ def parse_limits(texts: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Result → largest change and its unit, of texts `name<=value unit`; UsageError."""
     stated: dict[str, tuple[float, str]] = {}
     for text in texts:
-        name, _, rest = text.partition("<=")
-        parts = _VALUE.fullmatch(rest)
-        if parts is None or not float(parts[1]) > 0.0 or not math.isfinite(float(parts[1])):
-            raise UsageError(
-                f"--limit '{text}' is no limit",
-                hint="write name<=value unit, as 'drift<=0.1 deg/h'",
-            )
-        if name.strip() in stated:
-            raise UsageError(f"--limit: two limits on {name.strip()}", hint="state one")
-        stated[name.strip()] = float(parts[1]), units.ALIASES.get(parts[2], parts[2])
+        name, value, unit = units.parse_limit(text, "--limit")
+        if name in stated:
+            raise UsageError(f"--limit: two limits on {name}", hint="state one")
+        stated[name] = value, unit
     return stated

@@ -149,26 +149,18 @@ class TriadBench(TourBench):
         angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
-    def temperatures(self, rows: DwellSet) -> list[Array]:
-        """Of all dwells."""
-        return [rows.temperature]
-
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """In powers of °C."""
-        fit, middle_half = self.fit(self.rows(design)), self.assumed.middle_half
+        """In powers of °C; without a K that is not fitted."""
+        middle_half = self.assumed.middle_half
         if self.k:
             to_raw = np.kron(np.eye(3), np.asarray(published.to_degrees(*middle_half), np.float64))
             numbers = list(zip(k_factor.NAMES, forms.K_UNITS, strict=True))
             labels = [(model, *number) for model in forms.K_MODELS for number in numbers]
-            fitted = [number in part.fitted for part in self.k for number in range(10)]
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             labels = [("triad", term.name, term.unit) for term in self.terms.listed]
-            fitted = [True] * len(labels)
-        u = fit.of(lambda p: to_raw @ p).u.tolist()
-        for label, size, is_fitted in zip(labels, u, fitted, strict=True):
-            if is_fitted:
-                yield Coefficient(*label, size)
+        u = self.fit(self.rows(design)).of(lambda p: to_raw @ p).u.tolist()
+        return (Coefficient(*label, size) for label, size in zip(labels, u, strict=True) if size)
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
@@ -341,7 +333,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     mountings = 3 if task.attitudes == HEAD and not lengths else 1
     spots, mounting = list_spots(fixture, mountings)
     # dwells need not have the errors that are assumed, as those that earlier runs had
-    errors = {"component": assumed.components, "source": "history", "groups": "auto"}
+    errors = {"component": tuple(assumed.errors.values()), "source": "history", "groups": "auto"}
     stated, terms = spec.errors.model_copy(update=errors), asked_terms(spec)
     orders = [terms.order]
     if spec.k.enabled:
@@ -419,7 +411,7 @@ def simulate_plan(
         "temp_case_degc": degc,
         "inclination_deg": dwells.inclination,
         "toolface_deg": dwells.toolface,
-        **_by_axis(sign * indication),
+        **dict(zip(forms.COMPONENTS, sign * indication.T, strict=True)),
     }
     log_of = np.array([dwell.log for dwell in actions])
     logs = {
@@ -461,13 +453,6 @@ def simulate_dwells(
     return indication, case + rng.normal(0.0, THERMOMETER_DEGC, case.size), drawn
 
 
-def _by_axis(indication: Array) -> dict[str, Array]:
-    """Columns of indications [n, 3]."""
-    return {
-        f"accel_{axis}_g": column for axis, column in zip(simulated.AXES, indication.T, strict=True)
-    }
-
-
 def _simulate_lengths(
     spec: AccelerometerRecipe,
     schedule: Schedule,
@@ -490,7 +475,8 @@ def _simulate_lengths(
         indication = (1.0 + k) * (along + second * along**2) + b + zero
         indication += rng.normal(0.0, noise, indication.shape)
         time_s = simulate_magnitude.INTERVAL_S * np.arange(float(len(indication)))
-        logs[name] = {"time_s": time_s, **_by_axis(sign * indication)}
+        by_axis = zip(forms.COMPONENTS, sign * indication.T, strict=True)
+        logs[name] = {"time_s": time_s, **dict(by_axis)}
     # with M the inverse of the axes: k_i0 = M_ii/(1 + k_i), z_i0 = b_i k_i0, c_ij = -M_ij/M_jj
     M = np.linalg.inv(axes)
     scale, cross = np.diag(M) / (1.0 + k), -M / np.diag(M)

@@ -46,7 +46,8 @@ REACHED_DEGC, THERMOMETER_DEGC = 0.1, 0.01
 class Means:
     """Means [n] over spans of logs."""
 
-    degc: Array
+    temperature: Array
+    """[°C]."""
     log: Integers
     noise: Array
 
@@ -61,7 +62,7 @@ class BiasBench(TourBench):
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
         every = np.ones(rows.log.size)
         turn_on = blocks.turn_on_bias(self.assumed.device.noise_unit, rows.log, every)
-        powers, shared = self.powers(rows.degc), self.assumed.state([turn_on])
+        powers, shared = self.powers(rows.temperature), self.assumed.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)
 
@@ -104,10 +105,10 @@ class BiasBench(TourBench):
             if number == longest:
                 # the instrument stays on, and warms up when it is switched on anew
                 clock.settle(device, level, f"{WITHHELD}{stem}_way_to_{level}.csv")
-                clock.soak(device.warm_up_s)
+                clock.add("soak", device.warm_up_s)
             else:
                 clock.settle(device, level, shortest_s=device.warm_up_s)
-            clock.soak(dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
+            clock.add("soak", dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
         noise = np.full(len(levels), self.assumed.noise_of(dwell_s))
         means = Means(np.array(levels, dtype=np.float64), np.arange(len(levels)), noise)
         logs, places = count(len(levels), "log"), count(len({*levels}), "temperature")

@@ -238,9 +238,9 @@ class RampBench(Bench):
         for ramp, folder in recorded:
             sense = "heating" if ramp.rate > 0.0 else "cooling"
             log = folder + self.task.name_log(f"ramp_{sense}_{abs(ramp.rate):02g}.csv")
-            clock.soak(BEFORE_S, log)
+            clock.add("soak", BEFORE_S, log)
             clock.ramp(high if ramp.rate > 0.0 else low, abs(ramp.rate), log)
-            clock.soak(ramp.after_s, log)
+            clock.add("soak", ramp.after_s, log)
         rates = [f"±{rate}" for rate in heating]
         if tuple(heating) != tuple(cooling):
             rates = [*(f"+{rate}" for rate in heating), *(f"−{rate}" for rate in cooling)]
@@ -269,7 +269,7 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
     if not (assumed.size(*DRIFT) and assumed.size(*TURNED_ON)):
         raise UsageError(
             f"components of [device.{spec.procedure}]:"
-            f" {', '.join(f'{error.effect} of {error.group}' for error in assumed.components)}",
+            f" {', '.join(f'{effect} of {group}' for group, effect in assumed.errors)}",
             hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
         )
     rates = tuple(rate for rate in RATES if rate <= task.equipment.fastest(device))

@@ -77,7 +77,7 @@ class RecordBench(Bench):
         device, clock = self.assumed.device, Clock(self.task.equipment)
         clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
         log = self.task.name_log(f"{LOG}.csv")
-        clock.soak(length_s, log)
+        clock.add("soak", length_s, log)
         label = f"one log of {length_s / SECONDS_PER_HOUR:g} h"
         rows = round(length_s / INTERVAL_S), INTERVAL_S
         return Design(label, clock.schedule(), (log,), rows)

@@ -8,13 +8,13 @@ across its own, N the ratio of two scale factors.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import chain, combinations, product
 from typing import Any, ClassVar
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
@@ -76,36 +76,28 @@ DEG_PER_PPM = float(np.degrees(1.0 / PPM))
 
 
 @dataclass(frozen=True, slots=True)
-class Holds:
-    """Planned or measured holds [n] of several runs."""
+class Holds(equation.Rows):
+    """Planned or measured holds [n] of gyros whose scale factor is 1; a line is a table axis."""
 
-    axis: Array
-    """Table axis of each by name."""
-    rate_dps: Array
-    run: Integers
-    degc: Array
-    hours: Array
-    """From the middle of the run."""
     noise: Array
     """Of the mean over each hold [°/s]."""
 
 
-def planned_holds(schedule: Schedule, assumed: Assumed, find_axis: Callable[[str], str]) -> Holds:
-    """Holds of a schedule as the fit will see them: means over whole revolutions. The table axis of
-    a log is found by its name.
+def planned_holds(schedule: Schedule, assumed: Assumed, find_line: Callable[[str], int]) -> Holds:
+    """Holds of a schedule as the fit will see them: means over whole revolutions. The number of the
+    table axis of a log is found by its name.
     """
-    holds: list[tuple[Any, ...]] = []
-    logs = {
-        log: actions for log, actions in schedule.by_log().items() if not log.startswith(WITHHELD)
-    }
-    for run, (log, actions) in enumerate(logs.items()):
-        middle_s = (actions[0].start_s + actions[-1].end_s) / 2.0
+    holds: list[tuple[float, ...]] = []
+    logs = [log for log in schedule.by_log().items() if not log[0].startswith(WITHHELD)]
+    for run, (log, actions) in enumerate(logs):
+        middle_s, line = (actions[0].start_s + actions[-1].end_s) / 2.0, find_line(log)
         for hold in actions:
-            turn_s = REVOLUTION_DEG / abs(hold.table_rate_dps)
+            rate_dps = hold.table_rate_dps
+            turn_s = REVOLUTION_DEG / abs(rate_dps)
             used_s = np.floor((hold.duration_s - 1.0) / turn_s) * turn_s
             hours = (hold.start_s + hold.duration_s / 2.0 - middle_s) / SECONDS_PER_HOUR
             noise = assumed.noise_of(used_s)
-            holds.append((find_axis(log), hold.table_rate_dps, run, hold.set_degc, hours, noise))
+            holds.append((rate_dps, rate_dps, run, hold.set_degc, hours, line, line, noise))
     return Holds(*map(np.array, zip(*holds, strict=True)))
 
 
@@ -121,32 +113,34 @@ class GyroBench(TourBench):
     """Mountings, the first ones, in which a run is withheld, where nothing is yet."""
     table: RateTable
     reference_degc: float
+    measured: Mapping[str, Sequence[float]]
+    """Table axis → temperatures [°C] of the runs about it that are measured."""
 
     def lines(self, holds: Holds, degc: Array) -> tuple[Fit, Array, Array]:
-        """What holds will tell of gyros whose scale factor is 1, and the derivatives [axes, m, p]
-        by which scale factors [ppm] and zeros [°/h] follow at temperatures [m] [°C]: of the best
-        straight line about each axis.
+        """What holds will tell, and the derivatives [axes, m, p] by which scale factors [ppm] and
+        zeros [°/h] follow at temperatures [m] [°C]: of the best straight line about each axis.
         """
-        axis = np.array([self.axes.index(name) for name in holds.axis.tolist()])
-        rate, order = holds.rate_dps, self.order
-        rows = equation.Rows(rate, rate, holds.run, holds.degc, holds.hours, axis, axis)
+        rate, axes = holds.rate_dps, len(self.axes)
         shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rate)) > 0.0 else ()
-        terms = equation.Terms(len(self.axes), (order, order), self.assumed.middle_half, shapes)
-        every = np.ones(len(self.axes))
+        orders, middle_half = (self.order, self.order), self.assumed.middle_half
+        terms = equation.Terms(axes, orders, middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
         shared = [
             error
-            for error in equation.shared_errors(rows, terms, every, every)
+            for error in equation.shared_errors(holds, terms, np.ones(axes), np.ones(axes))
             if (error.group, error.effect) in UNITS
         ]
         fit = predict(
-            partial(equation.residual, rows=rows, terms=terms),
+            partial(equation.residual, rows=holds, terms=terms),
             terms.start,
             self.assumed.state(shared),
             noise=holds.noise,
             names=terms.names * terms.lines,
         )
-        powers, line = polynomial.powers(terms.mapped(degc), order), equation.best_line(terms, rate)
+        line, powers = (
+            equation.best_line(terms, rate),
+            polynomial.powers(terms.mapped(degc), self.order),
+        )
         scale, zero = derivative(
             lambda p: np.stack([part @ powers.T for part in line(p)]), terms.start
         )
@@ -167,15 +161,15 @@ class GyroBench(TourBench):
         """Variances [°²] of what gyros show about an axis across their own, by derivatives [m, p]
         of scale factors [ppm], beside the errors that matter along the own axis alone.
         """
-        along = {f"{effect} of the {group}" for group, effect in without}
         sources = split_variance(fit, DEG_PER_PPM * scale)
+        for group, effect in without:
+            sources.pop(f"{effect} of the {group}", None)
         mounted = np.full(len(scale), mountings * self.assumed.size(*MOUNTING) ** 2)
-        across = {name: part for name, part in sources.items() if name not in along}
-        return across | {"angle of the mounting": mounted}
+        return sources | {"angle of the mounting": mounted}
 
     def temperatures(self, rows: Holds) -> list[Array]:
         """Of the holds about each axis."""
-        return [rows.degc[rows.axis == axis] for axis in self.axes]
+        return [rows.row_degc[rows.line == line] for line in range(len(self.axes))]
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
         """K and F0 of each gyro at the reference temperature."""
@@ -208,34 +202,25 @@ class GyroBench(TourBench):
         tours = list_tours(self.order, span, some=beside, reference=self.reference_degc)
         return [degc for degc in ((), *tours) if self.by_axis(degc)]
 
-    @cached_property
-    def measured(self) -> dict[str, list[float]]:
-        """Table axis → temperatures [°C] of the runs about it that are measured."""
-        measured: dict[str, list[float]] = {axis: [] for axis in self.axes}
-        if self.have is not None:
-            for run in range(self.have.run.max() + 1):
-                rows = self.have.run == run
-                measured[self.have.axis[rows][0]].append(float(self.have.degc[rows].mean()))
-        return measured
-
     def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
         about this one, and those of a design.
         """
         tours, others = {}, sorted(chain(*self.measured.values()))
         for axis in self.axes:
-            there, lacking = [*self.measured[axis], *degc], list[int]()
+            there, lacking = [*self.measured.get(axis, ()), *degc], list[int]()
             for other in others:
                 if all(abs(other - known) > ONE_LEVEL_DEGC for known in (*there, *lacking)):
                     lacking.append(round(other))
-            tours[axis] = (*lacking, *degc)
-        return {axis: tour for axis, tour in tours.items() if tour}
+            if lacking or degc:
+                tours[axis] = (*lacking, *degc)
+        return tours
 
     def design(self, degc: Tour, choice: tuple[int, ...], dwell_s: float) -> Design:
         """Runs at temperatures in their order, about each axis: rates one way, then the other."""
         tours, clock = self.by_axis(degc), Clock(self.task.equipment)
         signed = [float(sign * rate) for sign in (1, -1) for rate in choice]
-        axis_of, files = dict[str, str](), dict[str, str]()
+        line_of, files = dict[str, int](), dict[str, str]()
         for number, (axis, tour) in enumerate(tours.items()):
             if number > 0:
                 clock.remount(self.task.equipment.fastest(self.assumed.device))
@@ -243,11 +228,11 @@ class GyroBench(TourBench):
             files[axis] = f"{stem}_*.csv"
             runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
             if not self.task.withheld and number < self.withheld:
-                known = sorted({*tour, *map(round, self.measured[axis])})
+                known = sorted({*tour, *map(round, self.measured.get(axis, ()))})
                 between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
                 runs.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
             for level, log in runs:
-                axis_of[log] = axis
+                line_of[log] = self.axes.index(axis)
                 clock.settle(self.assumed.device, level)
                 clock.now_s += START_S
                 for before, rate in zip((0.0, *signed), signed, strict=False):
@@ -262,7 +247,7 @@ class GyroBench(TourBench):
             f" {levels}{about if len(self.axes) > 1 else ''}, holds of {dwell_s:g} s"
         )
         schedule = clock.schedule()
-        rows = planned_holds(schedule, self.assumed, axis_of.__getitem__)
+        rows = planned_holds(schedule, self.assumed, line_of.__getitem__)
         return Design(label, schedule, tuple(files.values()), rows, self.changes(files))
 
     def changes(self, files: Mapping[str, str]) -> dict[str, Any]:  # noqa: ARG002 (as of more axes)
@@ -287,19 +272,20 @@ class TriadBench(GyroBench):
         return {SCALE: by_axis[worst], ANGLE: self.angle(fit, both, [RUN_SCALE], mountings=2)}
 
     def coefficients(self, design: Design) -> Iterator[Coefficient]:
-        """Angles between the gyros at the reference temperature, those of its runs alone."""
-        holds = self.rows(design)
+        """Angles between the gyros at the reference temperature, those of its runs alone, as each
+        set of runs at one temperature has angles of its own in a fit.
+        """
+        holds, at_reference = self.rows(design), np.array([self.reference_degc])
         near = np.zeros(holds.run.size, dtype=np.bool_)
-        for axis in self.axes:
-            of_axis = holds.axis == axis
-            off = np.where(of_axis, np.abs(holds.degc - self.reference_degc), np.inf)
-            nearest = holds.degc[np.argmin(off)]
-            near |= of_axis & (np.abs(holds.degc - nearest) <= ONE_LEVEL_DEGC)
-        parts = {field.name: getattr(holds, field.name)[near] for field in fields(holds)}
-        parts["run"] = np.unique(parts["run"], return_inverse=True)[1]
-        parts["degc"] = np.full(near.sum(), self.reference_degc)
-        at_one = replace(self, order=0)
-        lines = at_one.lines(Holds(**parts), np.array([self.reference_degc]))
+        for line in range(len(self.axes)):
+            of_axis = np.flatnonzero(holds.line == line)
+            degc = holds.row_degc[of_axis]
+            nearest = degc[np.argmin(np.abs(degc - at_reference))]
+            near[of_axis] = np.abs(degc - nearest) <= ONE_LEVEL_DEGC
+        chosen = {field.name: getattr(holds, field.name)[near] for field in fields(holds)}
+        chosen["run"] = np.unique(chosen["run"], return_inverse=True)[1]
+        chosen["row_degc"] = np.repeat(at_reference, near.sum())
+        lines = replace(self, order=0).lines(Holds(**chosen), at_reference)
         u = float(np.sqrt(total_variance(self.results_of(*lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
@@ -352,10 +338,10 @@ BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairB
 
 
 def prepare_plan(spec: Spec, task: Task) -> GyroBench:
-    """What the search needs: of an earlier run the shared errors that were seen, and the response
-    at a rate, with the noise of the holds in it.
+    """What the search needs.
 
-    Raises UsageError for equipment without a rate table, and for a run of no gyro on one.
+    Raises UsageError for equipment without a rate table, and for a run of no gyro on one; FitError
+    for measured logs that a fit refuses, or runs about an axis in one direction.
     """
     device, table = task.equipment.known_device(spec.procedure, "deg/s"), task.equipment.rate_table
     if table is None:
@@ -363,33 +349,62 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
             "a plan of gyros needs [rate_table] in the equipment file",
             hint="see calibkit plan --print-equipment",
         )
-    group, effect = RESPONSE
+    bench, pair = BENCHES[spec.procedure], isinstance(spec, GyroPairRecipe)
+
+    # Of an earlier run: errors that were seen, and as the response at a rate what held rates are
+    # off the line of their run, with the noise of the holds in it.
     records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
-    earlier = seen_errors(records)
+    earlier, (group, effect) = seen_errors(records), RESPONSE
     for record in records:
         off = [figure.value for figure in record.figures if figure.name.startswith(OFF_LINE)]
         value = rms(off) * DPH_PER_DPS
         earlier.append(
             ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
         )
-    pair = isinstance(spec, GyroPairRecipe)
     units, default_degc = (UNITS_OF_PAIRS, None) if pair else (UNITS, RANGE_DEGC)
     assumed = assume(spec, task, device, units, default_degc=default_degc, earlier=earlier)
-    have = measure_runs(spec, task, assumed)
-    reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
-    if pair and have is not None:
-        if len(task.have) > len({*have.axis.tolist()}):
+
+    # What is measured: the holds of each run, and the noise of the gyro that shows most of it.
+    runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
+    K = np.array([[abs(line.K) for line in run.scales] for _, run in runs]).max(axis=0, initial=0.0)
+    # a gyro that was never turned about its own axis is taken to be like the others
+    K = np.where(ACROSS * K.max(initial=0.0) < K, K, K.max(initial=0.0))
+    parts, measured = [], dict[str, list[float]]()
+    for axis, run in runs:
+        held = run.plateaus
+        if not np.isfinite(held.temp_degc).all():
             raise FitError(
-                f"{len(task.have)} logs, expected one of each table axis",
+                f"{run.log.file}: no case temperature, expected one to plan what is missing",
+                hint="map it under [columns.temp_case_degc], or plan without --have",
+            )
+        noise = np.sqrt(np.mean((held.standard_uncertainty / K) ** 2, axis=1))
+        # of a log of one row per hold no noise is known
+        known = np.isfinite(noise) & (noise > 0.0)
+        noise = np.where(known, noise, assumed.noise_of(min(device.dwell_s)))
+        rate, first = held.rate_dps, np.zeros(noise.size, dtype=np.int64)
+        line = first + bench.axes.index(axis)
+        parts.append(Holds(rate, rate, first, held.temp_degc, held.hours, line, line, noise))
+        measured.setdefault(axis, []).append(run.temp_degc)
+    have = join(parts)
+    for axis in measured:
+        rates = have.rate_dps[have.line == bench.axes.index(axis)]
+        if not equation.turns_both_ways(rates):
+            raise FitError(
+                f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
+                " scale factor and its errors, expected rates of both signs",
+                hint="measure this run again",
+            )
+    reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
+    if pair and runs:
+        if len(runs) > len(measured):
+            raise FitError(
+                f"{len(runs)} logs, expected one of each table axis",
                 hint="name the log of each axis under [pair]",
             )
-        by_run = np.bincount(have.run, have.degc) / np.bincount(have.run)
-        reference = float(by_run.mean())
+        reference = float(np.mean([*measured.values()]))
         assumed = replace(assumed, range_degc=(reference, reference))
-    bench = BENCHES[spec.procedure]
-    results = {name: UNIT[name] for name in bench.names}
-    order = 0 if pair else device.order
-    return bench(spec, task, assumed, results, have, order, table, reference)
+    results, order = {name: UNIT[name] for name in bench.names}, 0 if pair else device.order
+    return bench(spec, task, assumed, results, have, order, table, reference, measured)
 
 
 def scale_per_degc(spec: GyroPairRecipe) -> float:
@@ -398,43 +413,6 @@ def scale_per_degc(spec: GyroPairRecipe) -> float:
         return spec.pair.largest_temperature_coefficient_ppm_degc / PPM / float(np.sqrt(3.0))
     # each gyro is brought to the middle of both temperatures by its own coefficient
     return spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM / float(np.sqrt(2.0))
-
-
-def measure_runs(spec: Spec, task: Task, assumed: Assumed) -> Holds | None:
-    """Holds of measured runs, with their noise; None without any, FitError for a log that a fit
-    refuses, or runs about an axis in one direction.
-    """
-    if not task.have:
-        return None
-    runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
-    K = np.max([[abs(line.K) for line in run.scales] for _, run in runs], axis=0)
-    # a gyro that was never turned about its own axis is taken to be like the others
-    K = np.where(ACROSS * K.max() < K, K, K.max())
-    unknown = assumed.noise_of(min(assumed.device.dwell_s))
-    parts = []
-    for axis, run in runs:
-        plateaus = run.plateaus
-        if not np.isfinite(plateaus.temp_degc).all():
-            raise FitError(
-                f"{run.log.file}: no case temperature, expected one to plan what is missing",
-                hint="map it under [columns.temp_case_degc], or plan without --have",
-            )
-        noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
-        # of a log of one row per hold no noise is known
-        noise = np.where(np.isfinite(noise) & (noise > 0.0), noise, unknown)
-        one_run, axes = np.zeros(noise.size, dtype=np.int64), np.full(noise.size, axis)
-        rate_dps, degc = plateaus.rate_dps, plateaus.temp_degc
-        parts.append(Holds(axes, rate_dps, one_run, degc, plateaus.hours, noise))
-    have: Holds = join(parts)
-    for axis in np.unique(have.axis):
-        rates = have.rate_dps[have.axis == axis]
-        if not equation.turns_both_ways(rates):
-            raise FitError(
-                f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
-                " scale factor and its errors, expected rates of both signs",
-                hint="measure this run again",
-            )
-    return have
 
 
 def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -> Campaign:
