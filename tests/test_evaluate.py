@@ -175,29 +175,29 @@ def test_an_input_may_be_typed_in_units_of_its_own_kind(tmp_path, typed, column,
     names = fog(tmp_path, on_levels("level")).names
     if column is None:
         with pytest.raises((UsageError, RecipeError)):
-            names.parse_value(typed)
+            names.parse(typed)
     else:
-        assert names.parse_value(typed) == (column, pytest.approx(value, abs=1e-12))
+        assert names.parse(typed) == (column, pytest.approx([value], abs=1e-12))
 
 
 def test_accelerations_need_the_local_gravity(tmp_path):
     """980 mg is 0.98 g; m/s² is converted by the recipe's gravity, and refused without one."""
     one_g = inputs.Names({"accel_x_g": inputs.QuantityInput("accel_x_g")}, 9.8)
-    assert one_g.parse_value("accel_x=980mg") == ("accel_x_g", pytest.approx(0.98))
-    assert one_g.parse_value("accel_x=4.9m/s^2") == ("accel_x_g", pytest.approx(0.5))
+    assert one_g.parse("accel_x=980mg") == ("accel_x_g", pytest.approx([0.98]))
+    assert one_g.parse("accel_x=4.9m/s^2") == ("accel_x_g", pytest.approx([0.5]))
     with pytest.raises(RecipeError, match="gravity"):
-        replace(one_g, gravity_mps2=None).parse_value("accel_x=4.9m/s^2")
+        replace(one_g, gravity_mps2=None).parse("accel_x=4.9m/s^2")
 
 
 def test_a_range_has_both_ends_and_no_tails_of_binary_numbers(tmp_path):
     """-0.3:0.3:0.1 is seven numbers as typed; a step away from the end, or of zero, is refused."""
     names = fog(tmp_path, on_levels("level")).names
-    column, values = names.parse_range("temp_case=-0.3:0.3:0.1")
+    column, values = names.parse("temp_case=-0.3:0.3:0.1", ranged=True)
     assert (column, values.tolist()) == (T, [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3])
-    assert names.parse_range("temp_case=60:-40:-50 degC")[1].tolist() == [60.0, 10.0, -40.0]
+    assert names.parse("temp_case=60:-40:-50 degC", ranged=True)[1].tolist() == [60.0, 10.0, -40.0]
     for wrong in ("=0:1:0", "=0:1:-1", "=0:1e9:1e-9", "=0:1", "=a:b:c"):
         with pytest.raises(UsageError):
-            names.parse_range(f"temp_case{wrong}")
+            names.parse(f"temp_case{wrong}", ranged=True)
 
 
 def test_outside_the_calibrated_range_a_value_has_no_uncertainty(tmp_path):

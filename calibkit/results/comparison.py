@@ -256,75 +256,30 @@ def _compare(
     quantity: Quantity, earlier: Quantity | None, old: RunResults, new: RunResults, *, same: bool
 ) -> ComparedResult:
     """One result in two runs."""
-
-    def unknown(reason: str, changes: tuple[ResultChange, ...] = ()) -> ComparedResult:
-        return ComparedResult(quantity, changes, quantity.limit, "cannot tell", reason)
-
+    unknown = ComparedResult(quantity, (), quantity.limit, "cannot tell", "")
     if earlier is None:
-        return unknown(f"{old.run.name} has no such result")
-    reason, columns = "", [[each.column for each in q.inputs[:1]] for q in (earlier, quantity)]
-    if columns[0] != columns[1]:
-        depends = " and ".join(column[0] if column else "nothing" for column in columns)
+        return replace(unknown, reason=f"{old.run.name} has no such result")
+    then, now = ([each.column for each in q.inputs[:1]] for q in (earlier, quantity))
+    reason = ""
+    if then != now:
+        depends = " and ".join(column[0] if column else "nothing" for column in (then, now))
         reason = f"depends on {depends}: the range of one of the two is not known"
     if earlier.unit != quantity.unit:
         reason = f"in {earlier.unit} then, in {quantity.unit} now"
     if reason:
-        return unknown(reason)
+        return replace(unknown, reason=reason)
     changes = tuple(_changes(quantity, earlier, old, new, same=same))
     if not changes:
-        return unknown("the two calibrated ranges have nothing in common")
-    undecided = earlier.undecided or quantity.undecided
-    reason = "" if undecided is None else undecided.en
+        return replace(unknown, reason="the two calibrated ranges have nothing in common")
+    undecided, unknown = earlier.undecided or quantity.undecided, replace(unknown, changes=changes)
     if any(change.u is None for change in changes):
-        reason = "an uncertainty is not known"
-    if reason:
-        return unknown(reason, changes)
-    limit = quantity.limit or earlier.limit
+        return replace(unknown, reason="an uncertainty is not known")
+    if undecided is not None:
+        return replace(unknown, reason=undecided.en)
     factor = factor_of_largest(quantity, earlier, changes)
-    compared = ComparedResult(quantity, changes, limit, "cannot tell", "", factor)
+    compared = replace(unknown, limit=quantity.limit or earlier.limit, factor=factor)
     answer, reason = _judge(compared)
     return replace(compared, answer=answer, reason=reason)
-
-
-def _places(quantity: Quantity, earlier: Quantity) -> Iterator[At]:
-    """Points at which both hold: over the common range of the first input, at each group's first
-    case of the other inputs that both hold at.
-    """
-    grid: Sequence[At] = ({},)
-    if quantity.inputs:
-        first, other = quantity.inputs[0], earlier.inputs[0]
-        low, high = max(first.low, other.low), min(first.high, other.high)
-        if not low <= high:
-            return
-        values = np.linspace(low, high, POINTS if low < high else 1).tolist()
-        grid = tuple({first.column: x} for x in values)
-    alike = {i.column for i in quantity.inputs} == {i.column for i in earlier.inputs}
-    for group in quantity.compared:
-        for case in group if alike else (group[0],) * (not group[0]):
-            inside = [
-                at
-                for at in (quantity.complete({**point, **case}) for point in grid)
-                if not quantity.outside(at) and not earlier.outside(earlier.complete(at))
-            ]
-            if inside:
-                yield from inside
-                break
-
-
-def _changes(
-    quantity: Quantity, earlier: Quantity, old: RunResults, new: RunResults, *, same: bool
-) -> Iterator[ResultChange]:
-    """The changes of a result; a point where it is 0 by definition is left out."""
-    for at in _places(quantity, earlier):
-        then, now = old.state(earlier, earlier.complete(at)), new.state(quantity, at)
-        if then.value == now.value == 0.0 and then.uncertainty is now.uncertainty is None:
-            continue
-        if then.uncertainty is None or now.uncertainty is None:
-            yield ResultChange(at, then, now, None, None)
-            continue
-        of_change = gum.combine(combine_both(then, now, same=same))
-        u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
-        yield ResultChange(at, then, now, u, expanded)
 
 
 def _judge(compared: ComparedResult) -> tuple[Answer, str]:
@@ -344,6 +299,46 @@ def _judge(compared: ComparedResult) -> tuple[Answer, str]:
     if any(value + U < low or value - U > high for value, U in ends):
         return "no", f"{what} beyond the limit by more than U"
     return "cannot tell", "U reaches across the limit"
+
+
+def _changes(
+    quantity: Quantity, earlier: Quantity, old: RunResults, new: RunResults, *, same: bool
+) -> list[ResultChange]:
+    """Changes of a result where both hold: over the common range of the first input, at each
+    group's first case of the other inputs that both hold at. A point where it is 0 by definition is
+    left out.
+    """
+    grid: Sequence[At] = ({},)
+    if quantity.inputs:
+        first, other = quantity.inputs[0], earlier.inputs[0]
+        low, high = max(first.low, other.low), min(first.high, other.high)
+        if not low <= high:
+            return []
+        values = np.linspace(low, high, POINTS if low < high else 1).tolist()
+        grid = tuple({first.column: x} for x in values)
+    alike = {i.column for i in quantity.inputs} == {i.column for i in earlier.inputs}
+    places = list[At]()
+    for group in quantity.compared:
+        for case in group if alike else (group[0],) * (not group[0]):
+            inside = [
+                at
+                for at in (quantity.complete({**point, **case}) for point in grid)
+                if not quantity.outside(at) and not earlier.outside(earlier.complete(at))
+            ]
+            if inside:
+                places += inside
+                break
+    changes = []
+    for at in places:
+        then, now = old.state(earlier, earlier.complete(at)), new.state(quantity, at)
+        if then.uncertainty is None or now.uncertainty is None:
+            if not then.value == now.value == 0.0 or then.uncertainty is not now.uncertainty:
+                changes.append(ResultChange(at, then, now, None, None))
+            continue
+        of_change = gum.combine(combine_both(then, now, same=same))
+        u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
+        changes.append(ResultChange(at, then, now, u, expanded))
+    return changes
 
 
 def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.UncertaintyComponent]:

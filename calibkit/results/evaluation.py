@@ -16,7 +16,7 @@ from calibkit.errors import UsageError
 from calibkit.recipe import TypeB, type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
-from calibkit.results.inputs import Names, grid, parse_inputs
+from calibkit.results.inputs import Names, parse_inputs
 from calibkit.store import Run
 
 SETTLED = "rates are held until the lags of the model have settled"
@@ -54,7 +54,8 @@ class RunResults:
     @property
     def names(self) -> Names:
         """Inputs as a person may name them."""
-        return Names.of(self.quantities, self.gravity_mps2)
+        inputs = {each.column: each for quantity in self.quantities for each in quantity.inputs}
+        return Names(inputs, self.gravity_mps2)
 
     def state(self, quantity: Quantity, at: At) -> Result:
         """Result of one of the quantities at a point."""
@@ -128,9 +129,9 @@ def answer(
     run_results: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
 ) -> tuple[list[PointResult], dict[str, Array]]:
     """Values that a command line asks for, and its ranges."""
-    fixed, over = parse_inputs(run_results.names, inputs, ranges)
-    selected = choose(run_results, (*fixed, *over), only)
-    return list(evaluate(run_results, selected, grid(fixed, over))), over
+    points, over = parse_inputs(run_results.names, inputs, ranges)
+    selected = choose(run_results, points[0], only)
+    return list(evaluate(run_results, selected, points)), over
 
 
 def list_results(run_results: RunResults) -> Table:

@@ -96,51 +96,42 @@ def follow(runs: Sequence[Run]) -> tuple[tuple[FollowedResult, ...], tuple[str, 
             flags.append(f"{run.name}: no key values: {error.message}")
     key_values = []
     for quantity in every[-1].quantities if every else ():
-        if quantity.compared:
-            procedure = every[-1].run.document["procedure"]
-            same = [
-                (results, other)
-                for results in every
-                if results.run.document["procedure"] == procedure
-                for other in [_same_result(results, quantity)]
-                if other is not None
-            ]
-            points = _points(same, every[-1].stated.reference_degc)
-            if points:
-                key_values.append(_follow(same, points))
+        if not quantity.compared:
+            continue
+        # the same result of every run of the procedure, the newest last
+        procedure = every[-1].run.document["procedure"]
+        same = []
+        for results in every:
+            alike = [other for other in results.quantities if _is_same(other, quantity)]
+            if alike and results.run.document["procedure"] == procedure:
+                same.append((results, alike[0]))
+        points = _points([other for _, other in same], every[-1].stated.reference_degc)
+        if points:
+            key_values.append(_follow(same, points))
     return tuple(key_values), tuple(flags)
 
 
-def _same_result(results: RunResults, quantity: Quantity) -> Quantity | None:
-    """The same result in another run."""
-
-    def identity(of: Quantity) -> tuple[object, ...]:
-        return of.model, of.name, of.unit, [each.column for each in of.inputs[:1]]
-
-    alike = (other for other in results.quantities if identity(other) == identity(quantity))
-    return next(alike, None)
+def _is_same(a: Quantity, b: Quantity) -> bool:
+    """Whether two runs have a result in common."""
+    columns = [[each.column for each in quantity.inputs[:1]] for quantity in (a, b)]
+    return (a.model, a.name, a.unit) == (b.model, b.name, b.unit) and columns[0] == columns[1]
 
 
-def _points(
-    same: Sequence[tuple[RunResults, Quantity]], reference_degc: float
-) -> list[dict[str, float]]:
-    """Points at which all runs that have the result hold, the one to follow first."""
-    newest = same[-1][1]
+def _points(same: Sequence[Quantity], reference_degc: float) -> list[dict[str, float]]:
+    """Points at which a result of several runs holds in all, the one to follow first."""
+    newest = same[-1]
     if not newest.inputs:
         return [{}]
-    firsts = [quantity.inputs[0] for _, quantity in same]
-    low, high = max(each.low for each in firsts), min(each.high for each in firsts)
+    low = max(quantity.inputs[0].low for quantity in same)
+    high = min(quantity.inputs[0].high for quantity in same)
     if not low <= high:
         return []
     ends = sorted((low, high), key=lambda x: -abs(x - reference_degc))
     needed = {each.column for each in newest.inputs[1:] if each.rest is None}
     case = newest.compared[0][0] if needed <= newest.compared[0][0].keys() else {}
-    points = []
-    for x in (float(np.clip(reference_degc, low, high)), *ends):
-        at = newest.complete({newest.inputs[0].column: x, **case})
-        if not newest.outside(at):
-            points.append(at)
-    return points
+    column, middle = newest.inputs[0].column, float(np.clip(reference_degc, low, high))
+    points = [newest.complete({column: x, **case}) for x in (middle, *ends)]
+    return [at for at in points if not newest.outside(at)]
 
 
 def _follow(
@@ -149,24 +140,24 @@ def _follow(
     """One result over the years, at the first of some points at which its U is known."""
     results, quantity = same[-1]
     at = next((at for at in points if results.state(quantity, at).uncertainty), points[0])
-    values = []
-    for results, other in same:
-        here = other.complete(at)
-        if not other.outside(here):
-            values.append((results.run, results.state(other, here)))
+    values = [
+        (results.run, results.state(other, other.complete(at)))
+        for results, other in same
+        if not other.outside(other.complete(at))
+    ]
     newest = values[-1][1] if values else results.state(quantity, at)
+    # the line through independent determinations: year, value, u
     independent = independent_runs([run for run, _ in values])
-    years, results_of_line, u = [], [], []
-    for run, result in values:
-        if result.uncertainty is not None and run.document["revision"] in independent:
-            years.append(_year(run))
-            results_of_line.append(result.value)
-            u.append(result.uncertainty.standard_uncertainty)
+    known = [
+        (_year(run), result.value, result.uncertainty.standard_uncertainty)
+        for run, result in values
+        if result.uncertainty is not None and run.document["revision"] in independent
+    ]
+    years, y, u = np.array(known).reshape(-1, 3).T
     limits = None if quantity.limit is None else quantity.limit.bounds(newest.value)
-    line = change.trend(np.array(years), np.array(results_of_line), np.array(u))
-    reach = None
+    line, reach = change.trend(years, y, u), None
     if line is not None and limits is not None:
-        reach = change.reach(line, max(years), max(years) - min(years), *limits)
+        reach = change.reach(line, float(years.max()), float(np.ptp(years)), *limits)
     return FollowedResult(quantity, newest.at, tuple(values), limits, line, reach)
 
 
