@@ -13,7 +13,7 @@ from hypothesis import given, settings, strategies as st
 
 import calibkit as api
 from calibkit import sealed, store
-from calibkit.check import copies
+from calibkit.check import copies, find_copied_rows
 from calibkit.errors import FrameError
 from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
@@ -374,3 +374,39 @@ def test_a_repeat_in_whole_counts_is_no_copy_of_one_in_tenths(noise_lsb):
     tenths = table_run(1, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]
     whole = (table_run(2, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]).round({"gyro_x_lsb": 0})
     assert find_copies(tenths, whole) == []
+
+
+TABLES = {
+    "accelerometer": ("positions.csv", slice(10, 15)),
+    "inclinometer": ("stations.csv", slice(12, 16)),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_rows_of_a_table_that_were_pasted_twice_are_refused(name, tmp_path, calibkit):
+    """A copy would count as a second measurement, and make U smaller."""
+    file, pasted = TABLES[name]
+    table = pd.read_csv(DATA / name / file)
+    copied = table.iloc[pasted].copy()
+    if "station" in copied:
+        copied["station"] += 1000
+        copied["time_s"] += 1e6
+    pd.concat([table, copied]).to_csv(tmp_path / file, index=False)
+    done = calibkit(
+        "fit", f"recipes/{name}.toml", "--data", tmp_path, "--serial", "S", "--out", tmp_path
+    )
+    first = len(table) + 2
+    assert done.code == 3, done.out
+    assert f"{file}:{first}: {len(copied)} rows from here on hold the same numbers" in done.err
+    assert f'lines = ["{first}-{first + len(copied) - 1}"]' in done.err
+
+
+def test_repeats_that_differ_and_pairs_of_rows_are_no_copied_rows():
+    """Noise makes honest repeats differ, and two rows may be alike by chance."""
+    rng = np.random.default_rng(8)
+    attitudes = rng.uniform(-1.0, 1.0, (40, 3))
+    held = np.concatenate([attitudes + rng.normal(0.0, 1e-5, (40, 3)) for _ in range(2)])
+    for copied, found in ((2, 0), (3, 1)):
+        table = np.concatenate([held, held[5 : 5 + copied]])
+        log = Log("a", "a.csv", "a", len(table), pd.DataFrame(table, columns=list("xyz")))
+        assert len(find_copied_rows(log, ("x", "y", "z"))) == found

@@ -3,6 +3,7 @@
 from calibkit.check import magnitude, series, thermometers
 from calibkit.check.content import (
     find_constant_columns,
+    find_copied_rows,
     find_gaps,
     find_implausible_rates,
     find_implausible_temperatures,
@@ -16,6 +17,7 @@ from calibkit.check.content import (
 
 __all__ = [
     "find_constant_columns",
+    "find_copied_rows",
     "find_gaps",
     "find_implausible_rates",
     "find_implausible_temperatures",

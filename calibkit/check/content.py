@@ -18,6 +18,8 @@ _LARGEST = 1e30
 """Values that no column holds, in whatever unit: counters of 64 bits end at 2e19."""
 COLDEST_DEGC, HOTTEST_DEGC = -100.0, 250.0
 """Temperatures that no chamber of this field leaves."""
+_FEWEST_COPIED = 3
+"""Rows in sequence that, all alike others, are hardly alike by chance."""
 
 
 def finding_at_row(
@@ -106,6 +108,38 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
             )
             findings.append(finding)
     return findings
+
+
+def find_copied_rows(log: Log, columns: Sequence[str]) -> list[Finding]:
+    """Rows of a table, each the mean of something held, that stand in it twice, one after the other
+    as before. A copy would count as a second measurement; so would an honest repeat without digits
+    enough, whose rounding is the same again.
+    """
+    table = np.column_stack([values(log.frame, column) for column in columns])
+    first, number = np.unique(table, axis=0, return_index=True, return_inverse=True)[1:]
+    original = first[number.reshape(-1)]
+    rows = np.arange(original.size)
+    copied = original < rows
+    # runs of rows whose originals follow each other too
+    starts = np.flatnonzero(np.diff(original - rows, prepend=1) != 0)
+    runs = [run for run in np.split(rows, starts[1:]) if run.size >= _FEWEST_COPIED]
+    again = np.concatenate([np.empty(0, np.int64), *(run[copied[run]] for run in runs)])
+    if not again.size:
+        return []
+    row = int(again[0])
+    return [
+        Finding(
+            log.place(row),
+            f"{again.size} rows from here on hold the same numbers as the rows from"
+            f" {log.place(int(original[row]))} on",
+            expected="each measurement once, and repeats that differ by their noise",
+            advice="leave the copies out, or repeats in which rounding hides the noise:"
+            f" {log.advise_exclude(again)}",
+            name="copied_rows",
+            line=log.line(row),
+            figure=float(again.size),
+        )
+    ]
 
 
 def find_unordered_times(log: Log) -> list[Finding]:

@@ -92,6 +92,10 @@ def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
         findings += check.find_out_of_range(log, column, -limit, limit, unit, expected)
     if any(finding.refused for finding in findings):
         return findings
+    if spec.dwells.mode == "rows":
+        findings += check.find_copied_rows(
+            log, [name for name in (*COMPONENTS, TEMPERATURE, *ATTITUDE) if name in columns]
+        )
     findings += check.magnitude.check_gravity_unit(log, COMPONENTS)
     findings += check.magnitude.find_compensated_names(log, spec, COMPONENTS)
     if spec.dwells.mode == "series":  # a gap ends a dwell

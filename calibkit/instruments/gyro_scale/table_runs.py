@@ -203,6 +203,8 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.H
             *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
             *check.find_implausible_temperatures(log, thermometers),
         ]
+        if spec.plateaus.one_row:
+            findings += check.find_copied_rows(log, [*gyros, forms.RATE, *thermometers])
     if any(finding.refused for finding in findings):
         return findings, None
     try:

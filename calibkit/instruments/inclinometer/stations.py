@@ -158,6 +158,9 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
         return None, findings
     dwelt = inclinometer_dwells.find_dwells(log, spec)
     findings += dwelt.findings
+    if not dwelt.continuous:
+        readings = [name for name in columns if name not in ("station", "time_s")]
+        findings += check.find_copied_rows(log, readings)
     if spec.stations.method == "four_differences":
         station, position = (values(dwelt.log.frame, name) for name in ("station", "position_deg"))
         for name in dict.fromkeys(station.tolist()):
