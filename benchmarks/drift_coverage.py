@@ -21,7 +21,7 @@ import numpy as np
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, lagged, level, pooled_fit, uncertainty
+from calibkit.numeric.thermal import coil, fits, level, pooled_fit, uncertainty
 from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
@@ -103,12 +103,12 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
         seen = bias + rng.normal(0.0, device.turn_on_dph) + drift + random
         logs.append(thermal_log(name, log, noise.pulses(seen, device.resolution_dph)))
     stacked = pooled_fit.Stack.of_logs(logs)
-    basis = level.basis(stacked)
+    basis = fits.level_basis(stacked)
     if form == "lagged":
-        search = lagged.LagSearch.of_rows(basis.rows)
-        model = lagged.finish(search.solve(lagged.LAGGED_TERMS, search.on_grid()))
+        search = fits.lagged_basis(basis.rows)
+        model = fits.finish(search.solve(fits.LAGGED_TERMS))
     else:
-        model = lagged.finish(basis.solve(TERMS))
+        model = fits.finish(basis.solve(TERMS))
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
     stated = model.standard_uncertainty

@@ -27,7 +27,7 @@ import numpy as np
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate
 from calibkit.numeric import intervals
-from calibkit.numeric.thermal import lagged, level, pooled_fit
+from calibkit.numeric.thermal import fits, pooled_fit
 from calibkit.numeric.thermal.terms import TERMS
 from calibkit.simulate.chamber import Chamber
 
@@ -155,7 +155,7 @@ def judged(
     model = choice.choose(blocks).model
     seconds = {"calibkit, chosen": time.perf_counter() - start}
     stacked = pooled_fit.Stack.of_logs(blocks)
-    plain = lagged.finish(level.basis(stacked).solve(TERMS))
+    plain = fits.finish(fits.level_basis(stacked).solve(TERMS))
     peer, seconds["ardupilot"] = packaged(python, fitted)
     start = time.perf_counter()
     px4 = cubic(fitted)

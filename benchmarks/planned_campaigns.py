@@ -33,7 +33,7 @@ from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.numeric import flicker, gum
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.thermal import coil, level
+from calibkit.numeric.thermal import coil, fits
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
 from calibkit.planning.search import NOTHING, total_variance
@@ -182,7 +182,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         value += own @ rng.normal(size=own.shape[1])
         logs.append(replace(log, name=f"{number}", indication=value))
     stacked = Stack.of_logs(logs)
-    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows)).finish()
+    found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows)).finish()
     fitted_lag = np.array([*np.log(found.static_lag[:2]), found.static_lag[2]])
     back = np.diag([*np.ones(p), *(1.0 / np.array(found.static_lag[:2])), 1.0])
     covariance = back @ found.covariance @ back.T

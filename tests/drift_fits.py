@@ -1,8 +1,8 @@
 """Level and lagged drift models fitted to logs, as the choice among candidates fits each."""
 
 from calibkit.numeric import intervals
-from calibkit.numeric.thermal import lagged, level, pooled_fit
-from calibkit.numeric.thermal.lagged import LAGGED_TERMS
+from calibkit.numeric.thermal import fits, pooled_fit
+from calibkit.numeric.thermal.fits import LAGGED_TERMS
 from calibkit.numeric.thermal.terms import TERMS
 
 
@@ -17,16 +17,16 @@ def block_log(name, columns, interval_s, begins=()):
 def fit_level(logs, terms=TERMS):
     """Level model of all logs at once."""
     stacked = pooled_fit.Stack.of_logs(logs)
-    return lagged.finish(level.basis(stacked).solve(terms))
+    return fits.finish(fits.level_basis(stacked).solve(terms))
 
 
 def solve_lagged(stacked, terms=LAGGED_TERMS):
     """Search over the lags of stacked logs at the noise of a level fit, and its solution."""
-    search = lagged.LagSearch.of_rows(level.basis(stacked).rows)
-    return search, search.solve(terms, search.on_grid())
+    search = fits.lagged_basis(fits.level_basis(stacked).rows)
+    return search, search.solve(terms)
 
 
 def fit_lagged(logs, terms=LAGGED_TERMS):
     """Lagged model of all logs at once."""
     stacked = pooled_fit.Stack.of_logs(logs)
-    return lagged.finish(solve_lagged(stacked, terms)[1])
+    return fits.finish(solve_lagged(stacked, terms)[1])

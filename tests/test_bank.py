@@ -16,7 +16,7 @@ from calibkit.instruments.fog_thermal.numeric import (
     evaluate,
     evidence,
 )
-from calibkit.numeric.thermal import level
+from calibkit.numeric.thermal import fits
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
@@ -237,7 +237,7 @@ def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     """The lag of the best evidence is the one that its own linear equations imply, within 5 %."""
     coil = plant().draw(seed, "strong hysteresis")
     stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
-    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows, "h"))
+    found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows, "h"))
     implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[found.problem.by_lag]
     assert implied == pytest.approx(found.lag, abs=0.05)
 
@@ -355,7 +355,7 @@ def test_the_search_for_variances_ends_at_the_largest_evidence():
     coil = plant().draw(204)
     logs = [one.log for one in plant().campaign(coil, 204)]
     stacked = choice.Stack.of_logs(logs)
-    found = bank_fit.solve(bank_fit.state_problem(level.basis(stacked).rows))
+    found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows))
     gram = found.problem.gram(found.rows, found.lag, found.columns)
     best = found.posterior
     for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):

@@ -147,10 +147,9 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     ).type_b[:1]
     found = uncertainty._propagate(model, time, case, case, (term,), 25.0)
     moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
-    assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
-    assert found.standard == pytest.approx(
-        np.sqrt(np.sum(found.contributions**2, axis=0)), rel=1e-12
-    )
+    values = np.array([part for _, _, part, _ in found.contributions])
+    assert values[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
+    assert found.standard == pytest.approx(np.sqrt(np.sum(values**2, axis=0)), rel=1e-12)
 
 
 def test_a_coefficient_that_a_term_names_gets_a_combined_uncertainty():
@@ -194,10 +193,10 @@ def test_a_run_states_every_component_of_the_drift_it_takes_off(run):
 
 
 def test_the_report_and_json_show_the_uncertainty(run, calibkit, campaign, tmp_path):
-    """report.txt has the table; `fit --json` lists the same entries as run.json."""
+    """report.txt has the drift with its U; `fit --json` lists the same entries as run.json."""
     report = (run[0].folder / "report.txt").read_text(encoding="utf-8")
-    assert "Uncertainty of the drift taken off" in report
-    assert "at rest" in report
+    assert "Thermal drift against 25 °C at rest" in report
+    assert "at rest [°/h]" in report
     path = tmp_path / "mine.toml"
     path.write_text(LAGGED, encoding="utf-8")
     outcome = calibkit(
@@ -334,12 +333,13 @@ def test_at_rest_a_hysteresis_is_in_its_middle_and_its_spread_in_every_uncertain
     ends = model.valid.temperature
     drift_model = compensate.DriftModel.read(fitted.run.records, fitted.spec)
     stated = uncertainty.state_along_logs(drift_model, [], ())
-    assert {one.temp_case_degc for one in stated} >= set(ends)
+    assert {one["temp_case_degc"] for one in stated} >= set(ends)
     for one in stated:
-        expected = evaluate.at_rest(model, one.temp_case_degc)[0] - evaluate.at_rest(model, 25.0)[0]
-        at = {forms.CASE: np.array([one.temp_case_degc])}
-        assert one.drift == pytest.approx(expected, abs=1e-12)
-        assert one.expanded_uncertainty > spread
+        degc = one["temp_case_degc"]
+        expected = evaluate.at_rest(model, degc)[0] - evaluate.at_rest(model, 25.0)[0]
+        at = {forms.CASE: np.array([degc])}
+        assert one["value"] == pytest.approx(expected, abs=1e-12)
+        assert one["expanded_uncertainty"] > spread
         assert forms.BANK.standard_uncertainty(written, at)[0] > spread / math.sqrt(3.0)
     turned = forms.BANK.standard_uncertainty(written, at | {forms.RATE: np.ones(1)})[0]
     assert turned == pytest.approx(model.model_error, abs=spread / 50.0)

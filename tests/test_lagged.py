@@ -11,7 +11,7 @@ from scipy.linalg import expm
 
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.numeric.thermal import coil, left_out, pooled_fit
+from calibkit.numeric.thermal import coil, fits, left_out, pooled_fit
 from calibkit.numeric.thermal.evaluate import _drivers
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
@@ -184,23 +184,22 @@ def test_the_lags_are_those_of_an_exhaustive_search():
     fit.
     """
     stacked = pooled_fit.Stack.of_logs(campaign(noise=0.02, seed=3))
-    search, solution = solve_lagged(stacked)
-    problem = replace(search, turn_on_variance=solution.turn_on_variance)
+    _, solution = solve_lagged(stacked)
     outer, inner = np.exp(solution.log_lags)
     grid = [
         (a, b)
         for a in outer * np.geomspace(0.9, 1.1, 21)
         for b in inner * np.geomspace(0.8, 1.25, 21)
     ]
-    squares = [_square(problem, np.log(point)) for point in grid]
-    least = _square(problem, solution.log_lags)
+    squares = [_square(solution, np.log(point)) for point in grid]
+    least = _square(solution, solution.log_lags)
     assert least <= min(squares) * (1.0 + 1e-9)
     assert grid[int(np.argmin(squares))] == pytest.approx((outer, inner), rel=0.03)
 
 
-def _square(problem, log_lags):
+def _square(solution, log_lags):
     """Return the square sum at given lags."""
-    return problem.at(log_lags).square
+    return replace(solution, log_lags=log_lags).square
 
 
 def test_the_order_of_the_logs_does_not_matter():
@@ -289,10 +288,9 @@ def test_leaving_out_a_ramp_is_fitting_the_others():
     without = left_out.leave_out(stacked, search.rows)
     predicted = solution.leave_out(without)
     for ramp, (rows, drift) in enumerate(zip(stacked.ramps, predicted, strict=True)):
-        variance = solution.turn_on_variance
-        others = replace(search, rows=without[ramp], turn_on_variance=variance)
-        full = others.minimise(solution.log_lags)
-        expected = (full.design @ full.fit.coefficients)[rows]
+        others = replace(search, rows=without[ramp])
+        full = fits.minimise(replace(solution, basis=others))
+        expected = (full.columns @ full.fit.coefficients)[rows]
         moved = (solution.columns @ fitted.coefficients)[rows]
         scale = np.std(expected - expected.mean() - moved + moved.mean())
         assert np.std(drift[rows] - expected) < 0.3 * scale + 1e-5, ramp  # °/h

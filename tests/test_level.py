@@ -10,6 +10,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.numeric import flicker
 from calibkit.numeric.thermal import (
+    fits,
     level,
     pooled_fit,
     terms as thermal_terms,
@@ -256,7 +257,7 @@ def test_rows_of_normal_noise_are_hardly_ever_left_out():
     neighbours tell of their middle and the scale.
     """
     stacked = pooled_fit.Stack.of_logs(campaign(noise=0.1, seed=4))
-    assert np.mean(~level.basis(stacked).rows.sound) < 0.002
+    assert np.mean(~fits.level_basis(stacked).rows.sound) < 0.002
 
 
 def test_a_lasting_misfit_keeps_its_say():
@@ -265,9 +266,9 @@ def test_a_lasting_misfit_keeps_its_say():
     """
     logs = campaign(noise=0.01)
     stacked = pooled_fit.Stack.of_logs(logs)
-    basis = level.basis(stacked)
-    trust = pooled_fit.sound_blocks(basis.design[:, 1:4], stacked)
-    missed = np.abs(basis.drivers.rate) > 3.0
+    basis = fits.level_basis(stacked)
+    trust = pooled_fit.sound_blocks(basis.design(np.zeros(0))[:, 1:4], stacked)
+    missed = np.abs(basis.shown.rate) > 3.0
     assert np.mean(trust[missed]) > 0.8
 
 

@@ -25,8 +25,8 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
 )
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
+    fits,
     left_out,
-    level as level_model,
     noise as thermal_noise,
     pooled_fit,
     uncertainty,
@@ -218,7 +218,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    basis = level_model.basis(stacked)
+    basis = fits.level_basis(stacked)
     solution = basis.solve(candidate.terms)
     without = left_out.leave_out(stacked, basis.rows)
     fit = thermal_choice._Fitted(candidate, solution)
@@ -345,10 +345,7 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     )
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
-    stated = [
-        uncertainty.Along(along, (), (), np.zeros((0, 400)), u, u, np.full(400, expanded))
-        for expanded in (3.0, 0.5)
-    ]
+    stated = [uncertainty.Along(along, [], u, u, np.full(400, expanded)) for expanded in (3.0, 0.5)]
     compared, _, limit = thermal_forms.compare_means(along, *stated, Noise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)

@@ -12,7 +12,7 @@ from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.fit.choose import choose as choose_simplest
 from calibkit.numeric import chunks
-from calibkit.numeric.thermal import lagged, level, uncertainty
+from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.evaluate import evaluate_terms
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
@@ -22,7 +22,7 @@ from calibkit.numeric.thermal.left_out import (
     leave_out,
     solve,
 )
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 from calibkit.numeric.thermal.terms import ThermalModel
 
 MOVING_DEGC_MIN = 0.3
@@ -98,7 +98,7 @@ def choose(
     Raises FitError where no candidate can be fitted.
     """
     pairs = Stack.of_logs([replace(log, part=log.part // 2) for log in stacked.logs])
-    basis = level.basis(stacked)
+    basis = fits.level_basis(stacked)
     solved, refused = solve((CONSTANT, *candidates), basis)
     cuts = [(cut, leave_out(cut, basis.rows)) for cut in (stacked, pairs)]
     tested = [_test(one, fit, cuts, figure_blocks) for one, fit in solved]
@@ -108,7 +108,7 @@ def choose(
             hint="log the instrument while its temperature changes",
         )
     chosen = _best_of(tested)
-    model = lagged.finish(solved[chosen][1])
+    model = fits.finish(solved[chosen][1])
     model = _with_model_error(model, tested[chosen], pairs, figure_blocks)
     return Choice(tuple(tested), tuple(refused), tested[chosen], model)
 
@@ -122,7 +122,7 @@ def _best_of(tested: Sequence[Tested]) -> int:
 
 def _test(
     candidate: Candidate,
-    solution: Solution,
+    solution: fits.Solution,
     cuts: Sequence[tuple[Stack, tuple[Rows, ...]]],
     figure_blocks: int,
 ) -> Tested:

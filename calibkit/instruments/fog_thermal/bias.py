@@ -28,8 +28,7 @@ from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.report.overview import KeyValue
-from calibkit.report.summary import number
-from calibkit.report.table import Table, number_or_none
+from calibkit.report.table import number_or_none
 
 RESULT = "bias_at_reference"
 SLOPE_STEP_DEGC = 0.05
@@ -48,13 +47,12 @@ NO_BIAS = (
 
 @dataclass(slots=True)
 class StatedBias:
-    """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, tables, combined
+    """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, combined
     uncertainties as JSON objects, and named hysteresis curves.
     """
 
     figures: list[Figure] = field(default_factory=list)
     flags: list[str] = field(default_factory=list)
-    tables: list[Table] = field(default_factory=list)
     uncertainty: list[dict[str, Any]] = field(default_factory=list)
     hysteresis: list[tuple[str, Hysteresis]] = field(default_factory=list)
     at_rest: KeyValue | None = None
@@ -100,23 +98,19 @@ def _state_at_rest(
         parts.append(gum.UncertaintyComponent("hysteresis", rate, half_spread, "B"))
     combined = gum.combine(parts)
     u, dof = combined.standard_uncertainty, number_or_none(combined.effective_dof)
-    turn_on = dict(zip((log.name for log in logs), thermal.turn_on.tolist(), strict=True))
 
     axis, latitude = recipe.input_axis, recipe.site.latitude_deg
     stated.figures.append(Figure("mean_rate_at_reference", rate, "deg/h", u, dof))
-    rows = [("mean rate", f"{rate:+.4f}", number(u, 2))]
     name, bias = f"rate at rest, earth's rate in it, at {degc:g} °C", rate
     if axis is None or latitude is None:
-        unknown = "earth's rate in it: not known without [site] latitude_deg and [input_axis]"
-        rows.append((unknown, "", ""))
+        unknown = "the earth's rate in the rate at rest is not known without [site] latitude_deg"
+        stated.flags.append(Remark(f"{unknown} and [input_axis]"))
     else:
         where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
         earth_rate = float(earth.along_axis(*where))
         name, bias = f"bias at {degc:g} °C", rate - earth_rate
         stated.figures.append(Figure("earth_rate_along_input_axis", earth_rate, "deg/h", 0.0))
         stated.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
-        rows.append(("earth's rate along the input axis", f"{earth_rate:+.4f}", ""))
-        rows.append(("bias", f"{bias:+.4f}", number(u, 2)))
         by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*where).tolist()
         known = {
             "latitude_deg": (latitude, -by_latitude),
@@ -132,11 +126,8 @@ def _state_at_rest(
                 budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *of_equipment])
             )
     stated.at_rest = KeyValue(name, bias, "°/h", u)
-    for log, value in turn_on.items():
-        stated.figures.append(Figure(f"{TURN_ON}{log}", value, "deg/h", 0.0))
-        rows.append((f"turn-on bias of {log}", f"{value:+.4f}", ""))
-    title = f"At rest at {degc:g} °C [°/h]; turn-on biases of the logs against their mean"
-    stated.tables.append(Table(title, ("", "rate", "standard uncertainty"), tuple(rows)))
+    for log, value in zip(logs, thermal.turn_on.tolist(), strict=True):
+        stated.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
 
 
 def _slope_at_rest(thermal: OnLevels, degc: float) -> float:
@@ -233,22 +224,6 @@ def _state_hysteresis(stated: StatedBias, model: DriftModel, logs: Sequence[Prep
         for degc, value, u in each:
             at = f"{name}_at_{degc:g}_degc"
             stated.figures.append(Figure(at, float(value), "deg/h", float(u)))
-    rows = []
-    for k, degc in enumerate(before.temperature):
-        left = "" if after is None else f"{after.difference[k]:+.4f}"
-        u = float((after or before).standard_uncertainty[k])
-        rows.append((f"{degc:g}", f"{before.difference[k]:+.4f}", left, number(u, 2)))
-    rms_left = "" if after is None else number(after.rms, 2)
-    rows.append(("rms beyond noise", number(before.rms, 2), rms_left, ""))
     if of_turn_on is not None:
-        difference, u = of_turn_on
         name = "turn_on_bias_cooling_less_heating"
-        stated.figures.append(Figure(name, difference, "deg/h", u))
-        rows.append(("turn-on biases", "", f"{difference:+.4f}", number(u, 2)))
-    stated.tables.append(
-        Table(
-            "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean",
-            ("case [°C]", "indication", "left by the model", "standard uncertainty"),
-            tuple(rows),
-        )
-    )
+        stated.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))

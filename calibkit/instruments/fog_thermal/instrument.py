@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, at_least, at_most, over_stated_u
 from calibkit.errors import FitError
@@ -15,6 +16,7 @@ from calibkit.ingest import logs as ingest, two_loggers, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.fog_thermal import (
     bias,
+    certificate,
     compensate,
     decision,
     figures,
@@ -73,9 +75,14 @@ def fit(
     covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
     tested = tables.list_tested(choices, levels, export)
     rest, ways = at_rest.at_rest, tuple(at_rest.hysteresis)
+    influences = sensitivities.find(exported, fitted, spec.drift)
     summary = Summary(
         spec.title,
-        (*tables.fit_tables(fitted, tested, compensated, stated, covered), *at_rest.tables),
+        (
+            tables.tabulate_tested(tested),
+            *tables.coverage_tables(covered, "fitted"),
+            *tabulate_fit([exported, drift], spec, influences, certificate.blocks),
+        ),
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, tested, compensated),
         overview=tables.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
@@ -85,10 +92,10 @@ def fit(
         tuple(log.source for log in logs),
         summary,
         tables.drift_report(spec, logs, compensated, fitted, choices, tested, model, ways),
-        (*(one.to_object() for one in stated), *at_rest.uncertainty),
+        (*stated, *at_rest.uncertainty),
         (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
         model.exported,
-        sensitivities=sensitivities.find(exported, fitted, spec.drift),
+        sensitivities=influences,
     )
 
 
@@ -266,7 +273,7 @@ def validate(
     criteria = (*reduced, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
     return {"logs": entries}, Summary(
         "",
-        (tables.before_after_table(compensated), *tables.coverage_tables(covered, "validated")),
+        tables.coverage_tables(covered, "validated"),
         flags,
         criteria,
         overview=tables.summarize_validation(compensated, entries),

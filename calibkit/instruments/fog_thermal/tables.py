@@ -12,23 +12,20 @@ from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
 from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
 from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.instruments.fog_thermal.uncertainty import Statement, tabulate_statements
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
 from calibkit.report.overview import KeyValue, Overview, describe_span
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Table
 
-SPLIT_HEADS = ("noise alone", "drift left (+u)")
 UNEVEN = 0.05
 """Largest relative deviation of a sampling step from the median with which a log is evenly sampled.
 """
 _UNIT = "°/h"
-_HEADS = ("before", "after", "noise alone", "drift left")
+_HEADS = ("before", "after", "noise alone", "drift left", "rate gain")
 
 
 def drift_report(
@@ -95,79 +92,24 @@ def list_tested(
     )
 
 
-def fit_tables(
-    ramps: Sequence[FittedRamp],
-    results: Sequence[Tested],
-    logs: Sequence[LogFigures],
-    stated: Sequence[Statement],
-    covered: Mapping[str, Mapping[str, Any]],
-) -> list[Table]:
-    """Tables of the ramps' coefficients with standard uncertainties, of the drift rms of tested
-    models on left-out ramps, of each log before and after, and of the uncertainty if stated.
-    """
-    coefficients = []
-    for item in ramps:
-        each = zip(item.fit.coefficients, item.fit.standard_uncertainty, strict=True)
-        cells = [f"{value:.3e} ± {u:.0e}" for value, u in each]
-        coefficients.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
+def tabulate_tested(results: Sequence[Tested]) -> Table:
+    """Table of the drift rms of tested models on left-out ramps."""
     shares = tuple(
         (
             entry.name,
             number(entry.raw),
             number(entry.left),
-            *_split_cells(entry.split),
+            number(entry.split.noise),
+            f"{number(entry.split.left, 2)} (+{number(entry.split.left_uncertainty, 1)})",
             f"{entry.share:.3f}",
             "exported" if entry.exported else "",
         )
         for entry in results
     )
-    return [
-        Table(
-            "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
-            ("model", "before", "after", *SPLIT_HEADS, "after/before", ""),
-            shares,
-        ),
-        before_after_table(logs),
-        *([tabulate_statements(stated)] if stated else []),
-        *coverage_tables(covered, "fitted"),
-        Table(
-            "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
-            ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
-            tuple(coefficients),
-        ),
-    ]
-
-
-def _split_cells(split: NoiseSplit) -> tuple[str, str]:
-    """Cells of the noise alone, and of the drift left with its standard uncertainty."""
-    return number(split.noise), f"{number(split.left, 2)} (+{number(split.left_uncertainty, 1)})"
-
-
-def before_after_table(figures: Sequence[LogFigures]) -> Table:
-    """Table of each log's drift rms before and after compensation, with the rate gain."""
-    rows = tuple(
-        (
-            log.name,
-            number(log.before),
-            number(log.after),
-            *_split_cells(log.split),
-            f"{log.reduction:.2f}",
-            f"{log.gain_recursive:.4f}",
-        )
-        for log in figures
-    )
     return Table(
-        "Drift rms of each log [°/h, 100 s means]; rate gain: share of a true constant rate that is"
-        " left in the output",
-        (
-            "log",
-            "before",
-            "after",
-            *SPLIT_HEADS,
-            "before/after",
-            "rate gain",
-        ),
-        rows,
+        "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
+        ("model", "before", "after", "noise alone", "drift left (+u)", "after/before", ""),
+        shares,
     )
 
 
@@ -254,8 +196,8 @@ def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[s
 
 
 def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ()) -> Table:
-    """Drift of each log before and after beside the noise, with its temperature rates where the
-    prepared logs are given.
+    """Drift of each log before and after beside the noise, and the share of a true constant rate
+    that is left in the output, with its temperature rates where the prepared logs are given.
     """
     rates = {
         log.name: ", ".join(f"{ramp.rate:+.1f}".replace("-", "−") for ramp in log.ramps)
@@ -265,7 +207,7 @@ def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ())
         (
             log.name,
             *((rates[log.name],) if rates else ()),
-            *(log.before, log.after, log.split.noise, log.split.left),
+            *(log.before, log.after, log.split.noise, log.split.left, log.gain_recursive),
         )
         for log in logs
     )
@@ -279,7 +221,7 @@ def summarize_fit(
     tested: Sequence[Tested],
     levels: ThermalChoice,
     export: Export,
-    stated: Sequence[Statement],
+    stated: Sequence[Mapping[str, Any]],
     at_rest: KeyValue | None,
 ) -> Overview:
     """First screen of a fit; `at_rest` is the bias or the rate at rest."""
@@ -303,12 +245,12 @@ def summarize_fit(
             f" {_UNIT}; noise alone gives {noise:.3f} {_UNIT}."
         )
     if stated:
-        worst = max(stated, key=lambda one: one.expanded_uncertainty)
-        U = KeyValue("largest U of the drift taken off", worst.expanded_uncertainty, _UNIT)
+        worst = max(stated, key=lambda entry: float(entry["expanded_uncertainty"]))
+        U = KeyValue("largest U of the drift taken off", worst["expanded_uncertainty"], _UNIT)
         values.append(U)
         facts.append(
-            f"L{U.name[1:]}: {worst.expanded_uncertainty:.2g} {_UNIT} (k ="
-            f" {worst.coverage_factor:.2f}), {worst.where}, {worst.temp_case_degc:.0f} °C."
+            f"L{U.name[1:]}: {U.value:.2g} {_UNIT} (k = {worst['coverage_factor']:.2f}),"
+            f" {worst['where']}, {worst['temp_case_degc']:.0f} °C."
         )
     if at_rest is not None:
         values.append(at_rest)

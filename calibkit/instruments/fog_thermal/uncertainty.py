@@ -25,8 +25,7 @@ from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.recipe import TypeB, type_b
-from calibkit.report.summary import number
-from calibkit.report.table import Table, number_or_none
+from calibkit.report import budget
 
 TURN_ON = "turn_on_bias."
 """Figures of the turn-on biases begin with this, and a log's name follows."""
@@ -35,39 +34,6 @@ RESULT = "gyro_dph"
 THERMOMETERS = ("temp_case_degc", "temp_env_degc")
 POINTS = 5
 """Number of temperatures at which the uncertainty at rest is stated."""
-
-
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """Combined uncertainty at one instant: place, drift [°/h] and all components."""
-
-    where: str
-    temp_case_degc: float
-    drift: float
-    components: tuple[tuple[str, str, float], ...]
-    standard_uncertainty: float
-    effective_dof: float
-    coverage_factor: float
-    expanded_uncertainty: float
-
-    def to_object(self) -> dict[str, Any]:
-        """JSON object; infinite degrees of freedom are null."""
-        return {
-            "result": "drift taken off the indication",
-            "unit": "deg/h",
-            "where": self.where,
-            "temp_case_degc": self.temp_case_degc,
-            "value": self.drift,
-            "components": [
-                {"name": name, "kind": kind, "standard_uncertainty": value}
-                for name, kind, value in self.components
-            ],
-            "standard_uncertainty": self.standard_uncertainty,
-            "effective_dof": number_or_none(self.effective_dof),
-            "coverage_factor": self.coverage_factor,
-            "expanded_uncertainty": self.expanded_uncertainty,
-            "probability": gum.TWO_SIGMA,
-        }
 
 
 def flag_unused(terms: Sequence[TypeB]) -> list[str]:
@@ -154,20 +120,22 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
 
 def state_along_logs(
     model: DriftModel, logs: Sequence[PreparedLog], terms: Sequence[TypeB]
-) -> tuple[Statement, ...]:
-    """Statements at rest over the fitted temperatures and at the largest uncertainty along each
-    log; empty without a level or lagged model.
+) -> list[dict[str, Any]]:
+    """Uncertainty of the drift as JSON objects: at rest over the fitted temperatures, and where it
+    is largest in each log; empty without a model on levels.
     """
     if model.thermal is None:
-        return ()
-    statements = []
+        return []
+    stated = []
 
     def state(where: str, degc: float, along: uncertainty.Along, row: int) -> None:
-        parts = zip(along.names, along.kinds, along.contributions[:, row].tolist(), strict=True)
-        u, expanded = float(along.standard[row]), float(along.expanded[row])
-        factor = expanded / u if u > 0.0 else gum.coverage_factor(float("inf"))
-        drift, dof = float(along.drift[row]), float(along.effective_dof[row])
-        statements.append(Statement(where, degc, drift, tuple(parts), u, dof, factor, expanded))
+        drift = float(along.drift[row])
+        parts = [
+            gum.UncertaintyComponent(name, drift, float(values[row]), kind, dof=dof)
+            for name, kind, values, dof in along.contributions
+        ]
+        entry = budget.combine("drift taken off the indication", "deg/h", parts)
+        stated.append(entry | {"where": where, "temp_case_degc": degc})
 
     reference, time = model.reference_temp_degc, np.array([0.0, 1.0])
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
@@ -179,39 +147,7 @@ def state_along_logs(
         moving = _along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
         state(log.name, float(log.raw.case[row]), moving, row)
-    return tuple(statements)
-
-
-def tabulate_statements(statements: Sequence[Statement]) -> Table:
-    """Table of the statements."""
-    rows = []
-    for entry in statements:
-        parts = {name: value for name, _, value in entry.components}
-        of_equipment = [value for _, kind, value in entry.components if kind == "B"]
-        dof = "∞" if entry.effective_dof > 1e4 else f"{np.floor(entry.effective_dof):.0f}"
-        cells = (
-            parts["coefficients"],
-            parts["model error on ramps left out"],
-            float(np.sqrt(sum(value**2 for value in of_equipment))),
-            entry.standard_uncertainty,
-        )
-        rows.append(
-            (
-                entry.where,
-                f"{entry.temp_case_degc:.0f}",
-                f"{entry.drift:+.3f}",
-                *(number(value, 2) for value in cells),
-                dof,
-                f"{entry.coverage_factor:.2f}",
-                number(entry.expanded_uncertainty, 2),
-            )
-        )
-    return Table(
-        "Uncertainty of the drift taken off, and so of the compensated rate [°/h]: at rest, and"
-        " where it is largest in each log",
-        ("where", "°C", "drift", "coefficients", "model error", "type B", "u", "ν_eff", "k", "U"),
-        tuple(rows),
-    )
+    return stated
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,8 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.numeric.thermal.lagged import LagSearch
-from calibkit.numeric.thermal.level import Basis
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
+from calibkit.numeric.thermal.fits import LevelBasis, Solution, lagged_basis
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
@@ -40,18 +39,16 @@ class Candidate:
 
 
 def solve(
-    candidates: Sequence[Candidate], basis: Basis
+    candidates: Sequence[Candidate], basis: LevelBasis
 ) -> tuple[list[tuple[Candidate, Solution]], list[str]]:
     """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
     solved: list[tuple[Candidate, Solution]] = []
     refused: list[str] = []
-    search = LagSearch.of_rows(basis.rows)
-    lagged = any(candidate.form == "lagged" for candidate in candidates)
-    grid = search.on_grid() if lagged else None
+    lagged = lagged_basis(basis.rows)
     for candidate in candidates:
         try:
-            if candidate.form == "lagged" and grid is not None:
-                solved.append((candidate, search.solve(candidate.terms, grid)))
+            if candidate.form == "lagged":
+                solved.append((candidate, lagged.solve(candidate.terms)))
             elif candidate.form == "level":
                 solved.append((candidate, basis.solve(candidate.terms)))
         except FitError as error:

@@ -6,22 +6,12 @@ least-squares parabolas over a trailing window: causal, without delay, and insen
 of a quantised thermometer.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-
 import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.numeric.thermal import pooled_fit
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack
-from calibkit.numeric.thermal.terms import (
-    TERMS,
-    Drivers,
-    Scales,
-    chosen_columns,
-)
+from calibkit.numeric.thermal.terms import Drivers
 
 WINDOW_S = 90.0
 """Trailing window of the rates [s]: a step of 0.0625 °C changes them by less than 0.1 °C/min."""
@@ -98,52 +88,3 @@ def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) ->
     return Drivers(
         case, _end_slope(time, case, window_s), gradient, _end_slope(time, gradient, window_s)
     )
-
-
-@dataclass(frozen=True, slots=True)
-class Basis:
-    """Logs of a level fit with their drivers, scaled design [n, 9], and rows at the noise about all
-    terms, at which candidates are compared.
-    """
-
-    rows: Rows
-    window_s: float
-    drivers: Drivers
-    scales: Scales
-    design: Array
-
-    def solve(self, terms: Sequence[str]) -> Solution:
-        """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
-        chosen = chosen_columns(terms)[1:]
-        names = tuple(TERMS[k] for k in chosen)
-        columns = self.design[:, chosen]
-        _, variance = self.rows.solve_terms(columns, names)
-        return Solution(
-            form="level",
-            terms=("b0", *names),
-            scales=self.scales,
-            drivers=self.drivers,
-            columns=columns,
-            sensitivities=np.zeros((columns.shape[0], 0)),
-            log_lags=np.zeros(0),
-            free=np.zeros(0, dtype=bool),
-            rows=self.rows,
-            window_s=self.window_s,
-            turn_on_variance=variance,
-        )
-
-
-def basis(stacked: Stack) -> Basis:
-    """Basis of a level fit; spikes are those about a fit of all terms.
-
-    The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
-    """
-    step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
-    window_s = max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
-    parts = [drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
-    found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
-    scales = found.valid().scales()
-    design = found.scaled_design(scales)
-    rows = Rows.of_stack(stacked, pooled_fit.sound_blocks(design[:, 1:], stacked))
-    rows = rows.at_noise_of(stacked.indication, design[:, 1:])
-    return Basis(rows, window_s, found, scales, design)

@@ -11,23 +11,22 @@ keeps soaks from outvoting ramps.
 Blocks that stand out of their neighbours, and of what all terms explain, are left out.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.numeric.dispersion import mad_sigma, rms
+from calibkit.numeric.dispersion import mad_sigma
 from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.noise import MOST_GROUPS, Noise, estimate
-from calibkit.numeric.thermal.terms import Drivers, Scales, ThermalModel, chosen_columns
 
 NEIGHBOURS = 7
 """Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.
@@ -340,108 +339,3 @@ def sound_blocks(columns: Array, stacked: Stack) -> Mask:
         if np.array_equal(sound, before):
             break
     return sound
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """Fitted model in the scaled basis, with the columns and weights of its fit."""
-
-    form: Literal["level", "lagged"]
-    terms: tuple[str, ...]
-    scales: Scales
-    drivers: Drivers
-    columns: Array
-    """[n, k], the scaled terms without b0."""
-    sensitivities: Array
-    """[n, m], derivative of the drift by the logarithm of each free lag."""
-    log_lags: Array
-    """Logarithms of the lags [s]; empty for a level model."""
-    free: Mask
-    """[lags], whether a lag is determined by the fit and not at its bound."""
-    rows: Rows
-    window_s: float
-    turn_on_variance: float
-    """Of the turn-on biases; infinite where they are free."""
-
-    endless: bool = False
-    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
-
-    @property
-    def parameters(self) -> int:
-        """Number of terms, lags and turn-on biases."""
-        return len(self.terms) + self.log_lags.size + len(self.rows.stacked.logs) - 1
-
-    @property
-    def tangent(self) -> Array:
-        """Columns [n, k + m] of the model about its lags."""
-        return np.column_stack([self.columns, self.sensitivities])
-
-    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
-        """Drift [n, up to a constant] of all blocks by the fit without each ramp in turn.
-
-        ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags:
-        linearised about the fit to all ramps. Where the other ramps determine no lag, the lags
-        stay.
-        """
-        for rows in without:
-            predicted = np.zeros(len(self.columns))
-            for columns in (self.tangent, self.columns):
-                solved = rows.solve(columns, self.turn_on_variance)
-                if solved is not None:
-                    predicted = columns @ solved.coefficients
-                    break
-            yield predicted
-
-    def finish(self) -> ThermalModel:
-        """Drift model in raw units, with its covariance by the noise of the rows.
-
-        b0 is the mean of the levels of the logs: of its variance, τ²/logs is that of their turn-on
-        biases, which is the scatter of the levels beyond their own uncertainty.
-
-        Raises FitError naming the terms that the logs cannot determine.
-        """
-        chosen, rows, stacked = chosen_columns(self.terms)[1:], self.rows, self.rows.stacked
-        solved, _ = rows.solve_terms(self.columns, self.terms[1:])
-        tangent = rows.solve(self.tangent, self.turn_on_variance) or solved
-        logs, level, lags = solved.logs, solved.levels, np.exp(self.log_lags)
-        # from (levels, scaled coefficients, logarithms of the free lags) to (raw units, seconds);
-        # terms and lags that were not fitted have zero rows
-        free = np.flatnonzero(self.free)
-        to_terms = np.zeros((9 + lags.size, logs + chosen.size + free.size))
-        to_terms[0, :logs] = 1.0 / logs
-        to_terms[chosen, logs + np.arange(chosen.size)] = 1.0
-        to_terms[9 + free, logs + chosen.size + np.arange(free.size)] = lags[free]
-        to_raw = np.eye(9 + lags.size)
-        to_raw[:9, :9] = self.scales.to_raw()
-        matrix = to_raw @ to_terms
-        covariance = matrix @ tangent.covariance @ matrix.T
-        turn_on_variance = 0.0
-        if logs > 1:
-            of_levels = tangent.covariance[:logs, :logs]
-            alone = float(np.mean(np.diag(of_levels)) - np.mean(of_levels))
-            turn_on_variance = max(float(np.var(level, ddof=1)) - alone, 0.0) / logs
-        covariance[0, 0] += turn_on_variance
-        scaled = np.concatenate([[level.mean()], np.zeros(8)])
-        scaled[chosen] = solved.coefficients
-        drift = self.columns @ solved.coefficients
-        residual = (stacked.indication - drift - stacked.level_columns @ level)[rows.blocks]
-        dof = residual.size - chosen.size - free.size - logs
-        return ThermalModel(
-            form=self.form,
-            terms=self.terms,
-            coefficients=self.scales.to_raw() @ scaled,
-            lags=tuple(lags.tolist()),
-            covariance=covariance,
-            window_s=self.window_s,
-            valid=Drivers(*(values[stacked.fitted] for values in self.drivers)).valid(),
-            turn_on=level - level.mean(),
-            turn_on_variance=turn_on_variance,
-            constant_dof=float(logs - 1) if logs > 1 else float(dof),
-            dof=dof,
-            residual_rms=rms(residual),
-            noise=rows.noise,
-            model_error=0.0,
-            model_error_dof=float("inf"),
-            entangled=(),
-            flags=(),
-        )

@@ -4,7 +4,7 @@ out of the fit, and clamping.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -20,6 +20,8 @@ NEIGHBOURING = (1, 2, 3)
 POSTERIOR_REACH = 6.0
 """Standard errors beyond which the posterior of the model error is negligible."""
 POSTERIOR_LEVELS = 2001
+Contribution = tuple[str, Literal["A", "B"], Array, float]
+"""Name, kind, standard uncertainties [n, °/h] along a log and degrees of freedom."""
 
 
 class _Stated(Protocol):
@@ -130,9 +132,8 @@ def of_coefficients(model: _Stated, sensitivity: Array, lag: int) -> Array:
     return np.asarray(product, dtype=np.float64)
 
 
-def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str, Array, float]]:
-    """Independent contributions to the uncertainty of the drift along a log, each with its name,
-    kind, values [n, °/h] and degrees of freedom.
+def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:
+    """Independent contributions to the uncertainty of the drift along a log.
 
     They are: type A uncertainty of coefficients and lags, propagated (JCGM 100, 5.2.2); the model
     error on left-out ramps; where a driver was clamped, a rectangular distribution whose half
@@ -144,24 +145,24 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[tuple[str, str
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
     past = np.broadcast_to(evaluation.unknown_start, type_a.shape) / np.sqrt(3.0)
-    return [
+    known: list[Contribution] = [
         ("coefficients", "A", type_a, np.inf),
         ("model error on ramps left out", "A", missed, model.model_error_dof),
         ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
-        *([("hysteresis of what was before", "B", past, np.inf)] if np.any(past) else []),
     ]
+    if np.any(past):
+        known.append(("hysteresis of what was before", "B", past, np.inf))
+    return known
 
 
 @dataclass(frozen=True, slots=True)
 class Along:
-    """Bias [n] along a log, contributions [m, n] to its uncertainty with names and kinds, and the
+    """Bias [n] along a log, contributions to its uncertainty as those of `contributions`, and the
     combined uncertainty [n].
     """
 
     drift: Array
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    contributions: Array
+    contributions: list[Contribution]
     standard: Array
     effective_dof: Array
     expanded: Array
@@ -180,6 +181,5 @@ def combine_along(
     known = contributions(model, evaluation.about_mean() if about_mean else evaluation)
     for name, effect, dof in type_b:
         known.append((name, "B", np.abs(effect - effect.mean() if about_mean else effect), dof))
-    names, kinds, parts, dofs = zip(*known, strict=True)
-    values = np.stack(parts)
-    return Along(evaluation.drift, names, kinds, values, *gum.expand_along(values, np.array(dofs)))
+    _, _, parts, dofs = zip(*known, strict=True)
+    return Along(evaluation.drift, known, *gum.expand_along(np.stack(parts), np.array(dofs)))

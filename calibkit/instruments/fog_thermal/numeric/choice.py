@@ -12,7 +12,7 @@ from calibkit.fit.choose import choose as choose_simplest
 from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, LeftOutRamps
-from calibkit.numeric.thermal import lagged, level, uncertainty
+from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     FIGURE_BLOCKS,
@@ -22,7 +22,7 @@ from calibkit.numeric.thermal.left_out import (
     left_out_errors,
     solve,
 )
-from calibkit.numeric.thermal.pooled_fit import Rows, Solution, Stack, ThermalLog
+from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
 
 LIKELY = 0.5
@@ -40,7 +40,7 @@ CANDIDATES = (
     Candidate("level, all terms", "level", TERMS),
     Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
     Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
-    Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
+    Candidate("lagged, all terms", "lagged", fits.LAGGED_TERMS),
     Candidate("bank of lags", "bank", ()),
 )
 
@@ -50,7 +50,7 @@ class _Fitted:
     """Candidate with its solution on all ramps."""
 
     candidate: Candidate
-    solution: Solution | bank_fit.Solution
+    solution: fits.Solution | bank_fit.Solution
     unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
 
@@ -58,7 +58,7 @@ class _Fitted:
         """Drift model in raw units."""
         if isinstance(self.solution, bank_fit.Solution):
             return self.solution.finish()
-        return lagged.finish(self.solution)
+        return fits.finish(self.solution)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,7 @@ def choose(
         )
         return ThermalChoice((), (), None, None, reason)
     # all candidates leave out the same rows, so that their errors are comparable
-    basis, one_sided = level.basis(stacked), _one_sided(stacked)
+    basis, one_sided = fits.level_basis(stacked), _one_sided(stacked)
     without = leave_out(stacked, basis.rows)
     solved, reasons = solve(candidates, basis)
     refused = tuple(reasons)
