@@ -61,7 +61,7 @@ def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
             K = lines.Lines.of([[(0, run)]]).of_runs([run], gyro)
             true = truth["models"][f"{gyro}_about_{axis}"]["K"]
             errors[f"K {gyro}_about_{axis}"] = float((K.value[0] - true) / K.u[0])
-    result = fit.fit_pair(SPEC, runs).pair
+    result = fit.fit_campaign(SPEC, runs).pair
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
     for c, true in zip(result.coefficients, true_values, strict=True):
         errors[c.name] = (c.value - true) / c.standard_uncertainty

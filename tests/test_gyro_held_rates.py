@@ -212,7 +212,7 @@ def test_one_row_a_held_rate_is_valid_data():
     found = lines.Lines.of([[(0, run)]]).of_runs([run], "x")
     assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
     assert any("one row per held rate" in flag for flag in run.flags)
-    assert np.median(run.scale("x").noise) == pytest.approx(1.0, rel=0.5)
+    assert np.median(run.plateaus.standard_uncertainty[:, 0]) == pytest.approx(1.0, rel=0.5)
 
 
 def runs_over_temperature(seed, degc, logged, *, bend=0.0):
@@ -241,7 +241,7 @@ def temperature_flags(runs):
     """Flags on what runs say of temperature against each other."""
     return [
         flag
-        for flag in fit.fit_runs(SPEC, {"": runs}).flags
+        for flag in fit.fit_campaign(SPEC, {"": runs}).flags
         if "let expect" in flag or "bends that much" in flag
     ]
 

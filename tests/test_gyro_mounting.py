@@ -73,7 +73,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
         run_about(g, tilted(axes[g], np.radians(off_deg), rng), gyros, axes, degc, spec, rng)
         for g, degc in (("a", 25.0), ("b", 25.0 + apart_degc))
     ]
-    fitted = fit.fit_pair(spec, {"a": (runs[0],), "b": (runs[1],)})
+    fitted = fit.fit_campaign(spec, {"a": (runs[0],), "b": (runs[1],)})
     degc = np.mean([run.temp_degc for run in runs])
     table = simulate_rate_table.Table()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
@@ -168,7 +168,7 @@ def triad(seed, spec, arcsec):
         turned = axis + tilt * (rng.normal() * first + rng.normal() * second)
         turned = turned / np.linalg.norm(turned)
         runs[g] = (run_about(f"about_{g}", turned, gyros, axes, 25.0, spec, rng),)
-    fitted = fit.fit_axes(spec, runs)
+    fitted = fit.fit_campaign(spec, runs)
     _, angles = coefficient_files.list_results(fitted, spec)
     true = {
         f"angle_deg.{g}_{h}": np.degrees(np.arccos(axes[g] @ axes[h]))

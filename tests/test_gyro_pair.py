@@ -206,7 +206,7 @@ def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(see
     for ideal, extra in ((True, 0.0), (False, 5e-6)):
         logs = simulated.pair(seed, alpha_deg=alpha_deg, ideal=ideal)
         runs = {axis: (run_of(logs.logs[f"table_axis_{axis}.csv"], axis),) for axis in "ab"}
-        N, _, gamma, alpha = fit.fit_pair(SPEC, runs).pair.coefficients
+        N, _, gamma, alpha = fit.fit_campaign(SPEC, runs).pair.coefficients
         u_gamma, u_alpha = gamma.standard_uncertainty, alpha.standard_uncertainty
         assert abs(gamma.value - logs.truth["gamma"]) < 4.0 * u_gamma + extra
         assert abs(alpha.value - alpha_deg) < 4.0 * u_alpha + np.degrees(
@@ -227,7 +227,7 @@ def pair_of(gamma, gamma_from_a):
             columns[f"gyro_{gyro}_lsb"] = 1e4 * share * rates + rng.normal(0.0, 0.5, rates.size)
         log = Log(axis, f"{axis}.csv", axis, rates.size, pd.DataFrame(columns))
         runs[axis] = (table_runs.fit_run(spec, log),)
-    return fit.fit_pair(spec, runs).pair
+    return fit.fit_campaign(spec, runs).pair
 
 
 def test_a_pair_at_a_right_angle_is_no_turned_sign():

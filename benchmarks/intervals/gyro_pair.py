@@ -104,7 +104,7 @@ def simulate(case: Case, number: int) -> Outcome:
         runs.append(log)
     try:
         about_a, about_b = (table_runs.fit_run(spec, log) for log in runs)
-        fitted = fit.fit_pair(spec, {"a": (about_a,), "b": (about_b,)})
+        fitted = fit.fit_campaign(spec, {"a": (about_a,), "b": (about_b,)})
         model = coefficient_files.list_results(fitted, spec)[1].models[0]
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))

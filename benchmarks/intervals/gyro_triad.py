@@ -66,7 +66,7 @@ def simulate(case: Case, number: int) -> Outcome:
     )
     try:
         runs = {g: (table_runs.fit_run(spec, log),) for g, log in logs.items()}
-        fitted = fit.fit_axes(spec, runs)
+        fitted = fit.fit_campaign(spec, runs)
         made = coefficient_files.list_results(fitted, spec)[1]
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))

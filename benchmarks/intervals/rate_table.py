@@ -152,7 +152,7 @@ def simulate(case: Case, number: int) -> Outcome:
     logs = [_log(gyro, case, degc, rng) for degc in _degc(case).tolist()]
     try:
         runs = [_fit_run(log, f"run_{k}", spec) for k, log in enumerate(logs)]
-        (made,) = coefficient_files.list_results(fit.fit_runs(spec, {"": runs}), spec)
+        (made,) = coefficient_files.list_results(fit.fit_campaign(spec, {"": runs}), spec)
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     models = {model.name: model for model in made.models}

@@ -97,13 +97,13 @@ class Rows:
         return np.asarray(products / np.bincount(self.line, off_mean**2))
 
     def of_lines(self, chosen: Mask) -> "Rows":
-        """Rows of some lines [lines], runs numbered anew."""
+        """Rows of some lines [lines] as one, runs numbered anew."""
         rows = chosen[self.line]
         run = np.unique(self.run[rows], return_inverse=True)[1].reshape(-1)
         rate, F, degc, hours = (
             column[rows] for column in (self.rate_dps, self.indication, self.row_degc, self.hours)
         )
-        return Rows(rate, F, run, degc, hours, run, run)
+        return Rows(rate, F, run, degc, hours, np.zeros_like(run), np.zeros_like(run))
 
 
 class Fitted(NamedTuple):

@@ -8,7 +8,7 @@ each gyro, at one temperature. Three axes: s_g = (K_gx, K_gy, K_gz) of the runs 
 the unit vectors s_g/|s_g| and the angles between them, and (1) of all lines over temperature.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -33,12 +33,7 @@ from calibkit.instruments.gyro_scale import (
     published,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.campaign import (
-    AxesSet,
-    Campaign,
-    Channel,
-    Runs,
-)
+from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel, Runs
 from calibkit.instruments.gyro_scale.coefficient_files import (
     curve_model,
     figure_of,
@@ -68,44 +63,38 @@ LEAST_LEVELS = 3
 """Fewest temperatures that show a slope of K and F0."""
 SMALL_SINE = 0.01
 """Sine of the angle between the gyros below which two γ do not tell the error of mounting."""
-OWN_AND_CROSS = [0, 3, 2, 1]
-"""Places of K_A, K_B, K_Ba, K_Ab among the lines of A about a, A about b, B about a, B about b."""
-CHANNELS = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
-"""Gyro and table axis of each line of a pair, own axes first."""
+PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
+"""Gyro and table axis of K_A, K_B, K_Ba and K_Ab."""
 
 
 def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
     """Fit a procedure's runs; `near` is a fit of nearly the same runs, whose sizes of errors and
     choices are kept, and which has the flags.
+
+    Raises FitError for a gyro that does not follow the table, for two γ of opposite sign, and for
+    a table axis without a run at some temperature.
     """
+    groups: Sequence[Runs] = [runs]
+    all_runs = [run for group in runs.values() for run in group]
+    if isinstance(spec, GyroTriadRecipe) and np.isfinite([run.temp_degc for run in all_runs]).all():
+        groups = table_runs.group_by_temperature(runs)
+    sets = [
+        [(number, run) for number, axis in enumerate(spec.logs_of_axes) for run in group[axis]]
+        for group in groups
+    ]
+    run_lines = Lines.of(sets, near.run_lines if near else None)
+    if not near:
+        run_lines.require_followed()
     if isinstance(spec, GyroPairRecipe):
-        return fit_pair(spec, runs, near)
+        return _fit_pair(spec, runs, run_lines, near)
     if isinstance(spec, GyroTriadRecipe):
-        return fit_axes(spec, runs, near)
-    return fit_runs(spec, runs, near)
-
-
-def _lines_of(sets: Sequence[Sequence[tuple[int, TableRun]]], near: Campaign | None) -> Lines:
-    """Lines of sets of runs, each with the number of its axis; raises FitError for a gyro that does
-    not follow the table.
-    """
-    if near:
-        return Lines.of(sets, near.run_lines)
-    run_lines = Lines.of(sets)
-    run_lines.require_followed()
-    return run_lines
-
-
-def fit_runs(spec: RateTableRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
-    """Fit each gyro in each run about the one axis, then over the runs and over temperature."""
-    about = tuple(runs[""])
-    run_lines = _lines_of([[(0, run) for run in about]], near)
+        return _fit_axes(spec, runs, groups, run_lines, near)
     channels = []
     for number, gyro in enumerate(spec.gyros):
         before = near.channels[number].over if near else None
-        channels.append(_fit_over_runs(spec, gyro, about, run_lines, before))
-    of_runs = () if near else flags.of_runs(channels, run_lines, spec)
-    return Campaign(tuple(channels), run_lines, tuple(dict.fromkeys(of_runs)))
+        channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, before))
+    of_runs = () if near else dict.fromkeys(flags.of_runs(channels, run_lines, spec))
+    return Campaign(tuple(channels), run_lines, tuple(of_runs))
 
 
 def _fit_over_runs(
@@ -128,8 +117,8 @@ def _fit_over_runs(
     else:
         terms = _terms(spec, rows, varies=varies)
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
-        stated = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
-        errors = [*stated, *(e for e in shared if e.group != "run")]
+        errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
+        errors = [*errors, *(e for e in shared if e.group != "run")]
         over = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
     terms = over.terms
     polynomials, in_time = _over_temperature(over)
@@ -142,10 +131,8 @@ def _fit_over_runs(
     repeated = tuple(run for run, chosen in zip(runs, room, strict=True) if chosen)
     # what differs from run to run and from side to side
     sizes = [s for s in over.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
-    mean = line_model(
-        *(name, polynomials.restated(lambda p: of_room @ p), run_lines, gyro, repeated),
-        components_of(sizes),
-    )
+    mean_line = polynomials.restated(lambda p: of_room @ p)
+    mean = line_model(name, mean_line, run_lines, gyro, repeated, components_of(sizes))
     channel = Channel(gyro, "", True, runs, repeated, mean, over, in_time)  # noqa: FBT003
     slope = None
     if varies:
@@ -167,25 +154,23 @@ def _over_temperature(whole: equation.Fitted) -> tuple[Fit, ordering.Ordering | 
     leave open, and whether K changes with time in the runs, beside what temperature changes.
     """
     fit, rows, terms = whole
+    steady, known_degc = rows.indication, ordering.STEADY_DEGC
     if max(terms.orders):
         mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fit.parameters
         warmed = equation.response(p, rows, terms) - equation.response(p, mean, terms)
-        in_time = ordering.decide(rows, rows.indication - warmed, np.inf, terms.powers)
-    else:
-        in_time = ordering.decide(rows, rows.indication, powers=terms.powers)
+        steady, known_degc = rows.indication - warmed, np.inf
+    in_time = ordering.decide(rows, steady, known_degc, terms.powers)
     line = equation.best_line(terms, rows.rate_dps)
     curves = fit.restated(lambda p: np.concatenate(line(p), axis=1)[0])
-    F0 = curves.parameters.size // 2
-    hidden, shift, half_width = 0.0, 0.0, 0.0
+    parameters = curves.parameters.copy()
+    F0, bounds = parameters.size // 2, np.zeros((parameters.size, 2))
     if not equation.turns_both_ways(rows.rate_dps):
         # runs of one direction alone do not tell a bend of the response from F0
-        hidden = curves.parameters[F0] - terms.split(fit.parameters).F0[0, 0]
+        bounds[F0, 1] = parameters[F0] - terms.split(fit.parameters).F0[0, 0]
     if in_time:
-        shift, half_width = in_time.shift, in_time.half_width
-    # a half-width that is known, as a rectangular distribution
-    bounds = np.zeros((curves.parameters.size, 2))
-    bounds[0, 0], bounds[F0, 1] = half_width / np.sqrt(3.0), hidden
-    parameters = curves.parameters + shift * np.eye(curves.parameters.size)[0]
+        # a half-width that is known, as a rectangular distribution
+        bounds[0, 0] = in_time.half_width / np.sqrt(3.0)
+        parameters[0] += in_time.shift
     bounds = np.hstack((curves.bounds, bounds))
     return replace(curves, parameters=parameters, bounds=bounds), in_time
 
@@ -253,22 +238,20 @@ def _figures(
     yield figure("temperature_sensitivity", IEEE, float(slope.value) * size, "ppm/degC", u)
 
 
-def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
+def _fit_pair(
+    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, near: Campaign | None
+) -> Campaign:
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
     """
-    about = [(k, run) for k, axis in enumerate("ab") for run in runs[axis]]
-    run_lines = _lines_of([about], near)
     known = spec.known_errors()
     run_scale = run_lines.run_scale(known.get("scale"))
-    # K [4], then F0 [4], of A about a, A about b, B about a, B about b: means over the runs
-    means = run_lines.means(np.ones(run_lines.gyro_of.size, dtype=np.bool_)).reshape(4, -1)
-    none = np.zeros_like(means)
-    mean_lines = run_lines.combined(np.vstack((means, none)), np.vstack((none, means)))
-    mean_lines = mean_lines.widened_by([run_scale] if run_scale else [])
+    mean_lines = run_lines.mean_lines().widened_by([run_scale] if run_scale else [])
+    # K and F0 of A about a, A about b, B about a, B about b
+    places = [2 * "ab".index(gyro) + "ab".index(axis) for gyro, axis in PAIR]
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
     apart = degc["b"] - degc["a"]
-    K = mean_lines.part(OWN_AND_CROSS)
+    K = mean_lines.part(places)
     if np.isfinite(apart):
         K = _at_one_temperature(K, apart, spec)
     from_a = K.of(lambda k: k[3] / k[0])
@@ -277,8 +260,7 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     flags.refuse_opposite(by_noise, from_a)
     tilt, tilt_dof = find_mounting(by_noise, from_a, known.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
-    sine = np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
-    K_A, K_B = K.parameters[:2] * sine
+    K_A, K_B = K.parameters[:2] * np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
     mounting = run_lines.mounting(across, (float(np.degrees(tilt)), tilt_dof))
     K = K.widened_by([mounting])
@@ -286,36 +268,32 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
     ratios = published.find_ratios(replace(K, bounds=np.column_stack((K.bounds, cosine))))
     channels = []
-    for number, (gyro, axis) in enumerate(CHANNELS):
-        line_at = 2 * "ab".index(gyro) + "ab".index(axis)
-        line = mean_lines.part([line_at, line_at + 4])
-        channel = Channel(
-            gyro,
-            axis,
-            own=gyro == axis,
-            runs=runs[axis],
-            repeated=runs[axis],
-            mean=line_model(
-                *(forms.line_name(gyro, axis), line, run_lines, gyro, runs[axis]),
-                stated_components(run_scale),
-            ),
-        )
-        if channel.own:
-            before = near.channels[number].over if near else None
-            bent = _fit_response(spec, run_lines.rows_of(runs[axis], gyro), before)
-            channel = replace(channel, over=bent)
-        channels.append(channel)
+    for number, ((gyro, axis), place) in enumerate(zip(PAIR, places, strict=True)):
+        name, of_runs = forms.line_name(gyro, axis), stated_components(run_scale)
+        line = mean_lines.part([place, place + 4])
+        mean = line_model(name, line, run_lines, gyro, runs[axis], of_runs)
+        bent = None
+        if gyro == axis and spec.response == "auto":
+            rows = run_lines.rows_of(runs[axis], gyro)
+            if near:
+                before = near.channels[number].over
+                bent = before.refit(rows) if before else None
+            else:
+                # without errors that the runs share
+                terms = _terms(spec, rows, varies=False)
+                if terms.powers:
+                    bent = equation.Fitted(equation.fit(rows, terms, ()), rows, terms)
+        channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
     components = stated_components(run_scale, mounting)
     pair, figures = write_pair(run_lines, runs, ratios, from_a, components)
     of_pair: list[str] = []
     if not near:
-        of_pair = [flag for _, run in about for flag in run.flags]
-        of_pair += run_lines.flag_drifts()
-        of_pair += flags.of_gamma(by_noise, from_a)
         known_by_gamma = (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known else None
-        of_pair += flags.of_pair(
-            spec, runs, run_lines, apart, known_by_gamma, within=run_scale is None
-        )
+        within = run_scale is None
+        of_pair += flags.of_gamma(by_noise, from_a)
+        of_pair += flags.of_pair(spec, runs, run_lines, apart, known_by_gamma, within=within)
+        own = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
+        of_pair = [*own, *run_lines.flag_drifts(), *of_pair]
     return Campaign(
         tuple(channels),
         run_lines,
@@ -324,18 +302,6 @@ def fit_pair(spec: GyroPairRecipe, runs: Runs, near: Campaign | None = None) -> 
         pair=pair,
         pair_figures=figures,
     )
-
-
-def _fit_response(
-    spec: OwnAxisRecipe, rows: equation.Rows, near: equation.Fitted | None
-) -> equation.Fitted | None:
-    """Equation (1) of the runs of a gyro without errors that they share; None where the recipe asks
-    for the line alone, or no power of the rate is asked for.
-    """
-    if near or spec.response == "line":
-        return near.refit(rows) if near else None
-    terms = _terms(spec, rows, varies=False)
-    return equation.Fitted(equation.fit(rows, terms, ()), rows, terms) if terms.powers else None
 
 
 def _at_one_temperature(K: Fit, apart_degc: float, spec: GyroPairRecipe) -> Fit:
@@ -377,57 +343,66 @@ def find_mounting(
     return float(np.sqrt(pooled)), dof + 1.0
 
 
-def fit_axes(spec: GyroTriadRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
+def _fit_axes(
+    spec: GyroTriadRecipe,
+    runs: Runs,
+    groups: Sequence[Runs],
+    run_lines: Lines,
+    near: Campaign | None,
+) -> Campaign:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies.
-
-    Raises FitError for a table axis without a run at some temperature.
     """
-    all_runs = [run for axis in forms.AXES for run in runs[axis]]
-    logged = bool(np.isfinite([run.temp_degc for run in all_runs]).all())
-    groups = table_runs.group_by_temperature(runs) if logged else [dict(runs)]
-    about = [
-        [(a, run) for a, axis in enumerate(forms.AXES) for run in group[axis]] for group in groups
-    ]
-    run_lines = _lines_of(about, near)
-    known = spec.known_errors()
+    known, S = spec.known_errors(), run_lines.sensitivity()
     run_scale, mounting = run_lines.run_scale(known.get("scale")), None
     if "angle" in known:
-        S = run_lines.sensitivity()
         # a tilt toward one of the other axes
         across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
         mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
     stated = [error for error in (run_scale, mounting) if error]
-    degc = [np.mean([run.temp_degc for _, run in group]) for group in about]
-    suffixes = [f".at_{one:.0f}" for one in degc]
-    reference = int(np.argmin(np.abs(np.array(degc) - spec.reference_temp_degc))) if logged else 0
-    suffixes[reference] = ""
-    sets = [
-        _fit_set(spec, run_lines, stated, group, s, suffixes[s]) for s, group in enumerate(groups)
-    ]
+    of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
+    degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
+    logged = bool(np.isfinite(degc).all())
+    reference = int(np.argmin(np.abs(degc - spec.reference_temp_degc))) if logged else 0
+    sets = []
+    for s, group in enumerate(of_groups):
+        suffix = "" if s == reference else f".at_{degc[s]:.0f}"
+        sets.append(_fit_set(spec, run_lines, stated, group, s, suffix))
     flags.require_own_axes(sets, spec.gyros)
+    all_runs = [run for axis in forms.AXES for run in runs[axis]]
     over: equation.Fitted | None = None
     curves: list[Model] = []
     if len(sets) > 1:
-        over = _fit_polynomials(run_lines, run_scale, near.over if near else None)
+        rows = replace(run_lines.rows, line=run_lines.rows.channel)
+        if near and near.over:
+            over = near.over.refit(rows)
+        else:
+            order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
+            shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
+            middle_half = polynomial.middle_and_half(rows.row_degc)
+            terms = equation.Terms(S.size, (order, order), middle_half, shapes)
+            own = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
+            errors = [*equation.shared_errors(rows, terms, S.ravel(), own)]
+            for number, error in enumerate(errors):
+                if run_scale and error.name == run_scale.name:
+                    size, dof = run_scale.size, run_scale.size_dof
+                    errors[number] = replace(error, size=size, size_dof=dof)
+            over = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
         vertical = table_runs.vertical_rate_dps(spec)
         curves = list(_list_curves(over, spec.gyros, all_runs, mounting, vertical))
     channels = []
-    for at, (g, a) in enumerate(product(range(len(spec.gyros)), range(len(forms.AXES)))):
-        axis, curve = forms.AXES[a], tuple(curves[at : at + 1])
-        own = a == np.argmax(np.abs(sets[reference].misalignment(spec.gyros[g])))
-        channels.append(Channel(spec.gyros[g], axis, bool(own), runs[axis], curves=curve))
+    for at, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
+        senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
+        curve = tuple(curves[at : at + 1])
+        channels.append(Channel(gyro, axis, axis == senses, runs[axis], curves=curve))
     of_axes: list[str] = []
     if not near:
+        in_order = [run for group in of_groups for run in group]
         of_axes = [flag for run in all_runs for flag in run.flags]
-        if not logged and len(all_runs) > len(forms.AXES):
-            of_axes.append(flags.UNLOGGED)
-        of_axes += flags.of_axes_lines(
-            spec, [run for group in about for _, run in group], run_lines
-        )
+        of_axes += [flags.UNLOGGED] * (not logged and len(all_runs) > len(forms.AXES))
+        of_axes += flags.of_axes_lines(spec, in_order, run_lines)
         of_axes += flags.of_sets(spec, sets, mounting)
-        if run_scale is None:
-            of_axes.append(Remark(flags.WITHIN))
+        of_axes += [Remark(flags.WITHIN)] * (run_scale is None)
     return Campaign(
         tuple(channels),
         run_lines,
@@ -443,42 +418,41 @@ def _fit_set(
     spec: GyroTriadRecipe,
     run_lines: Lines,
     stated: Sequence[Shared],
-    group: Mapping[str, tuple[TableRun, ...]],
+    runs: Sequence[TableRun],
     number: int,
     suffix: str,
 ) -> AxesSet:
     """Sensitivities of one set of runs, what follows from them, and biases F0 − K ω where ω, the
     earth's rate about the table's axis, is known.
     """
-    chosen, gyros = run_lines.set_of == number, len(spec.gyros)
-    of_K = run_lines.means(chosen).reshape(3 * gyros, -1)
-    of_F0 = np.zeros_like(of_K)
-    errors = [*stated]
+    chosen, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
+    errors = [*stated]
     if vertical_dps is not None:
-        unit = np.eye(chosen.size)
-        bias = run_lines.combined(-vertical_dps * unit, unit).of(lambda p: p)
-        errors += [run_lines.run_zero(g, chosen, bias) for g in range(gyros)]
-        of_gyro = chosen & (run_lines.gyro_of == np.arange(gyros)[:, None])
-        mean = of_gyro / np.sum(of_gyro, axis=1, keepdims=True)
-        of_K, of_F0 = np.vstack((of_K, -vertical_dps * mean)), np.vstack((of_F0, mean))
-    fit = run_lines.combined(of_K, of_F0).widened_by(errors)
-    figures = [*of_input_axes(fit.part(slice(3 * gyros)), spec.gyros)]
+        errors += run_lines.run_zeros(chosen, vertical_dps)
+
+    def S_and_B(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
+        K, F0 = p.reshape(2, count, 3)
+        if vertical_dps is None:
+            return K.ravel()
+        return np.concatenate((K.ravel(), np.mean(F0 - vertical_dps * K, axis=1)))
+
+    fit = run_lines.mean_lines(chosen).restated(S_and_B).widened_by(errors)
+    figures = [*of_input_axes(fit.part(slice(3 * count)), spec.gyros)]
     if vertical_dps is not None:
-        sizes = np.linalg.norm(fit.parameters[: 3 * gyros].reshape(-1, 3), axis=1)
-        biases = fit.of(lambda p: p[3 * gyros :] / sizes * DPH_PER_DPS)
-        figures += [
-            figure_of(f"bias.{gyro}", biases, "deg/h", g) for g, gyro in enumerate(spec.gyros)
-        ]
-    runs = [run for axis in forms.AXES for run in group[axis]]
+        sizes = np.linalg.norm(fit.parameters[: 3 * count].reshape(-1, 3), axis=1)
+        biases = fit.of(lambda p: p[3 * count :] / sizes * DPH_PER_DPS)
+        for g, gyro in enumerate(spec.gyros):
+            figures.append(figure_of(f"bias.{gyro}", biases, "deg/h", g))
     sensitivities, names_of_biases = forms.triad_names(spec.gyros)
-    units = ["1/deg"] * len(sensitivities) + ["1/s"] * gyros
-    named = list(zip([*sensitivities, *names_of_biases], units, strict=True))
+    named = [(name, "1/deg") for name in sensitivities] + [
+        (name, "1/s") for name in names_of_biases
+    ]
     of_runs = [run_lines.published(run, gyro).fit for run in runs for gyro in spec.gyros]
     model = forms.TRIAD.write_fit(
         f"triad{suffix}",
         fit,
-        named[: len(of_K)],
+        named[: len(fit.parameters)],
         residual_rms=rms([one.residual_rms for one in of_runs]),
         residual_unit="1/s",
         valid=table_runs.valid_ranges(runs),
@@ -514,24 +488,3 @@ def _list_curves(
             return np.asarray(np.mean((zero - vertical_dps * scale)[3 * g : 3 * g + 3], axis=0))
 
         yield curve_model(forms.curve_name(gyro, "bias"), "1/s", fit.restated(bias), terms, runs)
-
-
-def _fit_polynomials(
-    run_lines: Lines, run_scale: Shared | None, near: equation.Fitted | None
-) -> equation.Fitted:
-    """Equation (1) of all runs with polynomials over temperature."""
-    S, rows = run_lines.sensitivity(), replace(run_lines.rows, line=run_lines.rows.channel)
-    if near:
-        return near.refit(rows)
-    order = max(min(polynomial.HIGHEST_ORDER, int(run_lines.set_of.max()) - 1), 0)
-    shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
-    middle_half = polynomial.middle_and_half(rows.row_degc)
-    terms = equation.Terms(S.size, (order, order), middle_half, shapes)
-    own = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
-    shared = []
-    for error in equation.shared_errors(rows, terms, S.ravel(), own):
-        if run_scale and error.name == run_scale.name:
-            shared.append(replace(error, size=run_scale.size, size_dof=run_scale.size_dof))
-        else:
-            shared.append(error)
-    return equation.Fitted(equation.fit(rows, terms, shared), rows, terms)

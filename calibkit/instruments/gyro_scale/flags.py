@@ -243,9 +243,9 @@ def of_pair(
 
 def of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
     """Flags of scale factors that change with time since the runs began."""
-    for change in run_lines.in_time:
-        K = run_lines.K[change.lines].mean()
-        yield from ordering.flag(forms.line_name(gyros[change.gyro]), change.decided, K)
+    for gyro, lines, decided in run_lines.in_time:
+        K = run_lines.K[lines].mean()
+        yield from ordering.flag(forms.line_name(gyros[gyro]), decided, K)
 
 
 def of_axes_lines(
@@ -424,8 +424,8 @@ def of_contradicted_shares(
     size = np.empty(table.K.size)
     for number in np.unique(table.set_of):
         chosen: Mask = table.set_of == number
-        sensitivity = table.means(chosen) @ table.K
-        size[chosen] = np.linalg.norm(sensitivity, axis=1)[table.gyro_of[chosen]]
+        s = table.sensitivity(chosen)
+        size[chosen] = np.linalg.norm(s, axis=1)[table.gyro_of[chosen]]
     share, noise = table.K / size, table.u_K / size
     log_of = np.arange(share.size) // len(gyros)
     channel = table.gyro_of * len(forms.AXES) + table.axis_of

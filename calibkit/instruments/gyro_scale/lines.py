@@ -1,12 +1,14 @@
 """Straight lines of gyros in all runs about the axes of a table, each run with a K and F0 of its
 own, and the errors of their scale factors.
 
-They are equation (1) with the errors within runs: noise, what the runs have in common at a rate,
-what changes with time or temperature during a run, and is taken out. How scale factors and zeros
-repeat from run to run, and how mountings tilt, such lines do not show: that is added by its size.
+    F = K_r Ω + c |Ω| + F0_r + Σ_g Z_g b_g + e                     (`equation`, (1), of each run)
+
+b are the errors within runs: what the runs have in common at a rate, and what changes with time or
+temperature during a run, which is taken out. How scale factors and zeros repeat from run to run,
+and how mountings tilt, such lines do not show: that is added by its size.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,20 +40,8 @@ DRIFTED = 2.0
 """Change during a run, in standard uncertainties of a held rate (both rms), from which it is
 flagged.
 """
-
-
 FOLLOWS = 0.2
 """Relative standard uncertainty of a scale factor from which a gyro does not follow the table."""
-
-
-@dataclass(frozen=True, slots=True)
-class InTime:
-    """What the rates of a gyro in their order tell of time."""
-
-    gyro: int
-    lines: Mask
-    """[lines], those of the gyro about its own axis at one temperature."""
-    decided: ordering.Ordering
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +64,10 @@ class Lines:
     """File and gyro → line."""
     all_published: tuple[Line, ...]
     """[lines], held rates without what changed during the runs, and the published lines."""
-    in_time: tuple[InTime, ...] = ()
-    """Lines whose scale factor changes with time since the runs began."""
+    in_time: tuple[tuple[int, Mask, ordering.Ordering], ...] = ()
+    """Gyro, its lines [lines] about its own axis at one temperature, and whether their scale factor
+    changes with time since the runs began.
+    """
 
     @classmethod
     def of(
@@ -84,43 +76,58 @@ class Lines:
         """Lines of sets of runs, each with the number of its axis; `near` are those of nearly the
         same runs, of which sizes of errors and what changes with time are kept.
         """
-        parts: list[Array] = []
+        columns: list[Array] = []
         lines: list[tuple[int, int, int]] = []
         number: dict[tuple[str, str], int] = {}
-        axes = 1 + max(axis for runs in sets for axis, _ in runs)
         for s, runs in enumerate(sets):
             for axis, run in runs:
                 held = run.plateaus
                 for g, gyro in enumerate(run.gyros):
-                    line, ones = run.scales[g], np.ones(run.rate_dps.size)
-                    of_line = line.rate_dps, line.indication, held.temp_degc, held.hours, line.noise
-                    numbers = len(lines) * ones, (g * axes + axis) * ones
-                    parts.append(np.column_stack((*of_line, *numbers)))
+                    means, noise = held.indication[:, g], held.standard_uncertainty[:, g]
+                    line_of = np.full(means.size, len(lines))
+                    of_line = run.rate_dps, means, held.temp_degc, held.hours, noise, line_of
+                    columns.append(np.column_stack(of_line))
                     number[run.log.file, gyro] = len(lines)
                     lines.append((g, axis, s))
-        rate, F, degc, hours, noise, *counts = np.concatenate(parts).T
-        line_of, channel = (count.astype(np.int64) for count in counts)
-        rows = equation.Rows(rate, F, line_of, degc, hours, line_of, channel)
         gyro_of, axis_of, set_of = np.array(lines).T
+        axes = int(axis_of.max()) + 1
+        rate, F, degc, hours, noise, line_of = np.concatenate(columns).T
+        line_of = line_of.astype(np.int64)
+        channel = (gyro_of * axes + axis_of)[line_of]
+        rows = equation.Rows(rate, F, line_of, degc, hours, line_of, channel)
         if near:
             fitted = near.fitted.refit(rows)
-            fit = replace(near.fit, parameters=_best_lines_of(fitted)(fitted.fit.parameters))
+            fit = replace(near.fit, parameters=_best_lines(fitted, fitted.fit.parameters))
         else:
             shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
             terms = equation.Terms(lines=len(lines), shapes=shapes)
-            errors = tuple(_errors(rows, terms, axes))
+            errors = [*_errors(rows, terms, axes)]
             fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
-            fit = _best_lines(fitted, errors)
+            fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
+            fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
-        each = [line_of == k for k in range(len(lines))]
-        published = tuple(Line(rate[rows], steady[rows], noise[rows]) for rows in each)
-        run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, published)
+        published = []
+        for k in range(len(lines)):
+            of_line = line_of == k
+            published.append(Line(rate[of_line], steady[of_line], noise[of_line]))
+        run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, tuple(published))
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
-        return replace(
-            run_lines, in_time=near.in_time if near else tuple(run_lines._find_in_time())
-        )
+        in_time = near.in_time if near else tuple(run_lines._find_in_time())
+        return replace(run_lines, in_time=in_time)
+
+    def _find_in_time(self) -> Iterator[tuple[int, Mask, ordering.Ordering]]:
+        """Decisions of `ordering` on the runs of each gyro about its own axis at each
+        temperature.
+        """
+        own = self.own()
+        for gyro, number in np.unique(np.column_stack((self.gyro_of, self.set_of)), axis=0):
+            lines = own & (self.gyro_of == gyro) & (self.set_of == number)
+            rows = self.rows.of_lines(lines)
+            decided = ordering.decide(rows, rows.indication)
+            if decided:
+                yield int(gyro), lines, decided
 
     def require_followed(self) -> None:
         """Raise FitError for a gyro that does not follow the table about its own axis."""
@@ -135,18 +142,6 @@ class Lines:
                     hint="see that [columns] names the column of this gyro, and its cable",
                 )
 
-    def _find_in_time(self) -> Iterator[InTime]:
-        """Decisions of `ordering` on the runs of each gyro about its own axis at each
-        temperature.
-        """
-        own = self.own()
-        for gyro, number in np.unique(np.column_stack((self.gyro_of, self.set_of)), axis=0):
-            of_set = own & (self.gyro_of == gyro) & (self.set_of == number)
-            rows = self.rows.of_lines(of_set)
-            decided = ordering.decide(rows, rows.indication)
-            if decided:
-                yield InTime(int(gyro), of_set, decided)
-
     @property
     def rows(self) -> equation.Rows:
         """Held rates."""
@@ -154,14 +149,9 @@ class Lines:
 
     def rows_of(self, runs: Sequence[TableRun], gyro: str) -> equation.Rows:
         """Held rates of a gyro in some runs, as one line."""
-        chosen = np.isin(np.arange(self.gyro_of.size), self._numbers(runs, gyro))
-        rows = self.rows.of_lines(chosen)
-        one_line = np.zeros_like(rows.line)
-        return replace(rows, line=one_line, channel=one_line)
-
-    def _numbers(self, runs: Sequence[TableRun], gyro: str) -> list[int]:
-        """Numbers of the lines of a gyro in some runs."""
-        return [self.number[run.log.file, gyro] for run in runs]
+        chosen = np.zeros(self.gyro_of.size, dtype=np.bool_)
+        chosen[[self.number[run.log.file, gyro] for run in runs]] = True
+        return self.rows.of_lines(chosen)
 
     @property
     def K(self) -> Array:  # noqa: N802 - the letter of the standards
@@ -179,7 +169,7 @@ class Lines:
 
     def of_runs(self, runs: Sequence[TableRun], gyro: str) -> Value:
         """Scale factors of a gyro in r runs [r]."""
-        return self.fit.part(self._numbers(runs, gyro)).of(lambda p: p)
+        return self.fit.part([self.number[run.log.file, gyro] for run in runs]).of(lambda p: p)
 
     def published(self, run: TableRun, gyro: str) -> Line:
         """Held rates of a gyro in a run without what changed during it, and the published line."""
@@ -203,12 +193,12 @@ class Lines:
         drifts = _drifts(self.fitted.fit)
         sizes = {size.error.effect: size.errors for size in self.fitted.fit.shared}
         for (file, gyro), line in self.number.items():
-            chosen = self.rows.line == line
+            rows = self.rows.line == line
             least = DRIFTED * rms(self.all_published[line].noise)
             changed = [
                 DRIFTS[effect].format(sizes[effect][line, 0])
-                for effect, added in drifts.items()
-                if rms(added[chosen]) > least
+                for effect, drift in drifts.items()
+                if rms(drift[rows]) > least
             ]
             if changed:
                 yield (
@@ -216,32 +206,38 @@ class Lines:
                     " out, K and F0 hold at the middle of the run and at its mean temperature"
                 )
 
-    def means(self, chosen: Mask) -> Array:
-        """Weights [g, a, lines] of the means over the chosen lines of each gyro and axis."""
-        shape = self.gyro_of.max() + 1, self.axis_of.max() + 1, self.gyro_of.size
-        weights = np.zeros(shape)
-        weights[self.gyro_of, self.axis_of, np.arange(self.gyro_of.size)] = chosen
-        return np.asarray(weights / np.sum(weights, axis=2, keepdims=True))
+    def _weights(self, chosen: Mask | None = None) -> Array:
+        """Weights [g a, lines] of the means over the chosen lines of each gyro about each axis."""
+        gyros, axes = self.gyro_of.max() + 1, self.axis_of.max() + 1
+        weights = np.zeros((gyros * axes, self.gyro_of.size))
+        lines = np.arange(self.gyro_of.size)
+        weights[self.gyro_of * axes + self.axis_of, lines] = 1.0 if chosen is None else chosen
+        return np.asarray(weights / np.sum(weights, axis=1, keepdims=True))
 
-    def sensitivity(self) -> Array:
-        """Mean scale factors [g, a] over all runs."""
-        return np.asarray(self.means(np.ones(self.gyro_of.size, dtype=np.bool_)) @ self.K)
+    def sensitivity(self, chosen: Mask | None = None) -> Array:
+        """Mean scale factors [g, a] over the chosen lines, without any over all."""
+        return np.asarray((self._weights(chosen) @ self.K).reshape(self.gyro_of.max() + 1, -1))
 
     def own(self) -> Mask:
         """Which lines [lines] are of gyros about the axis that they sense most."""
         most = np.argmax(np.abs(self.sensitivity()), axis=1)
         return np.asarray(most[self.gyro_of] == self.axis_of, dtype=np.bool_)
 
-    def combined(self, of_K: Array, of_F0: Array) -> Fit:
-        """Sums of K and F0 of the lines with weights [m, lines] each."""
-        weights = np.hstack((of_K, of_F0, np.zeros_like(of_K)))
-        fit = self.fit.restated(lambda p: weights @ p)
-        shift, bounds = np.zeros(len(weights)), [fit.bounds]
-        for change in self.in_time:
+    def mean_lines(self, chosen: Mask | None = None) -> Fit:
+        """K [g a], then F0 [g a], of each gyro about each axis: means over chosen lines, or all; K
+        of what changes with time at the end of the runs.
+        """
+        weights = self._weights(chosen)
+        unused = np.zeros_like(weights)
+        fit = self.fit.restated(
+            lambda p: np.block([[weights, unused, unused], [unused, weights, unused]]) @ p
+        )
+        shift, bounds = np.zeros(len(fit.parameters)), [fit.bounds]
+        for _, lines, decided in self.in_time:
+            of_lines = np.concatenate((weights @ lines, unused @ lines))
+            shift += of_lines * decided.shift
             # a half-width that is known, as a rectangular distribution
-            of_lines = of_K @ change.lines
-            shift += of_lines * change.decided.shift
-            bounds.append(of_lines[:, None] * change.decided.half_width / np.sqrt(3.0))
+            bounds.append(of_lines[:, None] * decided.half_width / np.sqrt(3.0))
         return replace(fit, parameters=fit.parameters + shift, bounds=np.hstack(bounds))
 
     def run_scale(self, known: tuple[float, float] | None) -> Shared | None:
@@ -253,8 +249,8 @@ class Lines:
         """
         if known is None:
             own = self.own()
-            number = np.column_stack((self.gyro_of, self.set_of))[own]
-            repeats = np.unique(number, axis=0, return_inverse=True)[1].reshape(-1)
+            of_gyro_and_set = np.column_stack((self.gyro_of, self.set_of))[own]
+            repeats = np.unique(of_gyro_and_set, axis=0, return_inverse=True)[1].reshape(-1)
             mean = (np.bincount(repeats, self.K[own]) / np.bincount(repeats))[repeats]
             dof = float(repeats.size - repeats.max() - 1)
             if not dof:
@@ -262,12 +258,11 @@ class Lines:
             square = float(np.sum((self.K[own] / mean - 1.0) ** 2)) / dof
             noise = float(np.mean((self.u_K[own] / mean) ** 2))
             known = float(np.sqrt(max(square, noise))) / equation.PPM, dof
-        loading = (self.K[self.rows.line] * self.rows.rate_dps * equation.PPM)[:, None]
         return Shared(
             group="run",
             effect="scale",
             level=self.rows.line,
-            loading=loading,
+            loading=(self.K[self.rows.line] * self.rows.rate_dps * equation.PPM)[:, None],
             unit="ppm",
             size=known[0],
             size_dof=known[1],
@@ -288,21 +283,25 @@ class Lines:
             size_dof=known[1],
         )
 
-    def run_zero(self, gyro: int, chosen: Mask, bias: Value) -> Shared:
-        """How the biases [lines] of a gyro differ from run to run among chosen lines, by s² as that
-        of scale factors.
+    def run_zeros(self, chosen: Mask, vertical_dps: float) -> Iterator[Shared]:
+        """How the biases F0 − K ω of each gyro differ from run to run among the chosen lines, by s²
+        as that of scale factors; ω is the earth's rate about the table's axis [°/s].
         """
-        same = chosen & (self.gyro_of == gyro)
-        square = max(float(np.var(bias.value[same], ddof=1)), float(np.mean(bias.u[same] ** 2)))
-        return Shared(
-            group="run",
-            effect="zero",
-            level=np.where(same[self.rows.line], self.rows.line, -1),
-            loading=np.ones((self.rows.line.size, 1)),
-            unit="1/s",
-            size=float(np.sqrt(square)),
-            size_dof=float(np.sum(same) - 1),
-        )
+        count = self.gyro_of.size
+        bias = self.fit.of(lambda p: p[count : 2 * count] - vertical_dps * p[:count])
+        for gyro in range(self.gyro_of.max() + 1):
+            same = chosen & (self.gyro_of == gyro)
+            scatter = float(np.var(bias.value[same], ddof=1))
+            square = max(scatter, float(np.mean(bias.u[same] ** 2)))
+            yield Shared(
+                group="run",
+                effect="zero",
+                level=np.where(same[self.rows.line], self.rows.line, -1),
+                loading=np.ones((self.rows.line.size, 1)),
+                unit="1/s",
+                size=float(np.sqrt(square)),
+                size_dof=float(np.sum(same) - 1),
+            )
 
 
 def _drifts(fit: Fit) -> dict[str, Array]:
@@ -322,12 +321,12 @@ def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[S
     line_channel[rows.line] = rows.channel
     K = np.bincount(line_channel, rows.slopes) / np.bincount(line_channel)
     own_K = np.repeat(np.linalg.norm(K.reshape(-1, axes), axis=1), axes)
-    shared = [
-        e for e in equation.shared_errors(rows, terms, K, own_K) if e.name not in BETWEEN_RUNS
-    ]
-    for error in shared:
-        yield replace(error, optional=error.optional or error.effect in DRIFTS)
-    if not any(error.group == "rate" for error in shared):
+    repeated = False
+    for error in equation.shared_errors(rows, terms, K, own_K):
+        repeated |= error.group == "rate"
+        if error.name not in BETWEEN_RUNS:
+            yield replace(error, optional=error.optional or error.effect in DRIFTS)
+    if not repeated:
         # rates that no run repeats do not show what the response is at each: a bend is smooth, and
         # must not pass for a drift
         w = rows.rate_dps / np.max(np.abs(rows.rate_dps))
@@ -343,42 +342,41 @@ def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[S
         )
 
 
-def _best_lines_of(fitted: equation.Fitted) -> Callable[[Numbers], Numbers]:
-    """Function from the parameters to K, F0 and indication at rest of each line."""
-    _, rows, terms = fitted
-    line = equation.best_line(terms, rows.rate_dps)
-    return lambda p: np.concatenate((*line(p), terms.split(p).F0)).ravel()
+def _best_lines(fitted: equation.Fitted, p: Numbers) -> Numbers:
+    """K, F0 and indication at rest of each line [3 lines] from the parameters."""
+    K, F0 = equation.best_line(fitted.terms, fitted.rows.rate_dps)(p)
+    return np.concatenate((K, F0, fitted.terms.split(p).F0)).ravel()
 
 
-def _best_lines(fitted: equation.Fitted, errors: Iterable[Shared]) -> Fit:
-    """K, F0 and indication at rest of each line, with what the runs leave open."""
+def _bounds(fitted: equation.Fitted, errors: Sequence[Shared]) -> Array:
+    """What the runs leave open of K, F0 and indication at rest of each line [3 lines, 2 lines]:
+    what is too small to be seen is still there.
+    """
     fit, rows, terms = fitted
-    seen_errors = {size.error.name for size in fit.shared}
-    fit = fit.restated(_best_lines_of(fitted))
-    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in seen_errors]
+    seen = {size.error.name for size in fit.shared}
+    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in seen]
     bounds = np.zeros((2, 3, terms.lines, terms.lines))
     for k in range(terms.lines):
         of_line = rows.line == k
         rate, F = rows.rate_dps[of_line], rows.indication[of_line]
-        determined = rate.size >= equation.LEAST_RATES
-        drifts = [error.loading[of_line, 0] for error in unseen if determined]
-        bounds[0, :, k, k] = _largest_shift(rate, F, drifts)[[0, 1, 1]]
+        line = np.column_stack((rate, np.ones_like(rate)))
+        solver = np.linalg.pinv(line)
+
+        def shift_by(
+            column: Array, F: Array = F, line: Array = line, solver: Array = solver
+        ) -> Array:
+            """Change [2] of K and F0 by a column beside the line, where the rates tell it."""
+            across = column - line @ (solver @ column)
+            if np.linalg.norm(across) <= ALIKE * np.linalg.norm(column):
+                return np.zeros(2)
+            return (solver @ column) * (across @ F) / (across @ across)
+
+        if rate.size >= equation.LEAST_RATES:
+            # of several drifts the one that changes K most
+            shifts = [np.zeros(2), *(shift_by(error.loading[of_line, 0]) for error in unseen)]
+            largest = max(shifts, key=lambda shift: abs(float(shift[0])))
+            bounds[0, :, k, k] = largest[[0, 1, 1]]
         if not equation.turns_both_ways(rate):
             # rates of one direction do not tell a bend of the response from F0
-            bounds[1, 1:, k, k] = _largest_shift(rate, F, [rate**2])[1]
-    return replace(fit, bounds=np.hstack((fit.bounds, *bounds.reshape(2, -1, terms.lines))))
-
-
-def _largest_shift(rate_dps: Array, indication: Array, columns: Sequence[Array]) -> Array:
-    """Change [2] of K and F0 of a line by one of some columns [p] beside it, the one that changes K
-    most: what is too small to be seen is still there.
-    """
-    line = np.column_stack((rate_dps, np.ones_like(rate_dps)))
-    solver = np.linalg.pinv(line)
-    shift = np.zeros(2)
-    for column in columns:
-        across = column - line @ (solver @ column)
-        if np.linalg.norm(across) > ALIKE * np.linalg.norm(column):
-            by_column = (solver @ column) * (across @ indication) / (across @ across)
-            shift = max(shift, by_column, key=lambda change: abs(float(change[0])))
-    return shift
+            bounds[1, 1:, k, k] = shift_by(rate**2)[1]
+    return np.hstack([*bounds.reshape(2, -1, terms.lines)])

@@ -366,7 +366,7 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
 
     # What is measured: the holds of each run, and the noise of the gyro that shows most of it.
     runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
-    K = np.array([[abs(line.K) for line in run.scales] for _, run in runs]).max(axis=0, initial=0.0)
+    K = np.array([np.abs(run.slopes) for _, run in runs]).max(axis=0, initial=0.0)
     # a gyro that was never turned about its own axis is taken to be like the others
     K = np.where(ACROSS * K.max(initial=0.0) < K, K, K.max(initial=0.0))
     parts, measured = [], dict[str, list[float]]()

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -15,7 +14,6 @@ from calibkit.errors import FitError, advise_exclude
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import dropouts, forms, held_means, held_rates
-from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
@@ -67,16 +65,12 @@ class TableRun:
         held = self.plateaus
         return held.rate_dps if self.reference == "rate" else held.angle_rate_dps
 
-    @cached_property
-    def scales(self) -> tuple[Line, ...]:
-        """Held rates of each gyro, as they were logged, and their straight line."""
-        held = self.plateaus
-        shown = zip(held.indication.T, held.standard_uncertainty.T, strict=True)
-        return tuple(Line(self.rate_dps, means, noise) for means, noise in shown)
-
-    def scale(self, gyro: str) -> Line:
-        """Held rates of one gyro."""
-        return self.scales[self.gyros.index(gyro)]
+    @property
+    def slopes(self) -> Array:
+        """Scale factors [m] of the gyros, by least squares over the held rates as they were
+        logged.
+        """
+        return np.asarray(np.polyfit(self.rate_dps, self.plateaus.indication, 1)[0])
 
     @property
     def temp_degc(self) -> float:

@@ -105,7 +105,7 @@ def validate(
     tables = [_tabulate_errors(errors, triad=triad)]
     of_pair: tuple[str, ...] = ()
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = fit.fit_pair(spec, runs)
+        again = fit.fit_campaign(spec, runs)
         of_pair = again.flags
         body["pair"] = [*_compare_pair(records, again, spec.type_b)]
         tables.append(_tabulate_pair(body["pair"]))
