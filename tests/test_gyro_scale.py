@@ -200,14 +200,14 @@ def test_nonlinearity_is_the_largest_residual_over_full_scale_and_per_point():
     each = [r / abs(slope * w) * 1e6 for r, w in zip(residuals, RATES, strict=True)]
     figures = figures_of(RATES, indication)
     assert figures["nonlinearity_full_scale", GJB].value == pytest.approx(full, rel=1e-6)
-    assert found.per_point_ppm == pytest.approx(each, rel=1e-6)
+    assert found.per_point_ppm[0] == pytest.approx(each, rel=1e-6)
 
 
 def test_a_plateau_at_rest_has_no_relative_deviation():
     """At rate zero the per-point deviation is not a number, and the figures leave it out."""
     rates = np.append(RATES, 0.0)
     noisy = line(rates) + np.random.default_rng(0).normal(size=rates.size)
-    assert np.isnan(published(rates, noisy).per_point_ppm[-1])
+    assert np.isnan(published(rates, noisy).per_point_ppm[0][-1])
     assert all(np.isfinite(figure.value) for figure in figures_of(rates, noisy).values())
 
 

@@ -33,7 +33,7 @@ def choose(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
     """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
     of temperature where K and F0 are.
     """
-    bends: Literal["constant", "polynomial"] = "polynomial" if max(terms.orders) else "constant"
+    bends: Literal["constant", "polynomial"] = "polynomial" if terms.order else "constant"
     bent = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
     return _best(rows, [terms, *bent], MARGIN)
 

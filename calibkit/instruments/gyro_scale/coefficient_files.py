@@ -1,4 +1,5 @@
-"""Fits → gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json.
+"""What a fit finds of gyros, of each about each axis of the table and of all together, as it is
+written into gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json.
 
     F = K Ω + F0                                    line of a gyro about an axis, gyro-scale/1
     F = K(T) Ω + Σ_k c_k(T) s_k(Ω) + F0(T)          response (`equation`), gyro-response/2
@@ -9,12 +10,13 @@
 from `Fit.of` of these.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
@@ -26,8 +28,9 @@ from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import equation, forms, published, table_runs
-from calibkit.instruments.gyro_scale.campaign import Campaign, Runs
 from calibkit.instruments.gyro_scale.lines import Lines
+from calibkit.instruments.gyro_scale.ordering import Ordering
+from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric.dispersion import rms
@@ -39,21 +42,156 @@ PARALLEL = 1e-12
 """Sine of an angle below which every direction across the axes is possible."""
 
 
+Runs = Mapping[str, tuple[TableRun, ...]]
+"""Table axis → its runs."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A gyro in all runs about one axis of the table."""
+
+    gyro: str
+    axis: str
+    """Empty where every gyro lies along the one axis."""
+    own: bool
+    """Whether it is the axis that the gyro senses most: figures of standards are of it."""
+    runs: tuple[TableRun, ...]
+    repeated: tuple[TableRun, ...] = ()
+    """Runs that `mean` is of."""
+    mean: Model | None = None
+    """K and F0 at the mean temperature of the repeated runs; None where runs about three axes give
+    them together.
+    """
+    over: equation.Fitted | None = None
+    """Equation (1) of all runs."""
+    in_time: Ordering | None = None
+    """Whether K changes with time since the runs began."""
+    curves: tuple[Model, ...] = ()
+    """K, and where there is a mean F0, over temperature, where it varies."""
+    figures: tuple[Figure, ...] = ()
+    """Of all runs together."""
+
+    @property
+    def name(self) -> str:
+        """Name of its models."""
+        return forms.line_name(self.gyro, self.axis)
+
+    @property
+    def response(self) -> equation.Fitted | None:
+        """Equation (1) where it has powers of the rate."""
+        return self.over if self.over is not None and self.over.terms.powers else None
+
+
+@dataclass(frozen=True, slots=True)
+class AxesSet:
+    """Runs about three axes at one temperature."""
+
+    temp_degc: float
+    """Mean of the runs [°C]; NaN where no temperature was logged."""
+    suffix: str
+    """Of the names of models and figures; empty for the set nearest the reference temperature."""
+    model: Model
+    """Sensitivities and, where the latitude is known, biases."""
+    figures: Mapping[str, Figure]
+    """Name without the suffix → figure of the input axes, and of the biases."""
+
+    def misalignment(self, gyro: str) -> Array:
+        """Unit vector [3] of a gyro's input axis."""
+        return np.array([self.figures[f"misalignment.{gyro}{a}"].value for a in forms.AXES])
+
+
+@dataclass(frozen=True, slots=True)
+class Campaign:
+    """Gyros in all runs."""
+
+    channels: tuple[Channel, ...]
+    run_lines: Lines
+    """Lines of the single runs."""
+    flags: tuple[str, ...] = ()
+    within_runs: bool = False
+    """Whether nothing tells how scale factors about several axes repeat from run to run."""
+    pair: Model | None = None
+    """N, ε, γ and α of two gyros."""
+    pair_figures: tuple[Figure, ...] = ()
+    """These, the interval of α, and γ of A about B's axis."""
+    sets: tuple[AxesSet, ...] = ()
+    """Runs about three axes, a set for each temperature."""
+    over: equation.Fitted | None = None
+    """Equation (1) of all runs about three axes over temperature."""
+    bias_curves: tuple[Model, ...] = ()
+    """Biases of the gyros over temperature."""
+
+    @property
+    def own(self) -> tuple[Channel, ...]:
+        """Gyros about their own axes."""
+        return tuple(channel for channel in self.channels if channel.own)
+
+    @property
+    def reference(self) -> AxesSet:
+        """The set of runs nearest the reference temperature."""
+        return next(one for one in self.sets if not one.suffix)
+
+    def own_lines(self) -> Iterator[tuple[Channel, TableRun, Line]]:
+        """Published lines of gyros about their own axes in each run."""
+        for channel in self.own:
+            for run in channel.runs:
+                yield channel, run, self.run_lines.published(run, channel.gyro)
+
+    def residuals(self) -> dict[str, Array]:
+        """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
+        straight line, in ppm of full scale.
+        """
+        frames = []
+        for channel, run, line in self.own_lines():
+            residual, u = line.of_full_scale_ppm
+            frame = {"run": run.log.name, "gyro": channel.gyro, "table_rate_dps": line.rate_dps}
+            frame |= {"residual_ppm": residual, "standard_uncertainty_ppm": u}
+            frames.append(pd.DataFrame(frame))
+        table = pd.concat(frames)
+        return {str(name): table[name].to_numpy() for name in table}
+
+
 def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...]:
-    """Coefficient files of a campaign: what each gyro is about each axis, and what is between the
-    gyros of a pair or a triad.
+    """Coefficient files of a campaign: what each gyro is about each axis, as the mean over repeated
+    runs, over temperature, in each run and as a response; and what is between the gyros of a pair
+    or a triad.
     """
     vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
-    models, figures = _list_scales(campaign, vertical)
-    of_sets = [(one, figure) for one in campaign.sets for figure in one.figures.values()]
-    named = [replace(figure, name=figure.name + one.suffix) for one, figure in of_sets]
-    figures += [figure for figure in named if figure.name.startswith("bias.")]
+    models: list[Model] = []
+    figures: list[Figure] = []
+    own_means = {channel.gyro: channel.mean for channel in campaign.own}
+    for channel in campaign.channels:
+        models += [channel.mean] if channel.mean else []
+        models += channel.curves
+        figures += channel.figures
+        for run in channel.runs:
+            # the only run about an axis is its mean
+            single = channel.axis and len(channel.runs) == 1
+            name = channel.name if single else f"{channel.name}.{run.log.name}"
+            fit = campaign.run_lines.line(run, channel.gyro)  # K, F0, F at rest
+            if channel.mean is None or not single:
+                line = fit.part(slice(2))
+                models.append(line_model(name, line, campaign.run_lines, channel.gyro, [run]))
+            if channel.own:
+                u_K = float(fit.of(lambda p: p[0]).u)
+                published_line = campaign.run_lines.published(run, channel.gyro)
+                figures += published.figures(published_line, u_K, name)
+            mean = own_means[channel.gyro]
+            if mean is not None and vertical is not None:
+                # a projection's bias is referred to the gyro's own K
+                K = None if channel.own else mean.value("K")
+                figures.append(bias_figure(name, fit, vertical, K))
+        if channel.response is not None:
+            models.append(_response_model(channel.name, channel.response, channel.runs))
+    models += campaign.bias_curves
+    angles = [*campaign.pair_figures]
+    for one_set in campaign.sets:
+        for figure in one_set.figures.values():
+            named = replace(figure, name=figure.name + one_set.suffix)
+            (figures if figure.name.startswith("bias.") else angles).append(named)
     files = [("gyro_scale", models, figures)]
-    if campaign.pair is not None:
-        files.append(("gyro_orthogonality", [campaign.pair], [*campaign.pair_figures]))
-    if campaign.sets:
-        angles = [figure for figure in named if not figure.name.startswith("bias.")]
-        files.append(("gyro_orthogonality", [one.model for one in campaign.sets], angles))
+    between = [campaign.pair] if campaign.pair else [one_set.model for one_set in campaign.sets]
+    files += [("gyro_orthogonality", between, angles)] if between else []
     # the latitude, and the earth's rate about the table axis, which F0 includes
     conditions: tuple[Condition, ...] = ()
     if vertical is not None and latitude is not None:
@@ -66,38 +204,6 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
         StageResult(stage, tuple(of_file), (*shown, *within), campaign.flags, conditions)
         for stage, of_file, shown in files
     )
-
-
-def _list_scales(
-    campaign: Campaign, vertical_dps: float | None
-) -> tuple[list[Model], list[Figure]]:
-    """Models and figures of each gyro about each axis: of the mean over repeated runs, over
-    temperature, of each run, and of the response.
-    """
-    models: list[Model] = []
-    figures: list[Figure] = []
-    means = {channel.gyro: channel.mean for channel in campaign.own}
-    for channel in campaign.channels:
-        models += [channel.mean] if channel.mean else []
-        models += channel.curves
-        figures += channel.figures
-        for run in channel.runs:
-            name, run_lines = channel.name_in(run), campaign.run_lines
-            fit = run_lines.line(run, channel.gyro)  # K, F0, F at rest
-            if channel.mean is None or name != channel.name:
-                line = fit.part(slice(2))
-                models.append(line_model(name, line, run_lines, channel.gyro, [run]))
-            if channel.own:
-                u_K = float(fit.of(lambda p: p[0]).u)
-                figures += published.figures(run_lines.published(run, channel.gyro), u_K, name)
-            own = means[channel.gyro]
-            if own is not None and vertical_dps is not None:
-                # a projection's bias is referred to the gyro's own K
-                K = None if channel.own else own.value("K")
-                figures.append(bias_figure(name, fit, vertical_dps, K))
-        if channel.response is not None:
-            models.append(_response_model(channel.name, channel.response, channel.runs))
-    return [*models, *campaign.bias_curves], figures
 
 
 def line_model(
@@ -176,14 +282,13 @@ def curve_model(
 def _response_model(line: str, response: equation.Fitted, runs: Sequence[TableRun]) -> Model:
     """Model of the indication over table rate and temperature."""
     fitted, _, terms = response
-    K_order, F0_order = terms.orders
-    named = [(f"K{k}", "1/deg") for k in range(K_order + 1)]
-    named += [(f"F{k}", "1/s") for k in range(F0_order + 1)]
+    powers = range(terms.order + 1)
+    named = [(f"K{k}", "1/deg") for k in powers] + [(f"F{k}", "1/s") for k in powers]
     letters = forms.BEND_LETTERS[: terms.bend_order + 1]
     named += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
     parameters = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")]
     valid = table_runs.valid_ranges(runs)
-    if max(terms.orders):
+    if terms.order:
         middle, half = terms.middle_half
         parameters += [
             Parameter("temp_middle_degc", middle, "degC"),
@@ -301,17 +406,9 @@ def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
             return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
 
         return fit.of(angle_deg)
-    # every direction across the axis is possible: that of the largest u counts, which is the main
-    # axis of the ellipse of the difference, whose covariance follows from three variances
+    # every direction across the axis is possible: u is that of the difference in all of them
     across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
-
-    def apart(directions: Array) -> Value:
-        """Difference [°] of both axes along directions [m, 2] across them."""
-        return fit.of(lambda p: directions @ across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
-
-    along_1, along_2, along_both = apart(np.array([[1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])).u ** 2
-    mixed = (along_both - along_1 - along_2) / 2.0
-    _, main_axes = np.linalg.eigh([[along_1, mixed], [mixed, along_2]])
-    worst = apart(main_axes[:, -1:].T)
+    apart = fit.of(lambda p: across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
     angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
-    return Value(angle, worst.u[0], worst.dof[0])
+    u = np.asarray(np.linalg.norm(apart.u), dtype=np.float64)
+    return Value(angle, u, np.asarray(np.min(apart.dof)))

@@ -125,23 +125,12 @@ class Fitted(NamedTuple):
         return Fitted(fit, rows, terms)
 
 
-class Parameters(NamedTuple):
-    """Parameters of equation (1) by name, of each line: polynomials in powers of x."""
-
-    K: Numbers
-    """[lines, order + 1]."""
-    F0: Numbers
-    """[lines, order + 1]."""
-    bends: Numbers
-    """c_k(T) [lines, k, order + 1]."""
-
-
 @dataclass(frozen=True, slots=True)
 class Terms:
     """Terms of equation (1), the same of each line."""
 
     lines: int = 1
-    orders: tuple[int, int] = (0, 0)
+    order: int = 0
     """Of the polynomials of K and F0."""
     middle_half: tuple[float, float] = (0.0, 1.0)
     """Middle and half-width [°C] of the temperatures."""
@@ -155,12 +144,10 @@ class Terms:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters of a line."""
-        letters = zip(("K", "F0"), self.orders, strict=True)
-        powers = [f"{letter} T^{k}" for letter, order in letters for k in range(order + 1)]
-        bends = [
-            f"shape {number} T^{k}" for k in range(self.bend_order + 1) for number in self.shapes
-        ]
-        return (*powers, *bends)
+        names = [f"{letter} T^{k}" for letter in ("K", "F0") for k in range(self.order + 1)]
+        for k in range(self.bend_order + 1):
+            names += [f"shape {number} T^{k}" for number in self.shapes]
+        return tuple(names)
 
     @property
     def start(self) -> Array:
@@ -170,24 +157,24 @@ class Terms:
     @property
     def bend_order(self) -> int:
         """Highest power of x of the coefficients of the shapes."""
-        if self.bends != "polynomial":
-            return 0
-        return min(HIGHEST_BEND_ORDER, max(self.orders))
+        return min(HIGHEST_BEND_ORDER, self.order) if self.bends == "polynomial" else 0
 
-    def split(self, p: Numbers) -> Parameters:
-        """Parameters [p] by name."""
-        sizes = [order + 1 for order in self.orders]
-        K, F0, bends = np.split(p.reshape(self.lines, -1), np.cumsum(sizes), axis=1)
+    def split(self, p: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """K and F0 [lines, order + 1] and c_k(T) [lines, k, order + 1] of each line, polynomials in
+        powers of x, from the parameters [p].
+        """
+        count = self.order + 1
+        K, F0, bends = np.split(p.reshape(self.lines, -1), [count, 2 * count], axis=1)
         by_power = bends.reshape(self.lines, self.bend_order + 1, len(self.shapes))
         if self.bends == "as K":
             by_power = by_power * (K / K[:, :1])[:, :, None]
-        return Parameters(K, F0, np.swapaxes(by_power, 1, 2))
+        return K, F0, np.swapaxes(by_power, 1, 2)
 
     def up_to(self, order: int) -> Mask:
         """Which parameters [p] equation (1) has with polynomials of a lower order."""
-        of_line = [np.arange(highest + 1) <= order for highest in self.orders]
-        of_line.append(np.ones(len(self.names) - sum(self.orders) - 2, dtype=np.bool_))
-        return np.tile(np.concatenate(of_line), self.lines)
+        of_line = np.ones(len(self.names), dtype=np.bool_)
+        of_line[: 2 * self.order + 2] = np.tile(np.arange(self.order + 1) <= order, 2)
+        return np.tile(of_line, self.lines)
 
     def mapped(self, degc: Array) -> Array:
         """Temperatures [n] mapped to [-1, 1]."""
@@ -220,14 +207,15 @@ def at(polynomials: Numbers, x: Array) -> Numbers:
 
 def response(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
     """F [n] of equation (1) without its errors."""
-    of, x, line = terms.split(p), terms.mapped(rows.row_degc), rows.line
-    straight = at(of.K[line], x) * rows.rate_dps + at(of.F0[line], x)
+    (K, F0, _), x, line = terms.split(p), terms.mapped(rows.row_degc), rows.line
+    straight = at(K[line], x) * rows.rate_dps + at(F0[line], x)
     return np.asarray(straight + bend(p, rows, terms))
 
 
 def bend(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
     """Σ c_k(T) s_k(Ω) [n], what the response is beside the line."""
-    bends = at(terms.split(p).bends[rows.line], terms.mapped(rows.row_degc))
+    _, _, c = terms.split(p)
+    bends = at(c[rows.line], terms.mapped(rows.row_degc))
     return np.asarray(np.sum(bends * terms.shape(rows.rate_dps), axis=1))
 
 
@@ -244,18 +232,14 @@ def best_line(terms: Terms, rate_dps: Array) -> Callable[[Numbers], tuple[Number
     share = np.linalg.pinv(line) @ terms.shape(rate_dps)
 
     def of(p: Numbers) -> tuple[Numbers, Numbers]:
-        parts = terms.split(p)
-        bent = np.einsum("sk,lko->slo", share, parts.bends)
-        return _add(parts.K, bent[SCALE]), _add(parts.F0, bent[ZERO])
+        K, F0, bends = terms.split(p)
+        bent = np.einsum("sk,lko->slo", share, bends)
+        K, F0, count = K.copy(), F0.copy(), bent.shape[2]
+        K[:, :count] += bent[SCALE]
+        F0[:, :count] += bent[ZERO]
+        return K, F0
 
     return of
-
-
-def _add(a: Numbers, b: Numbers) -> Numbers:
-    """Sum of two polynomials [lines, order + 1] each."""
-    order = max(a.shape[1], b.shape[1])
-    total = (np.pad(one, ((0, 0), (0, order - one.shape[1]))) for one in (a, b))
-    return np.asarray(sum(total))
 
 
 def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[Shared]:
@@ -280,7 +264,7 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
         yield of_runs("zero drift", dph * rows.hours, "deg/h/h")
     warmer = rows.row_degc - rows.temp_degc[rows.run]
     logged = bool(np.isfinite(warmer).all())
-    if logged and warmer.any() and not terms.orders[SCALE]:
+    if logged and warmer.any() and not terms.order:
         yield of_runs("scale over temperature", ppm * warmer, "ppm/degC")
     elif not logged and rows.hours.any():
         yield of_runs("scale drift", ppm * rows.hours, "ppm/h")
@@ -322,9 +306,8 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
             names=terms.names * terms.lines,
         )
 
-    highest = max(terms.orders)
-    of_highest = fit_order(highest, shared)
-    lower = range(min(LOWEST_ORDER, highest), highest)
+    of_highest = fit_order(terms.order, shared)
+    lower = range(min(LOWEST_ORDER, terms.order), terms.order)
     if not lower:
         return of_highest
     kept = [replace(size.error, optional=False) for size in of_highest.shared]

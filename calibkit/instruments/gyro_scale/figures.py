@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.campaign import Campaign, Channel
+    from calibkit.instruments.gyro_scale.coefficient_files import Campaign, Channel
     from calibkit.instruments.gyro_scale.published import Line
     from calibkit.instruments.gyro_scale.table_runs import TableRun
 
@@ -81,7 +81,8 @@ def _draw_errors(
             order = np.argsort(rate)
             U = 2.0 * u_residual[order]
             left.errorbar(rate[order], residual[order], U, label=run, lw=0.8, **bars)
-            deviation, U = line.per_point_ppm, 2.0 * line.u_per_point_ppm
+            deviation, u_deviation = line.per_point_ppm
+            U = 2.0 * u_deviation
             largest = max(largest, float(np.nanmax(np.abs(deviation) + U)))
             for direction, fill in ((1.0, bars["color"]), (-1.0, "white")):
                 at = np.flatnonzero((direction * rate > 0.0) & np.isfinite(deviation))

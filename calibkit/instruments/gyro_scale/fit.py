@@ -33,8 +33,11 @@ from calibkit.instruments.gyro_scale import (
     published,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel, Runs
 from calibkit.instruments.gyro_scale.coefficient_files import (
+    AxesSet,
+    Campaign,
+    Channel,
+    Runs,
     curve_model,
     figure_of,
     line_model,
@@ -155,7 +158,7 @@ def _over_temperature(whole: equation.Fitted) -> tuple[Fit, ordering.Ordering | 
     """
     fit, rows, terms = whole
     steady, known_degc = rows.indication, ordering.STEADY_DEGC
-    if max(terms.orders):
+    if terms.order:
         mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fit.parameters
         warmed = equation.response(p, rows, terms) - equation.response(p, mean, terms)
         steady, known_degc = rows.indication - warmed, np.inf
@@ -166,7 +169,7 @@ def _over_temperature(whole: equation.Fitted) -> tuple[Fit, ordering.Ordering | 
     F0, bounds = parameters.size // 2, np.zeros((parameters.size, 2))
     if not equation.turns_both_ways(rows.rate_dps):
         # runs of one direction alone do not tell a bend of the response from F0
-        bounds[F0, 1] = parameters[F0] - terms.split(fit.parameters).F0[0, 0]
+        bounds[F0, 1] = parameters[F0] - terms.split(fit.parameters)[equation.ZERO][0, 0]
     if in_time:
         # a half-width that is known, as a rectangular distribution
         bounds[0, 0] = in_time.half_width / np.sqrt(3.0)
@@ -182,7 +185,7 @@ def _terms(spec: OwnAxisRecipe, rows: equation.Rows, *, varies: bool) -> equatio
     if levels >= LEAST_LEVELS:
         order = max(order, equation.LOWEST_ORDER)
     terms = equation.Terms(
-        orders=(order, order),
+        order=order,
         middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
         fastest_dps=float(np.max(np.abs(rows.rate_dps))),
     )
@@ -380,7 +383,7 @@ def _fit_axes(
             order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
             shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
             middle_half = polynomial.middle_and_half(rows.row_degc)
-            terms = equation.Terms(S.size, (order, order), middle_half, shapes)
+            terms = equation.Terms(S.size, order, middle_half, shapes)
             own = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
             errors = [*equation.shared_errors(rows, terms, S.ravel(), own)]
             for number, error in enumerate(errors):
@@ -476,7 +479,7 @@ def _list_curves(
     line = equation.best_line(terms, rows.rate_dps)
     K = fit.restated(lambda p: line(p)[equation.SCALE].ravel())
     K = K.widened_by([mounting] if mounting else [])
-    powers = max(terms.orders) + 1
+    powers = terms.order + 1
     for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
         name = forms.curve_name(forms.line_name(gyro, axis), "K")
         of_line = K.part(slice(powers * number, powers * (number + 1)))

@@ -24,7 +24,7 @@ from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation, forms, ordering
-from calibkit.instruments.gyro_scale.campaign import AxesSet, Campaign, Channel
+from calibkit.instruments.gyro_scale.coefficient_files import AxesSet, Campaign, Channel
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import ONE_SIDED, PPM, ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import (
@@ -139,7 +139,7 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
             f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
         )
-    if channel.curves and not max(terms.orders):
+    if channel.curves and not terms.order:
         yield (
             f"{name}: runs at two temperatures do not show how K changes between them: K is the"
             " mean of all runs, and its U holds their difference; add runs at a third temperature,"

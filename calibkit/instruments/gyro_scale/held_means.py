@@ -104,7 +104,22 @@ def average(
     """
     parts = [_whole_revolutions(motion, first, stop) for first, stop in held.tolist()]
     wave = _fit_modulation(motion, indication, parts)
-    parts, left_out = _without_rest(motion, parts, determined=wave.earth, along_axis=along_axis)
+    flags = []
+    turning = [
+        part for part in parts if part.revolutions or abs(np.sum(motion.turn_deg[part.rows])) > 1.0
+    ]
+    if not (turning or wave.earth):
+        raise FitError(
+            "the table never turns in this log",
+            hint="a scale factor needs held rates other than zero",
+        )
+    rest = len(parts) - len(turning)
+    if rest and not (wave.earth or along_axis):
+        parts = turning
+        flags.append(
+            f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is"
+            " unknown"
+        )
 
     def means(column: Array) -> Array:
         return np.array([part.average(motion, column[part.rows]) for part in parts])
@@ -121,7 +136,6 @@ def average(
     by_angle = [part.average(motion, motion.by_turn(part.first, part.stop)) for part in parts]
     angle_rate = np.array(by_angle) if motion.angle_logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
-    flags = [*left_out]
     if not revolutions.all():
         fate = "was fitted and taken out" if wave.earth else "is not averaged out"
         flags.append(
@@ -257,30 +271,6 @@ def _whole_revolutions(motion: Motion, first: int, stop: int) -> _Part:
     excess = float(travel[last]) - whole * REVOLUTION_DEG
     share = 1.0 - min(max(excess / abs(float(turned[last])), 0.0), 1.0)
     return _Part(first, first + last + 1, share, whole)
-
-
-def _without_rest(
-    motion: Motion, parts: list[_Part], *, determined: bool, along_axis: bool
-) -> tuple[list[_Part], tuple[str, ...]]:
-    """Held rates except those at rest at which the earth's horizontal rate is unknown, and a flag
-    for the removed ones; along the axis it reaches a gyro through its misalignment alone, and none
-    is removed.
-    """
-    turning = [
-        part for part in parts if part.revolutions or abs(np.sum(motion.turn_deg[part.rows])) > 1.0
-    ]
-    if not (turning or determined):
-        raise FitError(
-            "the table never turns in this log",
-            hint="a scale factor needs held rates other than zero",
-        )
-    rest = len(parts) - len(turning)
-    if determined or along_axis or not rest:
-        return parts, ()
-    note = (
-        f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is unknown"
-    )
-    return turning, (note,)
 
 
 def _basis(motion: Motion, rows: slice) -> Array:

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import StageResult
     from calibkit.instruments import Progress
-    from calibkit.instruments.gyro_scale.campaign import Campaign, Runs
+    from calibkit.instruments.gyro_scale.coefficient_files import Campaign, Runs
     from calibkit.instruments.gyro_scale.recipe import AnyRecipe
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.table import Table

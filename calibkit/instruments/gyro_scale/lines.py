@@ -229,9 +229,8 @@ class Lines:
         """
         weights = self._weights(chosen)
         unused = np.zeros_like(weights)
-        fit = self.fit.restated(
-            lambda p: np.block([[weights, unused, unused], [unused, weights, unused]]) @ p
-        )
+        of_K_and_F0 = np.block([[weights, unused, unused], [unused, weights, unused]])
+        fit = self.fit.restated(lambda p: of_K_and_F0 @ p)
         shift, bounds = np.zeros(len(fit.parameters)), [fit.bounds]
         for _, lines, decided in self.in_time:
             of_lines = np.concatenate((weights @ lines, unused @ lines))
@@ -345,7 +344,7 @@ def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[S
 def _best_lines(fitted: equation.Fitted, p: Numbers) -> Numbers:
     """K, F0 and indication at rest of each line [3 lines] from the parameters."""
     K, F0 = equation.best_line(fitted.terms, fitted.rows.rate_dps)(p)
-    return np.concatenate((K, F0, fitted.terms.split(p).F0)).ravel()
+    return np.concatenate((K, F0, fitted.terms.split(p)[equation.ZERO])).ravel()
 
 
 def _bounds(fitted: equation.Fitted, errors: Sequence[Shared]) -> Array:

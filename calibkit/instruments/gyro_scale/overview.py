@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.coefficients import StageResult
 from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
-from calibkit.instruments.gyro_scale.campaign import Campaign
+from calibkit.instruments.gyro_scale.coefficient_files import Campaign
 from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
 from calibkit.report.overview import KeyValue, Overview, concise
 

@@ -122,8 +122,7 @@ class GyroBench(TourBench):
         """
         rate, axes = holds.rate_dps, len(self.axes)
         shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rate)) > 0.0 else ()
-        orders, middle_half = (self.order, self.order), self.assumed.middle_half
-        terms = equation.Terms(axes, orders, middle_half, shapes)
+        terms = equation.Terms(axes, self.order, self.assumed.middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
         shared = [
             error

@@ -11,7 +11,7 @@ give the same K. And of two gyros, K_A and K_B about their own axes, K_Ba that o
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -37,6 +37,8 @@ HALF = 0.5
 """
 SEEN = 4.0
 """Least significance of a response, in standard uncertainties."""
+REST = 1e-9
+"""Rate, relative to the largest, up to which the table rests, and step [°/s] that is none."""
 ROOM_DEGC = 5.0
 """Largest difference from room temperature [°C] of runs that count as repeated (GJB 2426A)."""
 NEAR_ONE = 10.0
@@ -101,61 +103,32 @@ class Line:
         return float(self.fit.coefficients[1])
 
     @property
-    def residuals(self) -> Array:
-        """F_j − F̂_j [p, 1/s]."""
-        return self.fit.residuals
-
-    @property
-    def expected(self) -> Array:
-        """|K Ω_j| [p, 1/s]."""
-        return np.abs(self.K * self.rate_dps)
-
-    @property
-    def turning(self) -> Mask:
-        """Which rates [p] are not rest."""
-        size = np.abs(self.rate_dps)
-        return np.asarray(size > 1e-9 * np.max(size, initial=0.0), dtype=np.bool_)
+    def of_full_scale_ppm(self) -> tuple[Array, Array]:
+        """(F_j − F̂_j)/max |F_j| and their standard uncertainties [p, ppm]."""
+        full_scale = float(np.max(np.abs(self.indication)))
+        if full_scale == 0.0:
+            raise FitError("every indication is zero", hint="check the column of the gyro")
+        ppm = PPM / full_scale
+        return self.fit.residuals * ppm, self.noise * ppm
 
     @property
     def seen(self) -> Mask:
-        """Which rates [p] turn the gyro by more than the noise of their means hides."""
-        seen = self.noise * SEEN < HALF * self.expected
-        return np.asarray(self.turning & seen, dtype=np.bool_)
-
-    @property
-    def responds(self) -> Mask:
-        """Whether the output of each rate [p] is at least half of what is expected."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = (self.indication - self.F0) / (self.K * self.rate_dps)
-        return np.asarray(share >= HALF, dtype=np.bool_)
-
-    @property
-    def full_scale(self) -> float:
-        """Largest one-sided output max |F_j| [1/s]."""
-        largest = float(np.max(np.abs(self.indication)))
-        if largest == 0.0:
-            raise FitError("every indication is zero", hint="check the column of the gyro")
-        return largest
-
-    @property
-    def of_full_scale_ppm(self) -> tuple[Array, Array]:
-        """Residuals and their standard uncertainties [p, ppm of full scale]."""
-        ppm = PPM / self.full_scale
-        return self.residuals * ppm, self.noise * ppm
-
-    @property
-    def per_point_ppm(self) -> Array:
-        """(F_j − F̂_j)/|K Ω_j| [p, ppm]; NaN where the table does not turn, or noise hides that: one
-        that stops still turns by its encoder's noise.
+        """Which rates [p] turn the gyro by more than the noise of their means hides; rest is
+        none.
         """
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(self.seen, self.residuals / self.expected * PPM, np.nan)
+        size = np.abs(self.rate_dps)
+        turning = size > REST * np.max(size, initial=0.0)
+        return np.asarray(turning & (self.noise * SEEN < HALF * np.abs(self.K) * size))
 
     @property
-    def u_per_point_ppm(self) -> Array:
-        """Standard uncertainty [p, ppm] of these by noise."""
+    def per_point_ppm(self) -> tuple[Array, Array]:
+        """(F_j − F̂_j)/|K Ω_j| and their standard uncertainties [p, ppm]; NaN where the table does
+        not turn, or noise hides that: one that stops still turns by its encoder's noise.
+        """
+        expected = np.abs(self.K * self.rate_dps)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return self.noise / self.expected * PPM
+            deviation = np.where(self.seen, self.fit.residuals / expected * PPM, np.nan)
+            return deviation, self.noise / expected * PPM
 
     @property
     def residual_over_noise(self) -> float:
@@ -169,7 +142,7 @@ class Line:
         q, _ = np.linalg.qr(np.column_stack((self.rate_dps, np.ones_like(self.rate_dps))))
         remover = np.eye(self.noise.size) - q @ q.T
         expected = np.sum((remover * self.noise / self.noise[:, None]) ** 2)
-        return float(np.sqrt(np.sum((self.residuals / self.noise) ** 2) / expected))
+        return float(np.sqrt(np.sum((self.fit.residuals / self.noise) ** 2) / expected))
 
 
 def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
@@ -193,11 +166,11 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
     value = abs(residuals[worst])
     yield figure("nonlinearity_full_scale", GJB, value, "ppm", u_residuals[worst])
     # max |F_j − F̂_j| / |K Ω_j|
-    per_point = np.abs(line.per_point_ppm)
-    if np.isfinite(per_point).any():
-        worst = int(np.nanargmax(per_point))
-        u = line.u_per_point_ppm[worst]
-        yield figure("nonlinearity_per_point", GJB, per_point[worst], "ppm", u)
+    deviation, u_deviation = line.per_point_ppm
+    if np.isfinite(deviation).any():
+        worst = int(np.nanargmax(np.abs(deviation)))
+        value = abs(deviation[worst])
+        yield figure("nonlinearity_per_point", GJB, value, "ppm", u_deviation[worst])
     u = rms(noise) / K / np.sqrt(2.0 * noise.size)
     yield figure("linearity_error_rms", IEEE, line.fit.residual_rms / K, "deg/s", u)
     for standard, slopes, mean_K in _slopes_of_both_sides(line):
@@ -205,22 +178,39 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
         value = abs(apart @ line.indication) / mean_K * PPM
         u = np.linalg.norm(apart * noise) / K * PPM
         yield figure("asymmetry", standard, value, "ppm", u)
-    # smallest tested rate and smallest tested step of rate from which all outputs are at least half
-    # of the expected ones: upper limits, smaller ones were not tested, or noise hides them
-    responds = (line.seen & line.responds)[line.turning]
-    threshold = _smallest_from_which(np.abs(line.rate_dps[line.turning]), responds)
-    order = np.argsort(line.rate_dps, kind="stable")
-    step, change = np.diff(line.rate_dps[order]), np.diff(line.indication[order])
-    real = step > 1e-9
-    expected = K * step[real]
-    seen = np.hypot(noise[order][1:], noise[order][:-1])[real] * SEEN < HALF * expected
-    responds = np.sign(line.K) * change[real] >= HALF * expected
-    resolution = _smallest_from_which(step[real], seen & responds)
-    dead_zone, u_dead_zone = _dead_zone_dps(line)
+    yield from _least_responses(line, figure)
+
+
+def _least_responses(line: Line, figure: Callable[..., Figure]) -> Iterator[Figure]:
+    """Threshold and resolution, the smallest tested rate and step of rate from which all outputs
+    are at least half of the expected ones: upper limits, as smaller ones were not tested, or noise
+    hides them. And the dead zone, the width of the rates through zero without response, by fine
+    rates of both directions; its uncertainty is that of the steps between them.
+    """
+    K, rate, size = abs(line.K), line.rate_dps, np.abs(line.rate_dps)
+    turning = size > REST * np.max(size, initial=0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        responds = line.seen & ((line.indication - line.F0) / (line.K * rate) >= HALF)
+    threshold = _smallest_from_which(size[turning], responds[turning])
+    order = np.argsort(rate, kind="stable")
+    step, noise = np.diff(rate[order]), line.noise[order]
+    half = HALF * K * step
+    seen = np.hypot(noise[1:], noise[:-1]) * SEEN < half
+    follows = np.sign(line.K) * np.diff(line.indication[order]) >= half
+    real = step > REST
+    resolution = _smallest_from_which(step[real], (seen & follows)[real])
+    width, variance = 0.0, 0.0
+    for direction in (1.0, -1.0):
+        side = line.seen & (direction * rate > 0.0)
+        first = _smallest_from_which(size[side], responds[side])
+        silent = float(np.max(size[side & (size < first)], initial=-np.inf))
+        # in the middle between the last silent and the first responding rate, ± step/2
+        width += (first + silent) / 2.0
+        variance += (first - silent) ** 2 / 12.0
     for what, value, u in (
         ("threshold", threshold, 0.0),
         ("resolution", resolution, 0.0),
-        ("dead_zone", dead_zone, u_dead_zone),
+        ("dead_zone", width, np.sqrt(variance)),
     ):
         if np.isfinite(value):
             yield figure(what, GJB, value, "deg/s", u)
@@ -244,25 +234,6 @@ def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
     design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), one))
     if rank(design) == design.shape[1]:
         yield IEEE, np.linalg.pinv(design)[:2], abs(line.K)
-
-
-def _dead_zone_dps(line: Line) -> tuple[float, float]:
-    """Width [°/s] of the rates through zero without response, and its standard uncertainty from the
-    steps between the tested rates; NaN where a direction has no fine rate without response that
-    noise does not hide.
-    """
-    width, variance = 0.0, 0.0
-    for direction in (1.0, -1.0):
-        side = line.seen & (direction * line.rate_dps > 0.0)
-        rates = np.abs(line.rate_dps[side])
-        first = _smallest_from_which(rates, line.responds[side])
-        silent = rates[rates < first]
-        if not silent.size:
-            return float("nan"), float("nan")
-        step = first - float(silent.max())
-        # in the middle between the last silent and the first responding rate, ± step/2
-        width, variance = width + first - step / 2.0, variance + step**2 / 12.0
-    return width, float(np.sqrt(variance))
 
 
 def _smallest_from_which(sizes: Array, responds: Mask) -> float:

@@ -1,6 +1,6 @@
 """Logs of a rate table → held rates of every gyro in every run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -161,43 +161,45 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     # a remark stays one
     notes = (type(note)(f"{log.file}: {note}") for note in (*log.notes, *held.flags))
     flags = (*notes, *(str(finding) for finding in findings if finding.flagged))
-    reference = spec.table.reference
-    return TableRun(log, spec.gyros, held, reference, flags, _temp_range(log, held))
-
-
-def _temp_range(log: Log, held: held_means.HeldMeans) -> tuple[float, float]:
-    """Lowest and highest row temperature [°C] of a run, NaN where none was logged."""
-    if forms.TEMPERATURE not in log.frame.columns:
-        return float("nan"), float("nan")
-    temperature = anomalies.remove_spikes(
-        values(log.frame, forms.TEMPERATURE), allocate=log.allocate
-    )
-    ends = [chunks.extremes(temperature)]
-    if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
-        ends = [chunks.extremes(temperature[a:b]) for a, b in held.span.tolist()]
-    return min(low for low, _ in ends), max(high for _, high in ends)
+    low = high = float("nan")
+    if forms.TEMPERATURE in log.frame.columns:
+        temperature = anomalies.remove_spikes(
+            values(log.frame, forms.TEMPERATURE), allocate=log.allocate
+        )
+        low, high = chunks.extremes(temperature)
+        if high - low > ONE_SOAK_DEGC:
+            ends = [chunks.extremes(temperature[a:b]) for a, b in held.span.tolist()]
+            low, high = min(end[0] for end in ends), max(end[1] for end in ends)
+    return TableRun(log, spec.gyros, held, spec.table.reference, flags, (low, high))
 
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.HeldMeans | None]:
     """Findings of a log, and its held rates unless a finding prevents them."""
+    one_row, logged = spec.plateaus.one_row, list(log.frame.columns)
     findings = [
-        *check.find_too_few_rows(
-            log, spec.plateaus.min_rates if spec.plateaus.one_row else LEAST_ROWS
-        ),
-        *check.find_missing_values(log, list(log.frame.columns)),
+        *check.find_too_few_rows(log, spec.plateaus.min_rates if one_row else LEAST_ROWS),
+        *check.find_missing_values(log, logged),
     ]
     gyros = [forms.gyro_column(gyro) for gyro in spec.gyros]
     if not findings:
-        thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
         expected = f"at most {FASTEST_DPS:g} °/s"
-        findings = [
-            *(check.find_unordered_times(log) if "time_s" in log.frame.columns else ()),
-            *check.find_constant_columns(log, [forms.RATE, *gyros]),
-            *check.find_out_of_range(log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", expected),
-            *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
-            *check.find_implausible_temperatures(log, thermometers),
-        ]
-        if spec.plateaus.one_row:
+        findings += check.find_unordered_times(log) if "time_s" in logged else ()
+        findings += check.find_constant_columns(log, [forms.RATE, *gyros])
+        findings += check.find_out_of_range(
+            log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", expected
+        )
+        for gyro in gyros:
+            # counts that no rate of the log explains, as loggers write for overload
+            usual = _quantile(values(log.frame, gyro), 0.99, np.abs)
+            limit = BEYOND * usual if usual > 0.0 else np.inf
+            expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
+            advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
+            findings += check.find_out_of_range(
+                log, gyro, -limit, limit, "1/s", expected, advice=advice
+            )
+        thermometers = [name for name in logged if name == forms.TEMPERATURE]
+        findings += check.find_implausible_temperatures(log, thermometers)
+        if one_row:
             findings += check.find_copied_rows(log, [*gyros, forms.RATE, *thermometers])
     if any(finding.refused for finding in findings):
         return findings, None
@@ -205,47 +207,42 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.H
         held = _average_held_rates(spec, log)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
-        return [
-            *findings,
-            Finding(log.file, error.message, "held rates of the table", advice, name="held_rates"),
-        ], None
-    findings += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
-    if not spec.plateaus.one_row and not any(finding.refused for finding in findings):
+        expected = "held rates of the table"
+        findings.append(Finding(log.file, error.message, expected, advice, name="held_rates"))
+        return findings, None
+    findings += _find_wrong_rates(spec, log, held)
+    if not one_row and not any(finding.refused for finding in findings):
         findings += _find_suspicious(spec, log)
     findings += dropouts.find(log, held, gyros)
     return findings, held
 
 
-def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
+def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
     """Findings on suspicious sensors, loggers and signs, which do not stop a fit."""
     columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
-    findings = []
     if forms.TEMPERATURE in log.frame.columns:
-        findings += check.series.check_temperature(log, forms.TEMPERATURE)
-        findings += check.thermometers.check_steps(log, forms.TEMPERATURE)
+        yield from check.series.check_temperature(log, forms.TEMPERATURE)
+        yield from check.thermometers.check_steps(log, forms.TEMPERATURE)
     # from the 0.5 % to the 99.5 % quantile, which excludes spikes
-    reach = {
-        name: _quantile(values(log.frame, name), 0.995) - _quantile(values(log.frame, name), 0.005)
-        for name in columns
-    }
+    reach = {}
+    for name in columns:
+        counts = values(log.frame, name)
+        reach[name] = _quantile(counts, 0.995) - _quantile(counts, 0.005)
     # a gyro across the table axis indicates its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
     for name in columns:
-        findings += check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
+        yield from check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
     # with two gyros of a triad, neither need be along this axis
     if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
-        findings += check.magnitude.check_gyro_sign(log, along, forms.RATE)
-    return [*findings, *check.magnitude.find_compensated_names(log, spec, columns)]
+        yield from check.magnitude.check_gyro_sign(log, along, forms.RATE)
+    yield from check.magnitude.find_compensated_names(log, spec, columns)
 
 
 def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     """Means over the held rates of a log."""
-
-    def column(name: str) -> Array | None:
-        return values(log.frame, name) if name in log.frame.columns else None
-
-    rate, temp_degc = values(log.frame, forms.RATE), column(forms.TEMPERATURE)
-    counts = [values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros]
+    columns = {name: values(log.frame, name) for name in log.frame.columns if name != "run"}
+    rate, temp_degc = columns[forms.RATE], columns.get(forms.TEMPERATURE)
+    counts = [columns[forms.gyro_column(gyro)] for gyro in spec.gyros]
     # gyros side by side, in the log's own storage (memory or mapped file)
     signals = counts[0].reshape(-1, 1)
     if len(counts) > 1:
@@ -253,9 +250,10 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
         for a, b in chunks.ranges_along(signals, *counts):
             signals[a:b] = np.column_stack([of_gyro[a:b] for of_gyro in counts])
     if spec.plateaus.one_row:
-        return held_means.of_rows(column("time_s"), rate, signals, temp_degc)
-    time_s = values(log.frame, "time_s")
-    motion = held_rates.Motion.of(time_s, rate, column(ANGLE), allocate=log.allocate)
+        return held_means.of_rows(columns.get("time_s"), rate, signals, temp_degc)
+    motion = held_rates.Motion.of(
+        columns["time_s"], rate, columns.get(ANGLE), allocate=log.allocate
+    )
     held = stated_segments.stated_rows(log, spec, ["rate"])
     if held is None:
         held = held_rates.find(motion, spec.plateaus)
@@ -270,71 +268,50 @@ def _quantile(counts: Array, share: float, of: Callable[[Array], Array] = np.asa
     )
 
 
-def _find_overload(log: Log, column: str) -> list[Finding]:
-    """Finding on counts that no rate of the log explains, as loggers write for overload."""
-    usual = _quantile(values(log.frame, column), 0.99, np.abs)
-    if not usual > 0.0:
-        return []
-    limit = BEYOND * usual
-    expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
-    advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
-    return check.find_out_of_range(log, column, -limit, limit, "1/s", expected, advice=advice)
-
-
-def _find_few_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) -> list[Finding]:
-    """Finding on fewer distinct held rates than a line and its range need; rates closer than a held
-    rate may vary count as one.
-    """
-    rates, rules = np.sort(held.rate_dps), spec.plateaus
-    near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
-    rates = rates[np.concatenate(([True], np.diff(rates) > near))]
-    if rates.size >= rules.min_rates:
-        return []
-    there = ", ".join(f"{rate:.4g}" for rate in rates)
-    count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
-    return [
-        Finding(
-            log.file,
-            f"{count} ({there} °/s) on {held.rate_dps.size} plateaus",
-            f"at least {rules.min_rates} different ones",
-            "hold more rates, or allow shorter ones: plateaus.shortest_s",
-            name="held_rates",
-        )
-    ]
-
-
-def _find_two_tables(log: Log, held: held_means.HeldMeans) -> list[Finding]:
-    """Finding on table angle and table rate that differ by more than a table can: one is in another
-    unit or sign.
+def _find_wrong_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) -> Iterator[Finding]:
+    """Findings on fewer distinct held rates than a line and its range need, where rates closer than
+    a held rate may vary count as one; and on table angle and table rate that differ by more than a
+    table can: one is in another unit or sign.
 
     The angle is unwrapped about the turn expected from the rate. Where that is half a turn or more
     from row to row, the angle agrees with any rate within half a turn and cannot contradict it.
     """
+    rates, rules = np.sort(held.rate_dps), spec.plateaus
+    near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
+    rates = rates[np.concatenate(([True], np.diff(rates) > near))]
+    if rates.size < rules.min_rates:
+        listed = ", ".join(f"{rate:.4g}" for rate in rates)
+        count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
+        yield Finding(
+            log.file,
+            f"{count} ({listed} °/s) on {held.rate_dps.size} plateaus",
+            f"at least {rules.min_rates} different ones",
+            "hold more rates, or allow shorter ones: plateaus.shortest_s",
+            name="held_rates",
+        )
     if np.isnan(held.angle_rate_dps).any():
-        return []
+        return
     turn = np.abs(held.rate_dps) * log.steps.usual
     slow = turn < HALF_TURN_DEG
     place = f"{log.file}: column '{ANGLE}'"
-    aliased = []
     if not slow.all():
         fast = turn[~slow]
-        reach = f"{fast.max():.0f}° from row to row at {fast.size} held rates"
         against = f"the {int(slow.sum())} slower ones" if slow.any() else "none"
-        advice = (
+        yield Finding(
+            place,
+            f"the table turns by up to {fast.max():.0f}° from row to row at {fast.size} held rates",
+            f"less than {HALF_TURN_DEG:g}°",
             f"log faster; the rate is held against the angle at {against} only, and a wrong unit of"
-            " a fast rate is not seen"
+            " a fast rate is not seen",
+            "warn",
+            "aliased",
+            figure=float(fast.max()),
         )
-        expected, figure = f"less than {HALF_TURN_DEG:g}°", float(fast.max())
-        found = f"the table turns by up to {reach}"
-        aliased = [Finding(place, found, expected, advice, "warn", "aliased", figure=figure)]
     angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
-    if abs(ratio - 1.0) <= ONE_TABLE:
-        return aliased
-    found = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
-    sign = "one of the two has the other sign: state sign = -1" if ratio < 0.0 else "state the unit"
-    advice = f"{sign} in [columns.{ANGLE}] or [columns.{forms.RATE}]"
-    return [
-        *aliased,
-        Finding(place, found, "the same rate from both", advice, name="unit", figure=ratio),
-    ]
+    if abs(ratio - 1.0) > ONE_TABLE:
+        text = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
+        sign = "one of the two has the other sign: state sign = -1"
+        advice = f"{sign if ratio < 0.0 else 'state the unit'} in [columns.{ANGLE}] or"
+        advice = f"{advice} [columns.{forms.RATE}]"
+        yield Finding(place, text, "the same rate from both", advice, name="unit", figure=ratio)

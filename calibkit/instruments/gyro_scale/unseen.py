@@ -28,7 +28,7 @@ from calibkit.instruments.gyro_scale import (
     quantities,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.campaign import Campaign
+from calibkit.instruments.gyro_scale.coefficient_files import Campaign
 from calibkit.instruments.gyro_scale.flags import WITHIN
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
