@@ -78,7 +78,9 @@ def examine_file(
         return None
     every = -(-scan.rows // KEPT)
     tables = clean.read_chunks(path, file, scan, CHUNK // every * every)
-    logs = (mapping.map_log(recipe, table, needed, optional, whole=False) for table in tables)
+    logs = (
+        mapping.map_log(recipe, table, needed, optional, is_whole_log=False) for table in tables
+    )
     return _examine_chunks(recipe, logs, scan.rows, every)
 
 

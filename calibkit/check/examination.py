@@ -64,11 +64,17 @@ def examine_log(
     in_chunks: list[chunked.ChunkedLog] = []
 
     def reader(
-        recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+        recipe: Recipe,
+        path: Path,
+        file: str,
+        required_columns: Sequence[str],
+        optional: Sequence[str] = (),
     ) -> Log:
-        found = chunked.examine_file(recipe, path, file, needed, optional, largest=largest)
+        found = chunked.examine_file(
+            recipe, path, file, required_columns, optional, largest=largest
+        )
         if found is None:
-            return ingest.read_log(recipe, path, file, needed, optional)
+            return ingest.read_log(recipe, path, file, required_columns, optional)
         in_chunks.append(found)
         return found.log
 

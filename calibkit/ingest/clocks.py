@@ -58,10 +58,10 @@ class Clocks:
 
     def largest_uncertainty(self, time_s: Array) -> float:
         """Largest standard uncertainty [s] of the joined time over times [n, s] of B."""
-        along = np.column_stack(
+        design = np.column_stack(
             (np.ones(2), np.array([time_s.min(), time_s.max()]) - self.middle_s)
         )
-        return float(np.sqrt(np.max(np.einsum("ij,jk,ik->i", along, self.covariance, along))))
+        return float(np.sqrt(np.max(np.einsum("ij,jk,ik->i", design, self.covariance, design))))
 
     def on_a(self, time_s: Array) -> Array:
         """Times [n, s] of B on the clock of A."""
@@ -75,11 +75,13 @@ def resample(time_s: Array, value: Array, at_s: Array) -> Array:
     step = np.diff(time_s)
     usual = float(np.median(step))
     after = np.clip(np.searchsorted(time_s, at_s, side="left"), 1, time_s.size - 1)
-    there = (at_s >= time_s[0]) & (at_s <= time_s[-1])
+    within_log = (at_s >= time_s[0]) & (at_s <= time_s[-1])
     # a time that was logged needs no neighbour, though a gap may begin or end there
     logged = (time_s[after] == at_s) | (time_s[after - 1] == at_s)
     return np.where(
-        there & (logged | (step[after - 1] <= GAP * usual)), np.interp(at_s, time_s, value), np.nan
+        within_log & (logged | (step[after - 1] <= GAP * usual)),
+        np.interp(at_s, time_s, value),
+        np.nan,
     )
 
 
@@ -154,22 +156,25 @@ def _search_offset(
     step = max(float(np.median(np.diff(time_b))), float(np.median(np.diff(t))), search_s / 500.0)
     thin = slice(None, None, max(1, t.size // _COARSE_POINTS))
     offsets = near_s + np.arange(-search_s, search_s + step / 2.0, step)
-    left = np.array(
+    unexplained = np.array(
         [_unexplained(x[thin], resample(time_b, b, t[thin] - offset)) for offset in offsets]
     )
-    if not np.isfinite(left).any():
+    if not np.isfinite(unexplained).any():
         raise FitError(
             "the two logs have no time in common",
             hint="state offset_s near the true one, or widen search_s",
         )
-    best = int(np.nanargmin(left))
-    inner = np.r_[False, (left[1:-1] < left[:-2]) & (left[1:-1] < left[2:]), False]
-    alike = left < (1.0 + _RIVAL) * max(float(left[best]), 1e-12)
-    rivals = [k for k in np.flatnonzero(inner & alike).tolist() if abs(k - best) > 1]
+    best = int(np.nanargmin(unexplained))
+    falls_before = unexplained[1:-1] < unexplained[:-2]
+    rises_after = unexplained[1:-1] < unexplained[2:]
+    local_minimum = np.r_[False, falls_before & rises_after, False]
+    competitive = unexplained < (1.0 + _RIVAL) * max(float(unexplained[best]), 1e-12)
+    rivals = [k for k in np.flatnonzero(local_minimum & competitive).tolist() if abs(k - best) > 1]
     if rivals:
-        others = ", ".join(f"{offsets[k]:+.0f} s" for k in rivals)
+        rival_offsets = ", ".join(f"{offsets[k]:+.0f} s" for k in rivals)
         raise FitError(
-            f"clock offsets of {offsets[best]:+.0f} s and {others} explain the two logs alike",
+            f"clock offsets of {offsets[best]:+.0f} s and {rival_offsets} explain the two logs"
+            " alike",
             hint="narrow search_s around the known offset (offset_s), or state the clock",
         )
     return float(offsets[best])
@@ -203,9 +208,9 @@ def _residuals(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle
     if good.sum() < _LEAST:
         return np.full(t.size, float(np.std(x)))
     design = np.column_stack((y[good] - y[good].mean(), np.ones(int(good.sum()))))
-    left = np.zeros(t.size)
-    left[good] = x[good] - design @ np.linalg.lstsq(design, x[good], rcond=None)[0]
-    return left
+    residual = np.zeros(t.size)
+    residual[good] = x[good] - design @ np.linalg.lstsq(design, x[good], rcond=None)[0]
+    return residual
 
 
 def _refine(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Array:
@@ -217,20 +222,20 @@ def _refine(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: f
     def residuals(scaled: Array) -> Array:
         return _residuals(scaled * scale, t, x, time_b, b, middle)
 
-    found = least_squares(
+    solution = least_squares(
         residuals, theta / scale, diff_step=np.full(theta.size, 1e-3), max_nfev=200
     )
-    return np.asarray(found.x * scale, dtype=np.float64)
+    return np.asarray(solution.x * scale, dtype=np.float64)
 
 
 def _slopes(theta: Array, t: Array, time_b: Array, b: Array, middle: float, gain: float) -> Array:
     """Slopes [n, k] of gain · B at the times of A by offset [s] and drift; NaN where B has none."""
     # the ends are so far apart that the noise of B does not pass for its slope
-    apart = _SMOOTH * float(np.median(np.diff(time_b)))
+    time_step_s = _SMOOTH * float(np.median(np.diff(time_b)))
     slopes = []
     for k in range(theta.size):
         step = np.zeros(theta.size)
-        step[k] = apart if k == 0 else apart / (0.5 * float(time_b[-1] - time_b[0]))
+        step[k] = time_step_s if k == 0 else time_step_s / (0.5 * float(time_b[-1] - time_b[0]))
         ends = [_resample_b(theta + sign * step, t, time_b, b, middle) for sign in (1.0, -1.0)]
         slopes.append(gain * (ends[0] - ends[1]) / (2.0 * step[k]))
     return np.column_stack(slopes)
@@ -258,9 +263,9 @@ def _estimate_covariance(
         (columns[sound], y[sound] - y[sound].mean(), np.ones(int(sound.sum())))
     )
     size = np.linalg.norm(design, axis=0)
-    left = _residuals(theta, t, x, time_b, b, middle)[sound]
+    residual = _residuals(theta, t, x, time_b, b, middle)[sound]
     noise = np.hypot(_sensor_noise(x), abs(gain) * _sensor_noise(b))
-    rms = dispersion.rms(left)
+    rms = dispersion.rms(residual)
     if rms > _UNLIKE * noise:
         raise FitError(
             f"the two sensors do not show one quantity: {rms:.2g} is left of it, their noise is"
@@ -275,28 +280,30 @@ def _estimate_covariance(
             "a clock offset cannot be told from another level of the two sensors",
             hint="log a change that both loggers see, or state the clock",
         )
-    covariance = _with_memory(design / size, left) / np.outer(size, size)
+    covariance = _with_memory(design / size, residual) / np.outer(size, size)
     pair = np.zeros((2, 2))
     pair[: theta.size, : theta.size] = covariance[: theta.size, : theta.size]
     skew = float(theta[1]) if theta.size > 1 else 0.0
     return Clocks(float(theta[0]), skew, pair, middle, float(gain), rms, int(sound.sum()))
 
 
-def _with_memory(design: Array, left: Array) -> Array:
+def _with_memory(design: Array, residual: Array) -> Array:
     """Covariance [p, p] of least squares whose residuals [n] are autocorrelated, by a Bartlett
     kernel over three times the rows that neighbours remember (Newey & West 1987).
     """
     count, columns = design.shape
     size = 1 << (2 * count).bit_length()
-    spectrum = np.abs(np.fft.rfft(left - left.mean(), size)) ** 2
+    spectrum = np.abs(np.fft.rfft(residual - residual.mean(), size)) ** 2
     products = np.fft.irfft(spectrum)[:count]
     uncorrelated = products < 2.0 / np.sqrt(count) * products[0]
     remembered = int(np.argmax(uncorrelated)) - 1 if uncorrelated.any() else count // 3
     width = min(3 * max(remembered, 0), count // 3) + 1
     # a sum of the products by 1 - k/width is that of squares of sums over `width` rows
-    scores = np.pad(design * left[:, None], ((width, width - 1), (0, 0)))
+    scores = np.pad(design * residual[:, None], ((width, width - 1), (0, 0)))
     sums = np.cumsum(scores, axis=0)
     sums = sums[width:] - sums[:-width]
     bread = np.linalg.inv(design.T @ design)
-    few = count / (count - columns)
-    return np.asarray(few * bread @ (sums.T @ sums / width) @ bread, dtype=np.float64)
+    small_sample_factor = count / (count - columns)
+    return np.asarray(
+        small_sample_factor * bread @ (sums.T @ sums / width) @ bread, dtype=np.float64
+    )

@@ -83,7 +83,7 @@ class LogColumn:
     time_format: str = ""
     kind: str = "number"
     """What its fields are, of a text log."""
-    of: str = ""
+    sensor: str = ""
     """Sensor that the name of the log states, where that of the column is an axis alone."""
 
     @property
@@ -118,19 +118,21 @@ class LogColumn:
                 if re.search(_ANGLE, name) or self.dimension == "angle"
                 else "table_rate_dps"
             )
-        meant = next((meant for meant, words in _WORDS if re.search(words, name)), "")
-        return meant or _guess_indication(self)
+        canonical = next((canonical for canonical, words in _WORDS if re.search(words, name)), "")
+        return canonical or _guess_indication(self)
 
 
 def _guess_temperature(name: str) -> str:
     """Canonical column of a temperature by its name, "" for what a chamber was told."""
     words = (("", _SETPOINT), ("temp_env_degc", _AIR), ("temp_case_degc", _CASE))
-    return next((meant for meant, pattern in words if re.search(pattern, name)), "temp_degc")
+    return next(
+        (canonical for canonical, pattern in words if re.search(pattern, name)), "temp_degc"
+    )
 
 
 def _guess_indication(column: LogColumn) -> str:
     """Canonical column of a gyro or an accelerometer, by name, else by unit; or ""."""
-    name = column.of + column.plain
+    name = column.sensor + column.plain
     axis = "".join(_AXES.findall(name)[-1:]).lower()
     if column.dimension.startswith("acceleration") or (
         column.dimension != "angular rate" and re.search(_ACCEL, name)
@@ -154,10 +156,10 @@ def name_sensor(log: str, columns: Sequence[LogColumn]) -> list[LogColumn]:
     """The columns, of which those that are called by an axis alone get the sensor in the log's
     name.
     """
-    found = re.search(r"(gyro?|acc)", log.lower())
-    sensor = {"acc": "accel_"}.get(found.group(), "gyro_") if found else ""
+    sensor_word = re.search(r"(gyro?|acc)", log.lower())
+    sensor = {"acc": "accel_"}.get(sensor_word.group(), "gyro_") if sensor_word else ""
     return [
-        replace(column, of=sensor) if re.fullmatch(r"[xyz]", column.plain) else column
+        replace(column, sensor=sensor) if re.fullmatch(r"[xyz]", column.plain) else column
         for column in columns
     ]
 
@@ -166,16 +168,16 @@ def _number_gyros(columns: Sequence[LogColumn]) -> dict[str, str]:
     """Name → canonical column of several gyros without axes that a digit in their names tells
     apart.
     """
-    alike = [
+    gyros = [
         column for column in columns if re.fullmatch(r"gyro_(lsb|dph)", column.guess_canonical())
     ]
-    digits = [re.search(r"\d", column.plain) for column in alike]
+    digits = [re.search(r"\d", column.plain) for column in gyros]
     numbers = [digit.group() for digit in digits if digit]
-    if len(alike) < 2 or len(set(numbers)) < len(alike):
+    if len(gyros) < 2 or len(set(numbers)) < len(gyros):
         return {}
     return {
         column.name: column.guess_canonical().replace("gyro", f"gyro_{number}")
-        for column, number in zip(alike, numbers, strict=True)
+        for column, number in zip(gyros, numbers, strict=True)
     }
 
 
@@ -211,25 +213,27 @@ def assign_columns(
     """Canonical column → the log's column that is taken for it; and the other columns, each with
     the canonical one that it could be.
     """
-    taken: dict[str, LogColumn] = {}
-    others: list[tuple[str, LogColumn]] = []
-    by_others = _number_gyros(columns) | _find_table(columns)
+    assigned: dict[str, LogColumn] = {}
+    alternatives: list[tuple[str, LogColumn]] = []
+    by_neighbours = _number_gyros(columns) | _find_table(columns)
     # a column that is called canonically comes first, then in the log's order
     for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
-        meant = by_others.get(column.name) or column.guess_canonical()
-        if meant and meant not in taken:
-            taken[meant] = column
-        elif meant:
-            others.append((meant, column))
-    loose = taken.pop("temp_degc", None)
+        canonical = by_neighbours.get(column.name) or column.guess_canonical()
+        if canonical and canonical not in assigned:
+            assigned[canonical] = column
+        elif canonical:
+            alternatives.append((canonical, column))
+    loose = assigned.pop("temp_degc", None)
     if loose is not None:
-        free = next((name for name in ("temp_case_degc", "temp_env_degc") if name not in taken), "")
+        free = next(
+            (name for name in ("temp_case_degc", "temp_env_degc") if name not in assigned), ""
+        )
         if free:
-            taken[free] = loose
+            assigned[free] = loose
         else:
-            others.append(("temp_case_degc", loose))
-    for meant, column in list(others):
-        if meant == "temp_degc" and "temp_env_degc" not in taken:
-            taken["temp_env_degc"] = column
-            others.remove((meant, column))
-    return taken, others
+            alternatives.append(("temp_case_degc", loose))
+    for canonical, column in list(alternatives):
+        if canonical == "temp_degc" and "temp_env_degc" not in assigned:
+            assigned["temp_env_degc"] = column
+            alternatives.remove((canonical, column))
+    return assigned, alternatives

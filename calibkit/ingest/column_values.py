@@ -67,15 +67,15 @@ def find_column(source: str, table: Table) -> str | None:
                 hint="give each column its own name",
             )
         return source
-    found = [
+    matches = [
         name for name in map(str, table.frame.columns) if units.name_without_unit(name) == source
     ]
-    if len(found) > 1:
+    if len(matches) > 1:
         raise LogFormatError(
-            f"{table.file}: column '{source}' could be {' or '.join(map(repr, found))}",
+            f"{table.file}: column '{source}' could be {' or '.join(map(repr, matches))}",
             hint="name one of them, with its unit, in [columns]",
         )
-    return found[0] if found else None
+    return matches[0] if matches else None
 
 
 def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
@@ -114,9 +114,9 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
             numbers = replace(numbers, notes=(*numbers.notes, *doubts))
         return replace(numbers, origin=Origin("numbers"))
     form = form or _time_format(raw, table.file, source)
-    found = times.to_seconds(raw, form, table.file, source)
-    reading = tuple(type(note)(f"column '{source}': {note}") for note in found.notes)
-    return MappedColumn(found.seconds, (), reading, origin=found.origin)
+    written_times = times.to_seconds(raw, form, table.file, source)
+    reading = tuple(type(note)(f"column '{source}': {note}") for note in written_times.notes)
+    return MappedColumn(written_times.seconds, (), reading, origin=written_times.origin)
 
 
 def _time_format(raw: pd.Series, file: str, source: str) -> str:
@@ -139,9 +139,9 @@ def _time_format(raw: pd.Series, file: str, source: str) -> str:
 
 def _unknown_unit(table: Table, source: str) -> str:
     """Unit that the log states of a column and that is none of the table's, or ""."""
-    stated = table.units.get(source, "")
-    if stated:
-        return "" if stated in units.TABLE else stated
+    unit = table.units.get(source, "")
+    if unit:
+        return "" if unit in units.TABLE else unit
     text = units.bracketed_text(source)
     if not text.isascii() and not re.search("[°µμ²³·]", text):
         return ""  # a remark in another script
@@ -221,10 +221,10 @@ def needs_time(table: Table, source: str, name: str, recipe: Recipe) -> bool:
 
 def resolve_units(recipe: Recipe, table: Table) -> dict[str, str]:
     """Unit of each column of a log that the recipe names, as the log has it."""
-    found = {name: find_column(column.source, table) for name, column in recipe.columns.items()}
+    sources = {name: find_column(column.source, table) for name, column in recipe.columns.items()}
     return {
         source: _resolve_unit(table, source, recipe.columns[name], name)
-        for name, source in found.items()
+        for name, source in sources.items()
         if source is not None and not recipe.columns[name].time_format
     }
 
@@ -285,11 +285,13 @@ def read_values(
             at=("columns", name, "unit"),
         ) from None
     if unit != target and not column.unit:
-        said = _unit_of_name(source, target)
-        if said in {"", unit}:
+        unit_by_name = _unit_of_name(source, target)
+        if unit_by_name in {"", unit}:
             reading += (f"column '{source}': {unit}, as the log states",)
         else:
-            doubt = f"column '{source}': {unit}, as the log states, though its name says {said}"
+            doubt = (
+                f"column '{source}': {unit}, as the log states, though its name says {unit_by_name}"
+            )
             reading += (Guess(f"{doubt} (guessed)"),)
     first_lost = column.accumulated or (per_sample and column.interval_s is None)
     return MappedColumn(values if column.sign == 1 else -values, notes, reading, first_lost)
@@ -313,14 +315,14 @@ def _note_on_spacing(column: ColumnMapping, seconds: Array | None, name: str) ->
     """Note on rows whose spacing is not the interval over which the recipe states their counts."""
     if column.interval_s is None or seconds is None or seconds.size < 2:
         return ()
-    apart = float(np.nanmedian(np.diff(seconds)))
-    if not apart > 0.0 or abs(apart / column.interval_s - 1.0) < _SPACING:
+    spacing_s = float(np.nanmedian(np.diff(seconds)))
+    if not spacing_s > 0.0 or abs(spacing_s / column.interval_s - 1.0) < _SPACING:
         return ()
     return (
         (
-            f"column '{name}': rows are {apart:g} s apart, interval_s says that each one counts"
-            f" {column.interval_s:g} s: rates are {apart / column.interval_s:.4g} times those of a"
-            " log of every sample"
+            f"column '{name}': rows are {spacing_s:g} s apart, interval_s says that each one counts"
+            f" {column.interval_s:g} s: rates are {spacing_s / column.interval_s:.4g} times those"
+            " of a log of every sample"
         ),
     )
 
@@ -365,17 +367,17 @@ def _blank_sentinels(
 
 
 def unmap_values(
-    values: Array, column: ColumnMapping, name: str, recipe: Recipe, stated: str = ""
+    values: Array, column: ColumnMapping, name: str, recipe: Recipe, header_unit: str = ""
 ) -> Array:
     """Values of a canonical column in the log's own unit and sign: the inverse of the mapping.
 
-    `stated` is the unit that the log's header states, for a mapping without a unit.
+    `header_unit` is the one that the log's header states, for a mapping without a unit.
     """
     target = units.column_unit(name)
     converted = units.convert(
         column.sign * values,
         target,
-        column.unit or stated or target,
+        column.unit or header_unit or target,
         gravity_mps2=recipe.site.gravity_mps2,
     )
     return (converted - column.offset) / column.scale

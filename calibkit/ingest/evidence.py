@@ -27,13 +27,13 @@ class Evidence:
     group: Group
     second_logger: bool
     """Whether logs of the folder look like those of a chamber's logger."""
-    beside: tuple[Group, ...]
+    chamber_loggers: tuple[Group, ...]
     """Other logs that do."""
     glimpse: Glimpse
     """What the numbers of the logs show."""
     columns: Mapping[str, LogColumn]
     """Canonical column → column of the logs."""
-    others: tuple[tuple[str, LogColumn], ...]
+    alternatives: tuple[tuple[str, LogColumn], ...]
     """Columns that could be canonical ones too."""
     parse: Parse
 
@@ -45,15 +45,26 @@ class Evidence:
         ordered = sorted(
             group.columns, key=lambda c: _is_temperature(c) and not glimpse.is_like_degc(c.name)
         )
-        columns, others = column_names.assign_columns(ordered)
+        columns, alternatives = column_names.assign_columns(ordered)
         air = columns.get("temp_env_degc")
         if air is not None and _is_temperature(air) and not glimpse.is_like_degc(air.name):
-            others.append(("temp_case_degc", columns.pop("temp_env_degc")))
+            alternatives.append(("temp_case_degc", columns.pop("temp_env_degc")))
         _find_positions(columns, group.columns, glimpse)
         _take_only_channel(columns, group.columns, glimpse)
-        beside = tuple(other for other in groups if other.second_logger and other is not group)
+        chamber_loggers = tuple(
+            other for other in groups if other.second_logger and other is not group
+        )
         second_logger = any(other.second_logger for other in groups)
-        return cls(folder, group, second_logger, beside, glimpse, columns, tuple(others), parse)
+        return cls(
+            folder,
+            group,
+            second_logger,
+            chamber_loggers,
+            glimpse,
+            columns,
+            tuple(alternatives),
+            parse,
+        )
 
     def triad(self) -> list[str]:
         """Own names of the columns of a triad of accelerometers; empty where there is none."""
@@ -83,12 +94,14 @@ class Evidence:
     def gyros(self, units: str = "lsb|dph") -> dict[str, LogColumn]:
         """Indications of gyros, in counts per second or as rates."""
         pattern = rf"gyro(_[a-z0-9]+)?_({units})"
-        return {name: one for name, one in self.columns.items() if re.fullmatch(pattern, name)}
+        return {
+            name: column for name, column in self.columns.items() if re.fullmatch(pattern, name)
+        }
 
     def choose(
         self,
         name: str,
-        wanted: Sequence[str],
+        canonical_names: Sequence[str],
         columns: Mapping[str, LogColumn] | None = None,
         keys: Mapping[str, str] | None = None,
         reason: str = "",
@@ -96,13 +109,15 @@ class Evidence:
         """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
         columns too.
         """
-        taken = self.columns if columns is None else columns
-        rest = [(name, column) for name, column in taken.items() if name not in wanted]
-        mapping = {name: taken[name] for name in wanted if name in taken}
+        candidates = self.columns if columns is None else columns
+        unread = [
+            (name, column) for name, column in candidates.items() if name not in canonical_names
+        ]
+        mapping = {name: candidates[name] for name in canonical_names if name in candidates}
         return RecipeChoice(
             name,
             mapping,
-            (*self.others, *rest),
+            (*self.alternatives, *unread),
             keys or {},
             lines=self._guess_units(mapping),
             reason=reason,
@@ -118,15 +133,15 @@ class Evidence:
         columns = self.columns
         channels = [name for name in columns if re.fullmatch(r"(gyro|accel)_.*", name)]
         temperature = columns.get("temp_case_degc") or columns.get("temp_env_degc")
-        moved = self.turned or bool({"table_rate_dps", "position_deg"} & columns.keys())
-        if not channels or "time_s" not in columns or temperature is None or moved:
+        on_table = self.turned or bool({"table_rate_dps", "position_deg"} & columns.keys())
+        if not channels or "time_s" not in columns or temperature is None or on_table:
             return None
         base = {name: column for name, column in columns.items() if not name.startswith("temp_")}
         base["temp_case_degc"] = temperature
-        one = "a gyro" if channels[0].startswith("gyro") else "an accelerometer"
-        what = one if len(channels) == 1 else f"{len(channels)} channels at rest"
+        sensor = "a gyro" if channels[0].startswith("gyro") else "an accelerometer"
+        channels_text = sensor if len(channels) == 1 else f"{len(channels)} channels at rest"
         read = ("time_s", "temp_case_degc", *channels)
-        reason = f"{what} beside one temperature"
+        reason = f"{channels_text} beside one temperature"
         return self.choose(name, read, base, keys_of(channels), reason=reason)
 
     def _guess_units(self, mapping: Mapping[str, LogColumn]) -> dict[str, tuple[str, ...]]:
@@ -151,8 +166,8 @@ class Evidence:
         """Recipe that a choice gives."""
         text = write_recipe(self.folder, choice, self.group, (), self.parse)
         # what a person has to state is taken as stated; a scale of 1 would not be
-        tried = text.replace(f"{UNSTATED}scale = 1.0", 'header_unit = "ignored"')
-        return self.parse(Source("proposed recipe", tried.replace(UNSTATED, "")))
+        completed_text = text.replace(f"{UNSTATED}scale = 1.0", 'header_unit = "ignored"')
+        return self.parse(Source("proposed recipe", completed_text.replace(UNSTATED, "")))
 
 
 def _is_temperature(column: LogColumn) -> bool:
@@ -161,14 +176,14 @@ def _is_temperature(column: LogColumn) -> bool:
 
 
 def _find_positions(
-    columns: dict[str, LogColumn], every: Sequence[LogColumn], glimpse: Glimpse
+    columns: dict[str, LogColumn], log_columns: Sequence[LogColumn], glimpse: Glimpse
 ) -> None:
     """Enter a column of angles that stands at quarter turns as the rotation about a tool's axis."""
     if "position_deg" in columns or not {"accel_x_g", "accel_y_g"} <= columns.keys():
         return
-    known = {column.name for column in columns.values()}
-    for column in every:
-        free = column.name not in known or column is columns.get("table_angle_deg")
+    assigned = {column.name for column in columns.values()}
+    for column in log_columns:
+        free = column.name not in assigned or column is columns.get("table_angle_deg")
         if free and column.dimension in ("", "angle") and glimpse.is_quartered(column.name):
             columns.pop("table_angle_deg", None)
             columns["position_deg"] = column
@@ -176,18 +191,18 @@ def _find_positions(
 
 
 def _take_only_channel(
-    columns: dict[str, LogColumn], every: Sequence[LogColumn], glimpse: Glimpse
+    columns: dict[str, LogColumn], log_columns: Sequence[LogColumn], glimpse: Glimpse
 ) -> None:
     """Enter the only unknown column beside a time and a temperature as a gyro's."""
     if any(name.startswith(("gyro_", "accel_")) for name in columns):
         return
     if not {"temp_case_degc", "temp_env_degc"} & columns.keys():
         return
-    known = {column.name for column in columns.values()}
+    assigned = {column.name for column in columns.values()}
     unknown = [
         column
-        for column in every
-        if column.name not in known
+        for column in log_columns
+        if column.name not in assigned
         and column.kind == "number"
         and column.dimension in ("", "voltage", "current")
         and not (_NO_CHANNEL.search(column.plain) or glimpse.is_counter(column.name))

@@ -56,22 +56,22 @@ class Glimpse:
 
     def span(self, name: str) -> float:
         """Range of a column over all logs, in its own unit; NaN where it is not known."""
-        found = self.medians.get(name, np.empty(0))
-        found = found[np.isfinite(found)]
-        return float(np.ptp(found)) if found.size else float("nan")
+        medians = self.medians.get(name, np.empty(0))
+        medians = medians[np.isfinite(medians)]
+        return float(np.ptp(medians)) if medians.size else float("nan")
 
     def swing(self, name: str) -> float:
         """The lesser of all that a column rises and all that it falls, in its own unit; NaN where
         that is not known.
         """
-        found = self.medians.get(name, np.empty(0))
-        steps = np.diff(found[np.isfinite(found)])
+        medians = self.medians.get(name, np.empty(0))
+        steps = np.diff(medians[np.isfinite(medians)])
         return float(min(steps[steps > 0].sum(), -steps[steps < 0].sum())) if steps.size else np.nan
 
     def is_like_degc(self, name: str) -> bool:
         """Whether the numbers of a column can be °C, as far as they are known."""
-        found = self.medians.get(name, np.empty(0))
-        return bool(np.all((found > _COLDEST) & (found < _HOTTEST)))
+        medians = self.medians.get(name, np.empty(0))
+        return bool(np.all((medians > _COLDEST) & (medians < _HOTTEST)))
 
     def is_turned(self, axes: Sequence[str]) -> bool | None:
         """Whether a triad of accelerometers was turned; None where its numbers are not known."""
@@ -95,8 +95,10 @@ class Glimpse:
         if not rows.size:
             return False
         quarter = np.round(rows / _QUARTER_DEG)
-        near = np.abs(rows - quarter * _QUARTER_DEG) < _NEAR_DEG
-        return bool(near.mean() > _STANDING and np.unique(quarter[near] % 4).size > 2)
+        at_quarter_turn = np.abs(rows - quarter * _QUARTER_DEG) < _NEAR_DEG
+        return bool(
+            at_quarter_turn.mean() > _STANDING and np.unique(quarter[at_quarter_turn] % 4).size > 2
+        )
 
     def is_counter(self, name: str) -> bool:
         """Whether a column numbers the rows, or stays as it is."""
@@ -107,13 +109,15 @@ class Glimpse:
 def _read_numbers(path: Path, group: Group) -> dict[str, Array]:
     """Columns of numbers of one log."""
     logs = group.logs()
-    needed = [column.name for column in group.columns if column.kind == "number"]
-    frame = registry.read(path, path.name, logs, needed).frame
-    return {name: frame[name].to_numpy(dtype=np.float64) for name in needed if name in frame}
+    number_columns = [column.name for column in group.columns if column.kind == "number"]
+    frame = registry.read(path, path.name, logs, number_columns).frame
+    return {
+        name: frame[name].to_numpy(dtype=np.float64) for name in number_columns if name in frame
+    }
 
 
 def _block(column: Array) -> Array:
     """Medians of the parts of a column."""
     parts = np.array_split(column, _BLOCKS)
-    whole = [part[np.isfinite(part)] for part in parts]
-    return np.array([np.median(part) if part.size else np.nan for part in whole])
+    finite_parts = [part[np.isfinite(part)] for part in parts]
+    return np.array([np.median(part) if part.size else np.nan for part in finite_parts])

@@ -90,8 +90,12 @@ class Group:
         """Whether the logs hold temperatures over time and nothing else that is known, as those of
         a chamber's logger do.
         """
-        known = {"", "time_s", *_TEMPERATURES}
-        return "time_s" in self.meant and bool(self.meant & _TEMPERATURES) and self.meant <= known
+        logger_columns = {"", "time_s", *_TEMPERATURES}
+        return (
+            "time_s" in self.meant
+            and bool(self.meant & _TEMPERATURES)
+            and self.meant <= logger_columns
+        )
 
     def logs(self) -> Logs:
         """The recipe's table on these logs."""
@@ -130,14 +134,16 @@ def group_logs(folder: Path, sheet: str = "") -> list[Group]:
             continue
         for layout in layouts:
             before = groups.get(layout.key, Group((), layout))
-            both = before.layout.text, layout.text
-            alike = {
+            texts = before.layout.text, layout.text
+            common_text = {
                 key: value
-                for text in both
+                for text in texts
                 for key, value in text.items()
-                if key in _MENDED or all(other.get(key) == value for other in both)
+                if key in _MENDED or all(other.get(key) == value for other in texts)
             }
-            groups[layout.key] = Group((*before.files, path.name), replace(layout, text=alike))
+            groups[layout.key] = Group(
+                (*before.files, path.name), replace(layout, text=common_text)
+            )
     if not groups:
         raise failed or FrameError(f"{folder}: no logs", hint="name the folder that holds the logs")
     return list(groups.values())
@@ -149,16 +155,18 @@ def _read_layouts(path: Path, sheet: str) -> list[_GroupLayout]:
     """
     with path.open("rb") as stream:
         head = stream.read(4096)
-    found = registry.recognise_format(head)
-    if found == "excel":
+    format_name = registry.recognise_format(head)
+    if format_name == "excel":
         return _layouts_of_sheets(path, sheet)
-    if found in ARRAYS:
-        return _layouts_of_tables(path, found)
+    if format_name in ARRAYS:
+        return _layouts_of_tables(path, format_name)
     try:
-        layout = _layout_of_format(path, Logs(files=("*",), format=found)) if found else None
+        layout = (
+            _layout_of_format(path, Logs(files=("*",), format=format_name)) if format_name else None
+        )
         layout = layout or _layout_of_text(path)
     except LogFormatError:
-        plugin = "" if found else registry.recognise_plugin(head)
+        plugin = "" if format_name else registry.recognise_plugin(head)
         if not plugin:
             raise
     else:
@@ -193,9 +201,9 @@ def _layouts_of_tables(path: Path, name: str) -> list[_GroupLayout]:
     except SeveralTablesError as error:
         tables = error.tables
     with suppress(LogFormatError):
-        beside = _layout_of_format(path, Logs(files=("*",), format=name, table=SIDE_BY_SIDE))
-        if any(column.guess_canonical() == "time_s" for column in beside.columns):
-            return [beside]
+        side_by_side = _layout_of_format(path, Logs(files=("*",), format=name, table=SIDE_BY_SIDE))
+        if any(column.guess_canonical() == "time_s" for column in side_by_side.columns):
+            return [side_by_side]
     layouts = []
     for table in tables:
         with suppress(LogFormatError):
@@ -203,8 +211,10 @@ def _layouts_of_tables(path: Path, name: str) -> list[_GroupLayout]:
             layouts.append(_layout_of_format(path, logs))
     first = layouts[0] if layouts else None
     if first and first.names and "time_s" not in first.names and len(layouts) == len(tables):
-        known = any(not made.startswith("column ") for made in first.names)
-        if known and all(replace(one, table=first.table) == first for one in layouts):
+        has_sensor_names = any(not heading.startswith("column ") for heading in first.names)
+        if has_sensor_names and all(
+            replace(layout, table=first.table) == first for layout in layouts
+        ):
             return [replace(first, table="", tables=tables)]
     return layouts
 
@@ -235,16 +245,16 @@ def _layout_of_format(path: Path, logs: Logs) -> _GroupLayout:
         numeric = [column.name for column in columns if column.kind == "number"]
         with suppress(LogFormatError):
             text = _read_whole(path, logs, numeric)[1]
-    named = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
-    return _GroupLayout(logs.format, named, text, logs.table, names=names)
+    sensor_columns = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
+    return _GroupLayout(logs.format, sensor_columns, text, logs.table, names=names)
 
 
-def _read_whole(path: Path, logs: Logs, needed: Sequence[str]) -> tuple[Table, _Mend]:
+def _read_whole(path: Path, logs: Logs, required_columns: Sequence[str]) -> tuple[Table, _Mend]:
     """A log, and what [logs.text] must say for it to be read: a footer, torn lines, or a last line
     that was still being written are left out.
     """
     try:
-        return registry.read(path, path.name, logs, needed), {}
+        return registry.read(path, path.name, logs, required_columns), {}
     except NamelessColumnsError:
         raise
     except LogFormatError as error:
@@ -254,7 +264,7 @@ def _read_whole(path: Path, logs: Logs, needed: Sequence[str]) -> tuple[Table, _
     for mend in _MENDS:
         mended = logs.model_copy(update={"text": TextSpec.model_validate(mend)})
         with suppress(LogFormatError):
-            return registry.read(path, path.name, mended, needed), mend
+            return registry.read(path, path.name, mended, required_columns), mend
     raise failed
 
 
@@ -293,9 +303,9 @@ def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_GroupLayout, Logs
         path.stem,
         [
             column_names.LogColumn(
-                one.name, one.unit, one.kind == "time", one.time_format, one.kind
+                column.name, column.unit, column.kind == "time", column.time_format, column.kind
             )
-            for one in dialect.columns
+            for column in dialect.columns
         ],
     )
     logs = logs.model_copy(update={"names": names})
@@ -315,10 +325,10 @@ def _guess_names(path: Path, columns: int, logs: Logs) -> tuple[str, ...]:
     numbered = tuple(f"column {k + 1}" for k in range(columns))
     dialect = sniff.Dialect.guess(path, path.name, logs.text, numbered)
     kinds = [column.kind for column in dialect.columns]
-    needed = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
-    named = logs.model_copy(update={"names": numbered})
-    frame = registry.read(path, path.name, named, needed).frame
-    numbers = [frame[name].to_numpy() if name in needed else None for name in numbered]
+    number_columns = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
+    numbered_logs = logs.model_copy(update={"names": numbered})
+    frame = registry.read(path, path.name, numbered_logs, number_columns).frame
+    numbers = [frame[name].to_numpy() if name in number_columns else None for name in numbered]
     names = nameless.name_columns(numbers, timed="time" in kinds)
     for k, kind in enumerate(kinds):
         if kind == "time" and "time_s" not in names:
@@ -333,11 +343,11 @@ def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:
     start = _common_beginning(files)
     end = _common_beginning([name[::-1] for name in files])[::-1]
     pattern = f"{start.rstrip('0123456789')}*{end.lstrip('0123456789')}"
-    alike = {name for name in names if fnmatchcase(name, pattern)}
-    return [pattern] if alike == set(files) and "[" not in pattern else list(files)
+    matches = {name for name in names if fnmatchcase(name, pattern)}
+    return [pattern] if matches == set(files) and "[" not in pattern else list(files)
 
 
 def _common_beginning(names: Sequence[str]) -> str:
     """Longest beginning that all names share."""
-    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
-    return "".join(letters[0] for letters in alike)
+    common_letters = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join(letters[0] for letters in common_letters)

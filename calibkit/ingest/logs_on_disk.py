@@ -45,20 +45,24 @@ def _largest_in_memory() -> float:
     """Bytes of a log up to which it is held in memory; raises UsageError for a setting that is not
     a number.
     """
-    stated = os.environ.get(SETTING, "")
+    setting = os.environ.get(SETTING, "")
     try:
-        megabytes = float(stated) if stated else LARGEST_MB
+        megabytes = float(setting) if setting else LARGEST_MB
     except ValueError:
         megabytes = -1.0
     if not megabytes >= 0.0:
         raise UsageError(
-            f"{SETTING}={stated}: expected megabytes", hint=f"unset it for {LARGEST_MB:g}"
+            f"{SETTING}={setting}: expected megabytes", hint=f"unset it for {LARGEST_MB:g}"
         )
     return megabytes * 1e6
 
 
 def read_to_disk(
-    recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+    recipe: Recipe,
+    path: Path,
+    file: str,
+    required_columns: Sequence[str],
+    optional: Sequence[str] = (),
 ) -> Log | None:
     """A large clean log with its columns on disk; None for a log that is held in memory. Raises as
     `ingest.read_log`.
@@ -70,34 +74,38 @@ def read_to_disk(
         return None
     import pandas as pd
 
-    whole = recipe.model_copy(update={"exclude": ()})
-    kept: dict[str, Array] = {}
+    without_exclusions = recipe.model_copy(update={"exclude": ()})
+    columns_on_disk: dict[str, Array] = {}
     lines, row = _allocate_column(scan.rows), 0
-    taken: dict[int, int] = {}
+    excluded_rows: dict[int, int] = {}
     notes: dict[str, None] = {}
     lost: list[tuple[str, Integers]] = []
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
-        part = mapping.map_log(whole, table, needed, optional)
+        part = mapping.map_log(without_exclusions, table, required_columns, optional)
         frame, out = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
-        kept = kept or {str(name): _allocate_column(scan.rows) for name in frame.columns}
-        for name, column in (*kept.items(), ("", lines)):
+        columns_on_disk = columns_on_disk or {
+            str(name): _allocate_column(scan.rows) for name in frame.columns
+        }
+        for name, column in (*columns_on_disk.items(), ("", lines)):
             column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
             release(column)
         row += len(frame)
-        taken = {number: taken.get(number, 0) + rows for number, rows in out.items()}
+        excluded_rows = {
+            number: excluded_rows.get(number, 0) + rows for number, rows in out.items()
+        }
         notes |= dict.fromkeys(part.notes)
         lost += part.lost
     assert part is not None  # noqa: S101 (a clean file has rows)
     index = _index(lines[:row])
-    columns = {name: column[:row] for name, column in kept.items()}
+    columns = {name: column[:row] for name, column in columns_on_disk.items()}
     return replace(
         part,
         rows=scan.rows,
         frame=pd.DataFrame(columns, index, copy=False),
-        notes=(*notes, *mapping.note_exclusions(recipe.exclude, taken, file)),
+        notes=(*notes, *mapping.note_exclusions(recipe.exclude, excluded_rows, file)),
         lost=tuple(lost),
-        excluded_rows=sum(taken.values()),
+        excluded_rows=sum(excluded_rows.values()),
         allocate=_allocate_column,
     )
 
@@ -126,9 +134,9 @@ def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> cle
     )
     stateful |= any(entry.positions or entry.stations for entry in recipe.exclude)
     logs = recipe.logs
-    plain = logs.format in ("auto", "csv") and not logs.names and not logs.split
+    plain_csv = logs.format in ("auto", "csv") and not logs.names and not logs.split
     stateful |= logs.rate_hz is not None  # rows are counted
-    if stateful or not plain or recipe.chamber is not None:
+    if stateful or not plain_csv or recipe.chamber is not None:
         return None
     large = path.is_file() and path.stat().st_size > largest
     return clean.scan_file(path, file) if large else None

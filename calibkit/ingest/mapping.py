@@ -39,7 +39,11 @@ def log_name(file: str) -> str:
 
 
 def read_file(
-    recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+    recipe: Recipe,
+    path: Path,
+    file: str,
+    required_columns: Sequence[str],
+    optional: Sequence[str] = (),
 ) -> Log:
     """Read one file and map it to canonical columns; raises LogFormatError, FrameError or
     RecipeError.
@@ -47,55 +51,57 @@ def read_file(
     sources = {name: column.source for name, column in recipe.columns.items()}
     timed = recipe.columns.get("time_s")
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
-    wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
+    number_columns = {sources.get(name, name) for name in (*required_columns, *optional)} - written
     read = parts.read if recipe.logs.split else registry.read
     lines: dict[str, frozenset[int]] = {}
     for entry in recipe.exclude:
         for a, b in entry.parts.get("lines", ()):
             lines[entry.log] = lines.get(entry.log, frozenset()) | frozenset(range(a, b + 1))
     logs = recipe.logs.without_lines(lines) if lines else recipe.logs
-    return map_log(recipe, read(path, file, logs, wanted), needed, optional)
+    return map_log(recipe, read(path, file, logs, number_columns), required_columns, optional)
 
 
 def map_log(
     recipe: Recipe,
     table: Table,
-    needed: Sequence[str],
+    required_columns: Sequence[str],
     optional: Sequence[str] = (),
     *,
-    whole: bool = True,
+    is_whole_log: bool = True,
 ) -> Log:
     """Map a log, or a chunk of one, to canonical columns; raises as `read_file`."""
     file = table.file
-    columns = (*needed, *optional)
-    named = _excluded_by(recipe.exclude, file, columns)
+    columns = (*required_columns, *optional)
+    exclusion_columns = _excluded_by(recipe.exclude, file, columns)
     table = _blank_excluded(table, recipe.exclude)
-    mapped = _map_columns(recipe, table, needed, (*optional, *named))
-    require(file, mapped, needed)
+    mapped = _map_columns(recipe, table, required_columns, (*optional, *exclusion_columns))
+    require(file, mapped, required_columns)
     notes = [*table.notes, *(note for column in mapped.values() for note in column.notes)]
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
-    frame, first_lost = _frame_columns(table, mapped, (*columns, *named))
+    frame, first_lost = _frame_columns(table, mapped, (*columns, *exclusion_columns))
     notes += first_lost
     lost = [(_SINCE_ROW_BEFORE, table.frame.index[:1].to_numpy())] if first_lost else []
     frame, corrections = _correct_references(frame, recipe.correction, file)
-    frame, dropped, incomplete = _drop_incomplete_rows(frame, needed, recipe)
-    frame, taken = drop_excluded_rows(frame, recipe.exclude, file, table if whole else None)
-    if named:
-        frame = frame.drop(columns=named, errors="ignore")
-    taken = {number: rows for number, rows in taken.items() if rows or whole}
+    frame, dropped, incomplete = _drop_incomplete_rows(frame, required_columns, recipe)
+    frame, excluded_rows = drop_excluded_rows(
+        frame, recipe.exclude, file, table if is_whole_log else None
+    )
+    if exclusion_columns:
+        frame = frame.drop(columns=exclusion_columns, errors="ignore")
+    excluded_rows = {number: rows for number, rows in excluded_rows.items() if rows or is_whole_log}
     return Log(
         log_name(file),
         file,
         table.sha256,
         len(table.frame),
         frame,
-        (*notes, *dropped, *note_exclusions(recipe.exclude, taken, file)),
+        (*notes, *dropped, *note_exclusions(recipe.exclude, excluded_rows, file)),
         (*reading, *corrections),
         table.parts,
         plugins=table.plugins,
         origin=mapped["time_s"].origin if "time_s" in mapped else None,
         lost=(*lost, *incomplete),
-        excluded_rows=sum(taken.values()),
+        excluded_rows=sum(excluded_rows.values()),
     )
 
 
@@ -109,9 +115,9 @@ def _frame_columns(
 
     # an unconverted column is a view of the table, which stays in memory for it: a copy where most
     # of the table is not needed
-    many = table.frame.shape[1] > 2 * len(mapped)
-    kept = {name: mapped[name].numbers for name in columns if name in mapped}
-    frame = pd.DataFrame(kept, index=table.frame.index, copy=many)
+    copy = table.frame.shape[1] > 2 * len(mapped)
+    numbers = {name: mapped[name].numbers for name in columns if name in mapped}
+    frame = pd.DataFrame(numbers, index=table.frame.index, copy=copy)
     counted = [name for name, column in mapped.items() if column.since_row_before]
     if not counted:
         return frame, ()
@@ -120,55 +126,56 @@ def _frame_columns(
 
 
 def _map_columns(
-    recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str]
+    recipe: Recipe, table: Table, required_columns: Sequence[str], optional: Sequence[str]
 ) -> dict[str, MappedColumn]:
     """Canonical name → column of the log, the time first: counts per sample need it."""
-    own = _find_columns(recipe, table, needed, optional)
+    sources = _find_columns(recipe, table, required_columns, optional)
     mapped: dict[str, MappedColumn] = {}
     rate_hz = recipe.logs.rate_hz
-    if "time_s" in own:
+    if "time_s" in sources:
         if rate_hz is not None:
             raise RecipeError(
-                f"{table.file}: [logs] rate_hz = {rate_hz:g}, but column '{own['time_s']}' holds"
-                " the time",
+                f"{table.file}: [logs] rate_hz = {rate_hz:g}, but column"
+                f" '{sources['time_s']}' holds the time",
                 hint="remove rate_hz, or map time_s to nothing that the log has",
             )
-        mapped["time_s"] = column_values.read_time(table, own["time_s"], recipe)
+        mapped["time_s"] = column_values.read_time(table, sources["time_s"], recipe)
     elif rate_hz is not None:
         rows = np.arange(len(table.frame)) if table.numbers is None else table.numbers
         mapped["time_s"] = MappedColumn(rows / rate_hz, origin=Origin("numbers"))
     seconds = mapped["time_s"].numbers if "time_s" in mapped else None
-    for name, source in own.items():
+    for name, source in sources.items():
         if name != "time_s":
             mapped[name] = column_values.read_values(table, source, name, recipe, seconds)
     return mapped
 
 
 def _find_columns(
-    recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str]
+    recipe: Recipe, table: Table, required_columns: Sequence[str], optional: Sequence[str]
 ) -> dict[str, str]:
     """Canonical name → the log's own name of every column that is there.
 
     Raises MissingColumnError for a needed one that is not.
     """
-    sources = {name: column.source for name, column in recipe.columns.items()}
-    own = {}
-    for name in (*needed, *optional):
-        found = column_values.find_column(sources.get(name, name), table)
-        if found is not None:
-            own[name] = found
+    recipe_sources = {name: column.source for name, column in recipe.columns.items()}
+    sources = {}
+    for name in (*required_columns, *optional):
+        source = column_values.find_column(recipe_sources.get(name, name), table)
+        if source is not None:
+            sources[name] = source
         elif name == "time_s" and recipe.logs.rate_hz is not None:
             continue  # rows are counted instead
-        elif name in needed and name in sources:
-            require(table.file, table.frame.columns, [sources[name]], of=name)
-    present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
-    require(table.file, dict.fromkeys(present), needed)
-    if "time_s" not in own and any(
-        column_values.needs_time(table, source, name, recipe) for name, source in own.items()
+        elif name in required_columns and name in recipe_sources:
+            require(table.file, table.frame.columns, [recipe_sources[name]], of=name)
+    present = [*table.frame.columns, *sources, *(["time_s"] if recipe.logs.rate_hz else [])]
+    require(table.file, dict.fromkeys(present), required_columns)
+    if "time_s" not in sources and any(
+        column_values.needs_time(table, source, name, recipe) for name, source in sources.items()
     ):
-        found = column_values.find_column(sources.get("time_s", "time_s"), table)
-        own |= {} if found is None else {"time_s": found}
-    return own
+        time_source = column_values.find_column(recipe_sources.get("time_s", "time_s"), table)
+        if time_source is not None:
+            sources["time_s"] = time_source
+    return sources
 
 
 def _correct_references(
@@ -205,8 +212,8 @@ def _correct_references(
             f" {float(np.nanmax(added)):+.3g} {unit}, certificate {entry.certificate}"
         )
         text += f" of {entry.instrument}" if entry.instrument else ""
-        held = f", {int(outside.sum())} rows beyond it with the correction of its end"
-        reading.append(text + held if outside.any() else text)
+        beyond_text = f", {int(outside.sum())} rows beyond it with the correction of its end"
+        reading.append(text + beyond_text if outside.any() else text)
     return frame, tuple(reading)
 
 
@@ -221,7 +228,7 @@ def drop_excluded_rows(
 
     Rows are those of the table that was read; without one each line below the first is a row.
     """
-    taken = {}
+    excluded_rows = {}
     for number, exclude in enumerate(excludes):
         offset = _offset_of_part(exclude.log, file, table)
         if offset is None or exclude.whole:
@@ -231,9 +238,9 @@ def drop_excluded_rows(
         unread = () if table is None else table.left_out
         ranges = exclude.parts.get("lines", ())
         torn = sum(any(a <= line - offset <= b for a, b in ranges) for line in unread)
-        taken[number] = int(out.sum()) + torn
+        excluded_rows[number] = int(out.sum()) + torn
         frame = frame[~out] if out.any() else frame
-    return frame, taken
+    return frame, excluded_rows
 
 
 def _blank_excluded(table: Table, excludes: Sequence[Exclude]) -> Table:
@@ -248,11 +255,13 @@ def _blank_excluded(table: Table, excludes: Sequence[Exclude]) -> Table:
     return replace(table, frame=frame)
 
 
-def _excluded_by(excludes: Sequence[Exclude], file: str, there: Sequence[str]) -> list[str]:
+def _excluded_by(excludes: Sequence[Exclude], file: str, columns: Sequence[str]) -> list[str]:
     """Columns that are read only for exclusions of positions or stations of a log."""
-    own = (entry.parts for entry in excludes if entry.log in (file, log_name(file)))
-    named = {key.removesuffix("s") for keys in own for key in keys}
-    return [name for name in ("position", "station") if name in named and name not in there]
+    parts_of_log = (entry.parts for entry in excludes if entry.log in (file, log_name(file)))
+    column_names = {key.removesuffix("s") for keys in parts_of_log for key in keys}
+    return [
+        name for name in ("position", "station") if name in column_names and name not in columns
+    ]
 
 
 def _offset_of_part(log: str, file: str, table: Table | None) -> int | None:
@@ -265,8 +274,9 @@ def _row_numbers(frame: pd.DataFrame, table: Table | None) -> Array:
     """Number, from 1, of each row of a frame among the rows of its log."""
     if table is None:
         return np.asarray(frame.index, dtype=np.float64) + 1
-    at = table.frame.index.get_indexer(frame.index)
-    return np.asarray(at if table.numbers is None else table.numbers[at], dtype=np.float64) + 1
+    positions = table.frame.index.get_indexer(frame.index)
+    numbers = positions if table.numbers is None else table.numbers[positions]
+    return np.asarray(numbers, dtype=np.float64) + 1
 
 
 def _find_excluded(
@@ -280,22 +290,22 @@ def _find_excluded(
         return inside
     ((key, ranges),) = exclude.parts.items()
     if key == "lines":
-        found = np.asarray(frame.index, dtype=np.float64) - offset + FIRST_ROW
+        coordinate = np.asarray(frame.index, dtype=np.float64) - offset + FIRST_ROW
     elif rows is not None:
-        found = rows
+        coordinate = rows
     else:
         require(file, frame.columns, [key.removesuffix("s")])
-        found = values(frame, key.removesuffix("s"))
-    taken: Mask = np.any([(a <= found) & (found <= b) for a, b in ranges], axis=0)
-    return taken
+        coordinate = values(frame, key.removesuffix("s"))
+    excluded: Mask = np.any([(a <= coordinate) & (coordinate <= b) for a, b in ranges], axis=0)
+    return excluded
 
 
 def note_exclusions(
-    excludes: Sequence[Exclude], taken: Mapping[int, int], file: str
+    excludes: Sequence[Exclude], excluded_rows: Mapping[int, int], file: str
 ) -> tuple[str, ...]:
     """Notes on exclusions and the rows that they took; RecipeError for one that took none."""
     notes = []
-    for number, rows in taken.items():
+    for number, rows in excluded_rows.items():
         exclude = excludes[number]
         part = _describe_part(exclude)
         if not rows:
@@ -311,8 +321,8 @@ def note_exclusions(
 def _describe_part(exclude: Exclude) -> str:
     """The part of a log that is left out, in words."""
     for key, ranges in exclude.parts.items():
-        listed = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ranges)
-        return f"with number {listed}" if key == "rows" else f"in {key} {listed}"
+        ranges_text = ", ".join(f"{a}" if a == b else f"{a}-{b}" for a, b in ranges)
+        return f"with number {ranges_text}" if key == "rows" else f"in {key} {ranges_text}"
     if exclude.from_s is not None and exclude.to_s is not None:
         return f"between {exclude.from_s:.12g} s and {exclude.to_s:.12g} s"
     ends = (("from", exclude.from_s), ("up to", exclude.to_s))
@@ -328,14 +338,14 @@ def _excluded_range(exclude: Exclude) -> tuple[float, float]:
 
 
 def _drop_incomplete_rows(
-    frame: pd.DataFrame, needed: Sequence[str], recipe: Recipe
+    frame: pd.DataFrame, required_columns: Sequence[str], recipe: Recipe
 ) -> tuple[pd.DataFrame, tuple[str, ...], list[tuple[str, Integers]]]:
     """The frame without rows that lack a needed value, where the recipe says so, a note on how
     many, which and why, and the rows by the first value that they lack.
     """
     if recipe.logs.missing == "refuse":
         return frame, (), []
-    absent = frame[[name for name in needed if name in frame.columns]].isna()
+    absent = frame[[name for name in required_columns if name in frame.columns]].isna()
     out = absent.any(axis=1).to_numpy()
     if not out.any():
         return frame, (), []

@@ -62,52 +62,54 @@ def _runs(column: Array | None) -> bool:
 
 def _find_triad(axes: Sequence[Array | None]) -> str:
     """Unit of three columns whose length is that of gravity in most rows, or ""."""
-    there = [axis for axis in axes if axis is not None]
-    if len(there) < 3:
+    present = [axis for axis in axes if axis is not None]
+    if len(present) < 3:
         return ""
-    length = float(np.nanmedian(np.sqrt(np.sum(np.square(there), axis=0))))
+    length = float(np.nanmedian(np.sqrt(np.sum(np.square(present), axis=0))))
     for unit, g in (("g", 1.0), ("m/s^2", STANDARD_GRAVITY_MPS2)):
         if 0.9 < length / g < 1.1:
             return unit
-    return "1" if _on_sphere(np.column_stack(there)) else ""
+    return "1" if _on_sphere(np.column_stack(present)) else ""
 
 
 def find_sphere(vectors: Array) -> Array:
     """Centre and radius, [4], of the sphere that vectors [n, 3] end on, by least squares."""
-    held = vectors[np.all(np.isfinite(vectors), axis=1)]
-    design = np.column_stack([2.0 * held, np.ones(len(held))])
-    found = np.linalg.lstsq(design, np.sum(held**2, axis=1), rcond=None)[0]
-    radius = np.median(np.linalg.norm(held - found[:3], axis=1))
-    return np.append(found[:3], radius)
+    finite = vectors[np.all(np.isfinite(vectors), axis=1)]
+    design = np.column_stack([2.0 * finite, np.ones(len(finite))])
+    solution = np.linalg.lstsq(design, np.sum(finite**2, axis=1), rcond=None)[0]
+    radius = np.median(np.linalg.norm(finite - solution[:3], axis=1))
+    return np.append(solution[:3], radius)
 
 
 def _on_sphere(vectors: Array) -> bool:
     """Whether most vectors [n, 3] end on a sphere around any centre, and all around it, as the
     counts of a triad that was turned do.
     """
-    held = vectors[np.all(np.isfinite(vectors), axis=1)]
-    if len(held) < 2 * _LEAST_TURNED or min(np.ptp(held, axis=0), default=0.0) == 0.0:
+    finite = vectors[np.all(np.isfinite(vectors), axis=1)]
+    if len(finite) < 2 * _LEAST_TURNED or min(np.ptp(finite, axis=0), default=0.0) == 0.0:
         return False
-    *centre, radius = find_sphere(held)
-    off = np.abs(np.linalg.norm(held - centre, axis=1) - radius)
-    return float(np.median(off)) < _ROUND * radius and bool(np.all(np.ptp(held, axis=0) > radius))
+    *centre, radius = find_sphere(finite)
+    distance = np.abs(np.linalg.norm(finite - centre, axis=1) - radius)
+    return float(np.median(distance)) < _ROUND * radius and bool(
+        np.all(np.ptp(finite, axis=0) > radius)
+    )
 
 
 def _find_sweep(columns: Sequence[Array | None]) -> tuple[int, int] | None:
     """Rates of a table and what a gyro indicated, by their numbers: two columns in proportion, of
     which the first is typed; None for other columns.
     """
-    there = [k for k, column in enumerate(columns) if _varies(column)]
-    if len(there) != 2 or len(columns) > 2:
+    varying = [k for k, column in enumerate(columns) if _varies(column)]
+    if len(varying) != 2 or len(columns) > 2:
         return None
-    rates, indication = (np.asarray(columns[k], dtype=np.float64) for k in there)
+    rates, indication = (np.asarray(columns[k], dtype=np.float64) for k in varying)
     if not (_LEAST_RATES <= rates.size <= _MOST_RATES and np.all(np.isfinite(rates + indication))):
         return None
     typed = np.array_equal(rates, np.round(rates, 3)) and not np.array_equal(
         indication, np.round(indication)
     )
     linear = abs(float(np.corrcoef(rates, indication)[0, 1])) > _IN_PROPORTION
-    return (there[0], there[1]) if linear and typed else None
+    return (varying[0], varying[1]) if linear and typed else None
 
 
 def _varies(column: Array | None) -> bool:
@@ -123,5 +125,5 @@ def _is_temperature(column: Array | None) -> bool:
     if low < _COLDEST_DEGC or high > _HOTTEST_DEGC or high == low:
         return False
     slow = float(np.median(np.abs(np.diff(column)))) < _SMOOTH * (high - low)
-    still = high - low < 2.0 and _ROOM_DEGC[0] < low < _ROOM_DEGC[1]
-    return slow and (high - low > 5.0 or still)
+    steady_at_room = high - low < 2.0 and _ROOM_DEGC[0] < low < _ROOM_DEGC[1]
+    return slow and (high - low > 5.0 or steady_at_room)

@@ -38,20 +38,19 @@ def propose(
     Raises LogFormatError or FrameError where no log can be read.
     """
     groups = group_logs(folder, sheet)
-    choices = [
-        (chosen, group)
-        for group in groups
-        if (chosen := _choose_recipe(Evidence.of(folder, group, groups, parse), proposers))
-        is not None
-    ]
+    choices: list[tuple[RecipeChoice, Group]] = []
+    for group in groups:
+        choice = _choose_recipe(Evidence.of(folder, group, groups, parse), proposers)
+        if choice is not None:
+            choices.append((choice, group))
     if not choices:
         choices = [(_make_skeleton(skeleton, groups[0]), groups[0])]
     # the procedure that more of the logs are for
-    chosen, group = max(choices, key=lambda choice: (len(choice[1].files), not choice[0].guessed))
-    rest = [other for other in groups if other is not group]
-    rest = [other for other in rest if not set(other.files) <= set(chosen.joined)]
+    choice, group = max(choices, key=lambda pair: (len(pair[1].files), not pair[0].guessed))
+    unread_groups = [other for other in groups if other is not group]
+    unread_groups = [other for other in unread_groups if not set(other.files) <= set(choice.joined)]
     return ProposedText(
-        write_recipe(folder, chosen, group, rest, parse), note_missing_units(chosen)
+        write_recipe(folder, choice, group, unread_groups, parse), note_missing_units(choice)
     )
 
 
@@ -71,9 +70,9 @@ def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> RecipeC
         mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
             return RecipeChoice(name, {}, (), {})
-    found = [choice for recognise in proposers if (choice := recognise(evidence)) is not None]
-    if not found:
+    recognised = [choice for recognise in proposers if (choice := recognise(evidence)) is not None]
+    if not recognised:
         return None
-    others = (choice for choice in found if choice.recipe != found[0].recipe)
-    second = next((f"{other.recipe} ({other.reason})" for other in others), "none")
-    return replace(found[0], runner_up=second)
+    of_other_recipes = (choice for choice in recognised if choice.recipe != recognised[0].recipe)
+    second = next((f"{other.recipe} ({other.reason})" for other in of_other_recipes), "none")
+    return replace(recognised[0], runner_up=second)

@@ -21,7 +21,7 @@ class RecipeChoice:
 
     recipe: str
     mapping: Mapping[str, LogColumn]
-    others: tuple[tuple[str, LogColumn], ...]
+    alternatives: tuple[tuple[str, LogColumn], ...]
     keys: Mapping[str, str]
     """Keys of the shipped recipe with other values, as TOML."""
     beside_files: str = ""
@@ -43,9 +43,9 @@ class RecipeChoice:
     runner_up: str = ""
     """The next recipe that reads the logs, and why."""
 
-    def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Self:
+    def with_others(self, columns: Sequence[tuple[str, LogColumn]]) -> Self:
         """The choice with more columns that could be canonical ones too."""
-        return replace(self, others=(*self.others, *more))
+        return replace(self, alternatives=(*self.alternatives, *columns))
 
 
 Parse: TypeAlias = Callable[[recipe.Source], Recipe]
@@ -85,16 +85,17 @@ def note_missing_units(choice: RecipeChoice) -> str:
     }
     if not silent:
         return ""
-    taken = (
+    assumed_units = (
         f"{write_value(column.name)} in {units.column_unit(name)}"
         for name, column in silent.items()
     )
     keys = ", ".join(f"[columns.{name}]" for name in silent)
-    return f'No unit in the logs: {", ".join(taken)} would be taken; state unit = "…" in {keys}'
+    units_text = ", ".join(assumed_units)
+    return f'No unit in the logs: {units_text} would be taken; state unit = "…" in {keys}'
 
 
 def write_recipe(
-    folder: Path, choice: RecipeChoice, group: Group, rest: Sequence[Group], parse: Parse
+    folder: Path, choice: RecipeChoice, group: Group, unread_groups: Sequence[Group], parse: Parse
 ) -> str:
     """Text of the chosen shipped recipe, with the mapping of these logs in place of its own."""
     source = recipe.find(choice.recipe)
@@ -102,10 +103,10 @@ def write_recipe(
     for key, value in choice.keys.items():
         written = f"{key} = {value}".replace("\\", r"\\")
         for mark in ("", "# "):  # a key that the shipped recipe shows as a comment
-            text, done = re.subn(
+            text, replacements = re.subn(
                 rf"(?m)^{mark}{key} = [^#\n]*?(?=\s*(#|$))", written, text, count=1
             )
-            if done:
+            if replacements:
                 break
     names = [path.name for path in folder.iterdir() if path.is_file()]
     matched = {
@@ -115,19 +116,22 @@ def write_recipe(
         patterns = write_value(file_patterns(group.files, names))
         text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
     layout = group.layout
-    stated = {
+    log_keys = {
         "format": "" if layout.format in ("csv", "text") else layout.format,
         "table": layout.table,
         "tables": layout.tables,
         "names": layout.names,
     }
-    keys = (f"{k} = {write_value(v)}" for k, v in stated.items() if v)
-    below = [line for line in (*keys, choice.beside_files) if line]
+    keys = (f"{k} = {write_value(v)}" for k, v in log_keys.items() if v)
+    lines_below_files = [line for line in (*keys, choice.beside_files) if line]
     text = re.sub(
-        r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
+        r"(?m)^files = .*$",
+        lambda files_line: "\n".join((files_line.group(), *lines_below_files)),
+        text,
+        count=1,
     )
     return (
-        _write_header(choice, group, rest)
+        _write_header(choice, group, unread_groups)
         + text.rstrip("\n")
         + "\n"
         + _write_mapping(choice, group)
@@ -143,11 +147,11 @@ def _write_mapping(choice: RecipeChoice, group: Group) -> str:
     for name, column in choice.mapping.items():
         lines += _map_column(name, column, choice.lines.get(name, ()))
     lines += [
-        f"# could be {name} too: {write_value(column.name)}" for name, column in choice.others
+        f"# could be {name} too: {write_value(column.name)}" for name, column in choice.alternatives
     ]
     used = {
         column.name
-        for column in (*choice.mapping.values(), *(column for _, column in choice.others))
+        for column in (*choice.mapping.values(), *(column for _, column in choice.alternatives))
     }
     unused = [column.name for column in group.columns if column.name not in used]
     if choice.mapping and unused:
@@ -156,15 +160,15 @@ def _write_mapping(choice: RecipeChoice, group: Group) -> str:
     return "\n".join(lines).rstrip("\n") + "\n" if any(lines) else ""
 
 
-def _map_column(name: str, column: LogColumn, more: Sequence[str]) -> list[str]:
+def _map_column(name: str, column: LogColumn, further_lines: Sequence[str]) -> list[str]:
     """Table of a canonical column, and a blank line; nothing for one that is called so itself."""
     if column.name == name and not column.is_time:
         return []
     by_reader = column.unit or units.unit_in_header(column.name)
     unit = units.column_unit(name)
-    taken = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
-    stated = visible(column.stated)
-    remark = f"the log states {stated}" if column.stated else f"no unit{taken}"
+    unit_assumed = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
+    log_unit = visible(column.stated)
+    remark = f"the log states {log_unit}" if column.stated else f"no unit{unit_assumed}"
     lines = [
         f"[columns.{name}]" + ("" if column.is_time else f" # {remark}"),
         f"from = {write_value(column.name)}",
@@ -172,13 +176,13 @@ def _map_column(name: str, column: LogColumn, more: Sequence[str]) -> list[str]:
     if foreign := _is_foreign(column, unit):
         lines += [
             f'unit = "{unit}"',
-            f"{UNSTATED}scale = 1.0 # {unit} per {stated}; take the mark off",
+            f"{UNSTATED}scale = 1.0 # {unit} per {log_unit}; take the mark off",
         ]
     if column.stated and not (by_reader or foreign or column.is_time):
         lines.append(f"unit = {write_value(column.stated)}")
     if column.is_time and "%" in column.time_format:
         lines.append(f"time_format = {write_value(column.time_format)}")
-    return [*lines, *more, ""]
+    return [*lines, *further_lines, ""]
 
 
 def _state_gravity(choice: RecipeChoice) -> list[str]:
@@ -202,13 +206,16 @@ def _is_foreign(column: LogColumn, unit: str) -> bool:
     """Whether a log's column is in a unit that only a stated scale turns into the canonical one."""
     if not column.stated or column.is_time or unit not in units.TABLE:
         return False
-    own, wanted = column.dimension, units.TABLE[unit].dimension
-    return own != wanted and not {own, wanted} <= _CONVERTED
+    log_dimension, canonical_dimension = column.dimension, units.TABLE[unit].dimension
+    return (
+        log_dimension != canonical_dimension
+        and not {log_dimension, canonical_dimension} <= _CONVERTED
+    )
 
 
-def _write_header(choice: RecipeChoice, group: Group, rest: Sequence[Group]) -> str:
+def _write_header(choice: RecipeChoice, group: Group, unread_groups: Sequence[Group]) -> str:
     """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
-    several = len(group.files) > 1
+    plural = len(group.files) > 1
     note = note_missing_units(choice)
     because = (
         f"# Procedure: {choice.recipe}, because the logs hold {choice.reason}. Runner-up:"
@@ -216,8 +223,8 @@ def _write_header(choice: RecipeChoice, group: Group, rest: Sequence[Group]) -> 
     )
     remarks = (
         (
-            f"# Proposed for {len(group.files)} log{'s' * several} of {len(group.columns)} columns"
-            f" ({group.files[0]}{', …' * several}) after the recipe {choice.recipe}."
+            f"# Proposed for {len(group.files)} log{'s' * plural} of {len(group.columns)} columns"
+            f" ({group.files[0]}{', …' * plural}) after the recipe {choice.recipe}."
         ),
         f"# {_CHECK_FIRST}",
         because if choice.reason else "",
@@ -226,7 +233,7 @@ def _write_header(choice: RecipeChoice, group: Group, rest: Sequence[Group]) -> 
         choice.remark,
     )
     lines = list(filter(None, remarks))
-    for other in rest:
+    for other in unread_groups:
         names = ", ".join(column.name for column in other.columns)
         lines.append(
             f"# Not read: {', '.join(other.files[:4])}{', …' if len(other.files) > 4 else ''}"

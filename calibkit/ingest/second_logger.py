@@ -24,14 +24,14 @@ _PROBE = "shared_quantity"
 """Name under which the log's own column of the shared quantity is read."""
 
 
-def exclude_second_logger(chamber: SecondLogger, found: Sequence[str], folder: Path) -> list[str]:
+def exclude_second_logger(chamber: SecondLogger, logs: Sequence[str], folder: Path) -> list[str]:
     """Logs that are not the second logger's own files."""
-    its = {
+    second_files = {
         path.relative_to(folder).as_posix()
         for pattern in chamber.files
         for path in _match(folder, pattern.replace("{log}", "*"))
     }
-    left = [name for name in found if name not in its]
+    left = [name for name in logs if name not in second_files]
     if not left:
         raise FrameError(
             f"{folder}: every log matches [chamber] files too",
@@ -42,8 +42,8 @@ def exclude_second_logger(chamber: SecondLogger, found: Sequence[str], folder: P
 
 def _match(folder: Path, pattern: str) -> list[Path]:
     """Files of a folder, or frames in memory, that a pattern matches."""
-    held = in_memory.match(folder, pattern)
-    return held or [path for path in folder.glob(pattern) if path.is_file()]
+    frames_in_memory = in_memory.match(folder, pattern)
+    return frames_in_memory or [path for path in folder.glob(pattern) if path.is_file()]
 
 
 def read_joined(
@@ -51,32 +51,34 @@ def read_joined(
     chamber: SecondLogger,
     path: Path,
     file: str,
-    needed: Sequence[str],
+    required_columns: Sequence[str],
     optional: Sequence[str],
 ) -> Log:
     """Read one log with the columns of its second logger; raises FitError where the two clocks
     cannot be related, otherwise as `mapping.read_file`.
     """
     names = _find_files(chamber, path, file)
-    if not names and (alone := _read_complete(recipe, path, file, needed, optional)) is not None:
-        return alone
+    if not names:
+        complete_log = _read_complete(recipe, path, file, required_columns, optional)
+        if complete_log is not None:
+            return complete_log
     if len(names) != 1:
-        there = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
+        matches_text = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
         raise FrameError(
-            f"{file}: [chamber] files matches {there}, expected the one of this log",
+            f"{file}: [chamber] files matches {matches_text}, expected the one of this log",
             hint=(
                 'it lies in the folder of the log; name it with "{log}" in place of the log\'s name'
             ),
         )
-    first, probe = _read_first(recipe, chamber, path, file, needed, optional)
+    first, probe = _read_first(recipe, chamber, path, file, required_columns, optional)
     second = _read_second(recipe, chamber, path.parent / names[0])
-    begins = stamps.relate_origins(first, second, same=chamber.clock == "same")
+    begins = stamps.relate_origins(first, second, same_clock=chamber.clock == "same")
     if begins:
         second = replace(second, frame=second.frame.assign(time_s=second.frame["time_s"] + begins))
     if probe:
         second = _crop(second, values(first.frame, "time_s"), chamber)
     clock = _relate_clocks(chamber, first, probe, second, begins)
-    return _join(first, second, clock, chamber, (*needed, *optional), begins)
+    return _join(first, second, clock, chamber, (*required_columns, *optional), begins)
 
 
 def _join(
@@ -92,8 +94,8 @@ def _join(
     By their stamps the second logger begins `begins` [s] after the log.
     """
     time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
-    taken, joined = _take(chamber, second, on_a, time)
-    frame = first.frame.assign(**taken)
+    second_columns, joined = _take(chamber, second, on_a, time)
+    frame = first.frame.assign(**second_columns)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
     places = _place_lost_rows(time, on_a, lost)
     frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
@@ -149,21 +151,21 @@ def _read_first(
     chamber: SecondLogger,
     path: Path,
     file: str,
-    needed: Sequence[str],
+    required_columns: Sequence[str],
     optional: Sequence[str],
 ) -> tuple[Log, str]:
     """Read the log itself, without the columns of the second logger, and the name that the shared
     quantity has in it ("" where none is needed).
     """
-    own = [name for name in needed if name not in chamber.provides]
+    log_columns = [name for name in required_columns if name not in chamber.provides]
     extra = [name for name in optional if name not in chamber.provides]
-    if "time_s" not in own:
-        own.append("time_s")
+    if "time_s" not in log_columns:
+        log_columns.append("time_s")
     if chamber.clock != "estimate" or chamber.log_column is None:
-        return mapping.read_file(recipe, path, file, own, extra), ""
+        return mapping.read_file(recipe, path, file, log_columns, extra), ""
     probe = f"{_PROBE}_{chamber.shared.rsplit('_', 1)[-1]}"
     probed = recipe.model_copy(update={"columns": {**recipe.columns, probe: chamber.log_column}})
-    return mapping.read_file(probed, path, file, [*own, probe], extra), probe
+    return mapping.read_file(probed, path, file, [*log_columns, probe], extra), probe
 
 
 def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
@@ -171,21 +173,21 @@ def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     log = mapping.log_name(PurePosixPath(file).name)
     patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
     return sorted(
-        found.name
-        for found in in_memory.match(path.parent, "*")
+        candidate.name
+        for candidate in in_memory.match(path.parent, "*")
         or filter(Path.is_file, path.parent.iterdir())
-        if any(fnmatch.fnmatchcase(found.name, one) for one in patterns)
+        if any(fnmatch.fnmatchcase(candidate.name, file_pattern) for file_pattern in patterns)
     )
 
 
 def _read_complete(
-    recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str]
+    recipe: Recipe, path: Path, file: str, required_columns: Sequence[str], optional: Sequence[str]
 ) -> Log | None:
     """Read a log that has every column itself, as one from the place of use may; None for
     another.
     """
     try:
-        log = mapping.read_file(recipe, path, file, needed, optional)
+        log = mapping.read_file(recipe, path, file, required_columns, optional)
     except FrameError:
         return None
     return replace(
@@ -196,18 +198,18 @@ def _read_complete(
 def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     """Read the second logger's file in canonical columns, without rows that lack a value."""
     logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
-    alone = recipe.model_copy(
+    second_recipe = recipe.model_copy(
         update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None}
     )
-    wanted = list(dict.fromkeys(filter(None, ("time_s", *chamber.provides, chamber.shared))))
-    second = mapping.read_file(alone, path, path.name, wanted)
-    there = np.isfinite(second.frame[wanted].to_numpy(dtype=np.float64))
-    whole = there.all(axis=1)
-    if whole.all():
+    columns = list(dict.fromkeys(filter(None, ("time_s", *chamber.provides, chamber.shared))))
+    second = mapping.read_file(second_recipe, path, path.name, columns)
+    finite = np.isfinite(second.frame[columns].to_numpy(dtype=np.float64))
+    complete_rows = finite.all(axis=1)
+    if complete_rows.all():
         return second
-    bad = [name for name, complete in zip(wanted, there.all(axis=0), strict=True) if not complete]
-    note = f"{int((~whole).sum())} rows without a value of {', '.join(bad)} left out"
-    return replace(second, frame=second.frame[whole], notes=(*second.notes, note))
+    bad = [name for name, complete in zip(columns, finite.all(axis=0), strict=True) if not complete]
+    note = f"{int((~complete_rows).sum())} rows without a value of {', '.join(bad)} left out"
+    return replace(second, frame=second.frame[complete_rows], notes=(*second.notes, note))
 
 
 def _crop(second: Log, time_a: Array, chamber: SecondLogger) -> Log:
@@ -215,8 +217,8 @@ def _crop(second: Log, time_a: Array, chamber: SecondLogger) -> Log:
     clock is wanted where the log is.
     """
     low, high = (time_a[k] - chamber.offset_s for k in (0, -1))
-    near = second.frame["time_s"].between(low - chamber.search_s, high + chamber.search_s)
-    return replace(second, frame=second.frame[near]) if near.any() else second
+    near_log = second.frame["time_s"].between(low - chamber.search_s, high + chamber.search_s)
+    return replace(second, frame=second.frame[near_log]) if near_log.any() else second
 
 
 def _relate_clocks(
@@ -232,7 +234,7 @@ def _relate_clocks(
         )
     time_b = values(second.frame, "time_s")
     try:
-        found = clocks.estimate_clock(
+        clock = clocks.estimate_clock(
             values(first.frame, "time_s"),
             values(first.frame, probe),
             time_b,
@@ -243,7 +245,7 @@ def _relate_clocks(
         )
     except FitError as error:
         raise FitError(f"{first.file}, {second.file}: {error.message}", hint=error.hint) from None
-    worst = found.largest_uncertainty(time_b)
+    worst = clock.largest_uncertainty(time_b)
     if worst > chamber.max_uncertainty_s:
         raise FitError(
             f"{first.file}, {second.file}: the clocks are known to {worst:.2g} s (standard"
@@ -253,7 +255,7 @@ def _relate_clocks(
                 " in [chamber]"
             ),
         )
-    return found
+    return clock
 
 
 def _place_lost_rows(time: Array, on_a: Array, lost: Mask) -> dict[str, Mask]:
@@ -264,20 +266,20 @@ def _place_lost_rows(time: Array, on_a: Array, lost: Mask) -> dict[str, Mask]:
         "after its end": lost & after,
         "in its gaps": lost & ~(before | after),
     }
-    return {where: rows for where, rows in places.items() if rows.any()}
+    return {place: rows for place, rows in places.items() if rows.any()}
 
 
 def _lost(first: Log, file: str, places: Mapping[str, Mask]) -> Iterator[tuple[str, Integers]]:
     """Why rows of the log are lost, and their numbers in its index."""
     numbers = first.frame.index.to_numpy()
-    for where, rows in places.items():
-        yield f"no value of {file}: {where}", numbers[rows]
+    for place, rows in places.items():
+        yield f"no value of {file}: {place}", numbers[rows]
 
 
 def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
     """Note on the rows of the log without a value of the second logger: how many, and why."""
-    counts = {where: int(rows.sum()) for where, rows in places.items()}
-    parts = ", ".join(f"{count} {where}" for where, count in counts.items())
+    counts = {place: int(rows.sum()) for place, rows in places.items()}
+    parts = ", ".join(f"{count} {place}" for place, count in counts.items())
     left = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
     return (left,) if counts else ()
 
@@ -298,21 +300,21 @@ def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, 
 
 def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:
     """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
-    off, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
-    by = f"{abs(off):.10g} s {way}" if off else "as it is"
+    offset_s, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
+    by = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
     return f"; clock of {second.file} {by} ({_HOW_RELATED[chamber.clock]})"
 
 
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:
     """Texts on the clock of the second logger, for run.json."""
-    about = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
+    clock_text = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
     if chamber.clock != "same":
         u = clock.standard_uncertainty
-        about += (
+        clock_text += (
             f", standard uncertainty {u[0]:.2g} s, at {clock.middle_s:.6g} s; drift"
             f" {clock.drift * 1e6:+.4g} ppm"
         )
-        about += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
+        clock_text += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
     if chamber.clock == "estimate" and abs(clock.gain - 1.0) > _GAIN:
-        return (about, f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
-    return (about,)
+        return (clock_text, f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
+    return (clock_text,)

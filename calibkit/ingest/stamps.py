@@ -11,13 +11,13 @@ _ALIKE = 0.5
 """Share of the best overlap beyond which another day explains two times of day as well."""
 
 
-def relate_origins(first: Log, second: Log, *, same: bool) -> float:
+def relate_origins(first: Log, second: Log, *, same_clock: bool) -> float:
     """Seconds from second 0 of one log to second 0 of the other by their stamps, 0 where these
-    cannot be compared; FrameError where they must be, as two loggers on the `same` clock.
+    cannot be compared; FrameError where they must be, as on the `same_clock`.
     """
     a, b = first.origin, second.origin
     if a is None or b is None or a.kind != b.kind:
-        if same:
+        if same_clock:
             raise FrameError(
                 f'{first.file}: clock = "same", but the log has {_describe_kind(first)} and'
                 f" {second.file} has {_describe_kind(second)}, expected stamps of one kind",
@@ -40,9 +40,9 @@ def _describe_kind(log: Log) -> str:
 def _find_day(first: Log, second: Log, begins: float) -> float:
     """Days [s] between two logs with times of day alone: those at which they overlap most."""
     ends = [values(log.frame, "time_s")[[0, -1]] for log in (first, second)]
-    (low, high), others = ends[0], ends[1] + begins
+    (low, high), second_ends = ends[0], ends[1] + begins
     common = {
-        day: float(min(high, others[1] + day) - max(low, others[0] + day))
+        day: float(min(high, second_ends[1] + day) - max(low, second_ends[0] + day))
         for day in (0.0, -_DAY_S, _DAY_S)
     }
     best = max(common, key=lambda day: common[day])
@@ -60,8 +60,8 @@ def _describe_span(log: Log, time_s: Array) -> str:
     origin = log.origin
     stamp = "{:.10g} s".format if origin is None else origin.stamp
     first, last = stamp(float(time_s[0])), stamp(float(time_s[-1]))
-    date, _, rest = last.rpartition(" ")
-    return f"{first}–{rest if date and first.startswith(date) else last}"
+    date, _, time_of_day = last.rpartition(" ")
+    return f"{first}–{time_of_day if date and first.startswith(date) else last}"
 
 
 def describe_overlap(log: Log, time_s: Array) -> str:

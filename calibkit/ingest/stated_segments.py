@@ -26,7 +26,7 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
     if not segments:
         return None
     time = values(log.frame, "time_s")
-    found = []
+    row_ranges = []
     for segment in segments:
         place = f"{log.file}: [[segment]] from {segment.from_s:.12g} s to {segment.to_s:.12g} s"
         if segment.kind not in kinds:
@@ -41,11 +41,11 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
                 f"{place}: {stop - start} rows, expected at least 2",
                 hint=f"the log goes from {time[0]:.12g} s to {time[-1]:.12g} s",
             )
-        found.append((start, stop))
-    return np.array(found, dtype=np.int64)
+        row_ranges.append((start, stop))
+    return np.array(row_ranges, dtype=np.int64)
 
 
 def _segments_of_log(log: Log, spec: Recipe) -> list[Pin]:
     """Segments that the recipe states of a log, in order of time."""
-    own = (segment for segment in spec.segment if segment.log in (log.file, log.name))
-    return sorted(own, key=lambda segment: segment.from_s)
+    segments = (segment for segment in spec.segment if segment.log in (log.file, log.name))
+    return sorted(segments, key=lambda segment: segment.from_s)

@@ -63,8 +63,8 @@ class TextLines:
                 for k, texts in replaced.items()
                 if (text := texts[row]) is not None
             }
-            behind = [self._number(texts[row]) for texts in added.values()]
-            lines[line] = self._edit(lines[line], fields, (*behind, *last[row : row + 1]))
+            added_fields = [self._number(texts[row]) for texts in added.values()]
+            lines[line] = self._edit(lines[line], fields, (*added_fields, *last[row : row + 1]))
         for line, fields, names in self._edit_header((*added, *[STATUS][: len(last)]), renamed):
             lines[line] = self._edit(lines[line], fields, names)
         text = self.line_end.join(lines)
@@ -87,31 +87,31 @@ class TextLines:
     ) -> Iterable[tuple[int, dict[int, str], list[str]]]:
         """Changes of the lines of names and of units: the line, fields by column, fields behind."""
         first = self.dialect.first_line - 1
-        above = [line for line in range(first) if self.lines[line].strip()]
-        header = above[len(above) - self.dialect.header_lines :]
+        lines_above = [line for line in range(first) if self.lines[line].strip()]
+        header = lines_above[len(lines_above) - self.dialect.header_lines :]
         if not header:
             return
         fields = {k: renamed[name] for k, name in enumerate(self.dialect.names) if name in renamed}
         yield header[0], fields, list(names)
         if len(header) == 2:
             bracket = re.search(r"[\[(]", self.lines[header[1]])
-            around = {"[": "[{}]", "(": "({})"}[bracket.group()] if bracket else "{}"
+            brackets = {"[": "[{}]", "(": "({})"}[bracket.group()] if bracket else "{}"
             words = [units.column_unit(name) if name != STATUS else "" for name in names]
-            yield header[1], {}, [around.format(word) if word else "-" for word in words]
+            yield header[1], {}, [brackets.format(word) if word else "-" for word in words]
 
-    def _edit(self, line: str, fields: Mapping[int, str], behind: Sequence[str]) -> str:
+    def _edit(self, line: str, fields: Mapping[int, str], added_fields: Sequence[str]) -> str:
         """A line with fields replaced and added behind."""
         mark = self.dialect.delimiter
         if mark == "space":
-            found = list(re.finditer(r"(?:(?<!\S)[+-] +(?=[\d.,]))?\S+", line))
+            spans = list(re.finditer(r"(?:(?<!\S)[+-] +(?=[\d.,]))?\S+", line))
             for k in sorted(fields, reverse=True):
-                line = line[: found[k].start()] + fields[k] + line[found[k].end() :]
-            return " ".join((line.rstrip(), *behind))
+                line = line[: spans[k].start()] + fields[k] + line[spans[k].end() :]
+            return " ".join((line.rstrip(), *added_fields))
         parts = _split(line, mark)
         for k, text in fields.items():
             parts[k] = text
         parts += [""] * (len(self.dialect.columns) - len(parts))
-        return mark.join((*parts, *behind))
+        return mark.join((*parts, *added_fields))
 
 
 def _split(line: str, mark: str) -> list[str]:

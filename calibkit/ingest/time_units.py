@@ -30,17 +30,17 @@ def question_seconds(stamps: Array, source: str, file: str) -> tuple[str, ...]:
     if step < _NOTED_S:
         return ()
     words, keys = _guess_unit(step)
-    there = stamps[np.isfinite(stamps)]
-    span = float(there[-1] - there[0])
-    rows = f"{there.size:,} rows over {span:.4g} s, one every {step:.6g} s"
-    found = f"column '{source}': {rows}: {words}?"
+    finite = stamps[np.isfinite(stamps)]
+    span = float(finite[-1] - finite[0])
+    rows = f"{finite.size:,} rows over {span:.4g} s, one every {step:.6g} s"
+    question = f"column '{source}': {rows}: {words}?"
     written = write_value(source)
     advice = f"under [columns] time_s = {{ from = {written}, {keys} }}"
     if step >= _REFUSED_S:
         raise FrameError(
-            f"{file}: {found}", hint=f'state the unit, {advice}; of seconds unit = "s"'
+            f"{file}: {question}", hint=f'state the unit, {advice}; of seconds unit = "s"'
         )
-    return (f"{found} State the unit, {advice}",)
+    return (f"{question} State the unit, {advice}",)
 
 
 def guess_keys(stamps: Array) -> str:
@@ -52,8 +52,8 @@ def guess_keys(stamps: Array) -> str:
 def _spacing(stamps: Array) -> float:
     """Median step of the first stamps [n]; 0 where there are too few."""
     first = stamps[:_ENOUGH_ROWS]
-    there = first[np.isfinite(first)]
-    return 0.0 if there.size < _FEWEST_ROWS else abs(float(np.median(np.diff(there))))
+    finite = first[np.isfinite(first)]
+    return 0.0 if finite.size < _FEWEST_ROWS else abs(float(np.median(np.diff(finite))))
 
 
 def _guess_unit(step: float) -> tuple[str, str]:

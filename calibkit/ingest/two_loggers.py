@@ -16,9 +16,9 @@ def propose_chamber(evidence: Evidence) -> tuple[str, tuple[str, ...]] | None:
     """Table [chamber] of the second logger beside a log that lacks chamber air, and its files;
     None where there is none, or several could be meant.
     """
-    if len(evidence.beside) != 1 or "time_s" not in evidence.columns:
+    if len(evidence.chamber_loggers) != 1 or "time_s" not in evidence.columns:
         return None
-    (second,) = evidence.beside
+    (second,) = evidence.chamber_loggers
     files = _name_files(evidence.group, second)
     columns, _ = column_names.assign_columns(second.columns)
     air = columns.get(AIR) or columns.get("temp_case_degc")
@@ -36,12 +36,12 @@ def propose_chamber(evidence: Evidence) -> tuple[str, tuple[str, ...]] | None:
         lines += ["", "[chamber.text]", *pinned]
     lines += ["", "[chamber.columns]"]
     for name, column in (("time_s", columns["time_s"]), (AIR, air)):
-        more = f", time_format = {write_value(column.time_format)}" if column.is_time else ""
+        key_text = f", time_format = {write_value(column.time_format)}" if column.is_time else ""
         if name == AIR and not column.stated:
-            more = ', unit = "degC"'
-        more = more if "%" in more or name == AIR else ""
+            key_text = ', unit = "degC"'
+        key_text = key_text if "%" in key_text or name == AIR else ""
         source = write_value(column.name)
-        lines.append(f"{name} = {{ from = {source}{more} }}")
+        lines.append(f"{name} = {{ from = {source}{key_text} }}")
     return "\n".join(["", *lines, ""]), second.files
 
 
@@ -54,10 +54,10 @@ def _name_files(group: Group, second: Group) -> list[str]:
     patterns = set()
     for file in group.files:
         stem = PurePosixPath(file).stem
-        own = [name for name in second.files if stem in name]
-        if len(own) != 1:
+        files_of_log = [name for name in second.files if stem in name]
+        if len(files_of_log) != 1:
             return []
-        patterns.add(own[0].replace(stem, "{log}", 1))
+        patterns.add(files_of_log[0].replace(stem, "{log}", 1))
     return sorted(patterns) if len(patterns) == 1 else []
 
 
@@ -65,7 +65,7 @@ def _relate_clocks(evidence: Evidence, other: LogColumn) -> list[str]:
     """How the clocks are related: by a quantity that both loggers measured, by their stamps, or to
     be stated.
     """
-    probes = [column for name, column in evidence.others if name in (AIR, "temp_case_degc")]
+    probes = [column for name, column in evidence.alternatives if name in (AIR, "temp_case_degc")]
     air = [column for column in probes if re.search(r"air|luft|env|probe|amb", column.plain)]
     if air:
         source = write_value(air[0].name)

@@ -19,17 +19,20 @@ def find_gravity(path: Path) -> str:
     with path.open("rb") as stream:
         head = stream.read(_HEAD_BYTES)
     try:
-        if (known := registry.recognise_format(head)) == "excel":
+        format_name = registry.recognise_format(head)
+        if format_name == "excel":
             text = _read_cells(path)
-        elif known in _TEXTS:
-            whole = head[: head.rfind(b"\n") + 1] or head
-            text = encodings.decode(whole[: len(whole) // 2 * 2], path.name, "auto")[0]
+        elif format_name in _TEXTS:
+            complete_lines = head[: head.rfind(b"\n") + 1] or head
+            # UTF-16 has two bytes per character: the cut behind b"\n" may have left half of one
+            even = complete_lines[: len(complete_lines) // 2 * 2]
+            text = encodings.decode(even, path.name, "auto")[0]
         else:
             return ""
     except LogFormatError:
         return ""
-    found = _TYPED.search(text)
-    return found.group(1).replace(",", ".") if found else ""
+    gravity_match = _TYPED.search(text)
+    return gravity_match.group(1).replace(",", ".") if gravity_match else ""
 
 
 def _read_cells(path: Path) -> str:

@@ -43,9 +43,9 @@ class Rewritten:
     """A log with its canonical columns `replaced` and others `added`, each along all rows of the
     file; iterated over, the bytes of the new file, part by part.
 
-    `columns` are the replaced ones along the rows of the log's frame, `own` has their names in the
-    log, `uncorrected` the rows of the file by the reason why they could not be corrected, `keep`
-    whether these keep what was logged.
+    `columns` are the replaced ones along the rows of the log's frame, `sources` has their names in
+    the log, `uncorrected` the rows of the file by the reason why they could not be corrected, and
+    `keep` whether these keep what was logged.
     """
 
     recipe: Recipe
@@ -54,7 +54,7 @@ class Rewritten:
     fields: _RowFields
     columns: Mapping[str, Array]
     replaced: Mapping[str, Array]
-    own: Mapping[str, str]
+    sources: Mapping[str, str]
     added: Mapping[str, Array]
     uncorrected: tuple[tuple[str, Integers], ...]
     keep: bool = False
@@ -80,7 +80,7 @@ class Rewritten:
                 break
             for k, name in self._places():
                 texts = zip(self._texts(name, row, stop), block[k], strict=True)
-                fields[k] = [own if text is None else text for text, own in texts]
+                fields[k] = [logged if text is None else text for text, logged in texts]
             fields += [_format_numbers(values[row:stop]) for values in self.added.values()]
             fields += [self._status(row, stop) for _ in status]
             chunks.release(*self.replaced.values(), *self.added.values())
@@ -91,7 +91,7 @@ class Rewritten:
 
     def _places(self) -> list[tuple[int, str]]:
         """Number of each replaced column in the log, and its canonical name."""
-        return [(self.fields.header.index(source), name) for name, source in self.own.items()]
+        return [(self.fields.header.index(source), name) for name, source in self.sources.items()]
 
     def _texts(self, name: str, row: int, stop: int) -> list[str | None]:
         """Fields of a replaced column from one row to another, in the log's own unit and sign; None
@@ -106,10 +106,10 @@ class Rewritten:
 
     def _numbers(self, name: str, row: int, stop: int) -> Array:
         """Values of a replaced column from one row to another, in the log's own unit and sign."""
-        source = self.own[name]
+        source = self.sources[name]
         mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
-        stated = self.fields.units.get(source, "")
-        return unmap_values(self.replaced[name][row:stop], mapped, name, self.recipe, stated)
+        header_unit = self.fields.units.get(source, "")
+        return unmap_values(self.replaced[name][row:stop], mapped, name, self.recipe, header_unit)
 
     def as_frame(self, logged: pd.DataFrame) -> pd.DataFrame:
         """The new log as a frame, where `logged` is the log: its index and columns stay; a table in
@@ -120,15 +120,17 @@ class Rewritten:
         count = self.fields.count
         if self.fields.header != list(map(str, logged.columns)) or count != len(logged):
             return pd.read_csv(io.BytesIO(b"".join(self)))
-        made, status = logged.copy(), self._status(0, count)
-        for name, source in self.own.items():
+        corrected, status = logged.copy(), self._status(0, count)
+        for name, source in self.sources.items():
             numbers = self._numbers(name, 0, count)
             for _, rows in self.uncorrected if self.keep else ():
                 numbers[rows] = logged[source].to_numpy()[rows]
-            made[source] = numbers
-        made = made.rename(columns={name: f"reference_{name}" for name in (*self.added, STATUS)})
-        made = made.assign(**self.added)
-        return made.assign(**{STATUS: status}) if status else made
+            corrected[source] = numbers
+        corrected = corrected.rename(
+            columns={name: f"reference_{name}" for name in (*self.added, STATUS)}
+        )
+        corrected = corrected.assign(**self.added)
+        return corrected.assign(**{STATUS: status}) if status else corrected
 
     def _status(self, row: int, stop: int) -> list[str]:
         """Why each row from one to another is not corrected, "" for one that is; empty where all
@@ -145,19 +147,19 @@ class Rewritten:
     def describe(self) -> list[str]:
         """What was done: rows and the size of the corrections, columns added, rows left out."""
         left = sum(rows.size for _, rows in self.uncorrected)
-        said = [f"{self.fields.count - left:,} of {self.fields.count:,} rows corrected"]
-        for name, source in self.own.items():
+        lines = [f"{self.fields.count - left:,} of {self.fields.count:,} rows corrected"]
+        for name, source in self.sources.items():
             low, high = _range_of_differences(values(self.log.frame, name), self.columns[name])
             unit = units.column_unit(name)
-            said.append(f"column '{source}': {low:.4g} to {high:.4g} {unit} taken off")
+            lines.append(f"column '{source}': {low:.4g} to {high:.4g} {unit} taken off")
         if self.added:
-            said.append(f"columns added: {', '.join(self.added)}")
-        kept = "keep what was logged" if self.keep else "are empty"
-        said += [
-            f"{rows.size:,} rows not corrected ({reason}): their corrected values {kept}"
+            lines.append(f"columns added: {', '.join(self.added)}")
+        logged_fate = "keep what was logged" if self.keep else "are empty"
+        lines += [
+            f"{rows.size:,} rows not corrected ({reason}): their corrected values {logged_fate}"
             for reason, rows in self.uncorrected
         ]
-        return said
+        return lines
 
 
 def rewrite_log(
@@ -178,23 +180,24 @@ def rewrite_log(
 
     Raises FrameError or LogFormatError for what the log lacks.
     """
-    if (held := in_memory.find(path)) is not None:
-        fields = _list_fields(held)
+    table_in_memory = in_memory.find(path)
+    if table_in_memory is not None:
+        fields = _list_fields(table_in_memory)
     else:
         fields = _scan_clean(recipe, path) or _read_fields(recipe, path, log)
-    own = {name: _find_source(recipe, name, fields, path) for name in columns}
+    sources = {name: _find_source(recipe, name, fields, path) for name in columns}
     rows, lost = _find_rows(log)
     spread = [
-        {name: _spread(log, along, rows, fields.count) for name, along in part.items()}
+        {name: _spread(log, column, rows, fields.count) for name, column in part.items()}
         for part in (columns, derived or {})
     ]
-    for along in (*spread[0].values(), *spread[1].values()):
-        if len(along) != fields.count:
+    for column in (*spread[0].values(), *spread[1].values()):
+        if len(column) != fields.count:
             raise FrameError(
-                f"{path.name}: {fields.count} rows in, {len(along)} compensated",
+                f"{path.name}: {fields.count} rows in, {len(column)} compensated",
                 hint="report this log as a fault",
             )
-    return Rewritten(recipe, path.name, log, fields, columns, spread[0], own, spread[1], lost)
+    return Rewritten(recipe, path.name, log, fields, columns, spread[0], sources, spread[1], lost)
 
 
 def tabulate(
@@ -203,22 +206,22 @@ def tabulate(
     """A table in place of a log: columns [n] in canonical units, and why a row has no result (""
     where it has one).
     """
-    head, *rest = columns
+    head, *added_names = columns
     first = [f"{value:.10g}" for value in columns[head]]
     fields = _RowFields([head], {}, len(first), lambda: [[first]], quotes=True)
     reasons = np.array(status, dtype=object)
     lost = tuple(
         (reason, np.flatnonzero(reasons == reason)) for reason in dict.fromkeys(status) if reason
     )
-    added = {name: columns[name] for name in rest}
+    added = {name: columns[name] for name in added_names}
     return Rewritten(recipe, log.file, log, fields, {}, {}, {}, added, lost)
 
 
-def _range_of_differences(logged: Array, made: Array) -> tuple[float, float]:
+def _range_of_differences(logged: Array, corrected: Array) -> tuple[float, float]:
     """Smallest and largest difference of two columns [n], span by span."""
     low, high = np.nan, np.nan
-    for a, b in chunks.ranges_along(logged, made):
-        part = logged[a:b] - made[a:b]
+    for a, b in chunks.ranges_along(logged, corrected):
+        part = logged[a:b] - corrected[a:b]
         low, high = np.fmin(low, np.fmin.reduce(part)), np.fmax(high, np.fmax.reduce(part))
     return float(low), float(high)
 
@@ -229,23 +232,25 @@ def _find_rows(log: Log) -> tuple[Integers | None, tuple[tuple[str, Integers], .
     """
     if not log.lost:
         return None, ()
-    kept = log.frame.index.to_numpy()
-    whole = np.sort(np.concatenate([kept, *(rows for _, rows in log.lost)]))
+    frame_lines = log.frame.index.to_numpy()
+    all_lines = np.sort(np.concatenate([frame_lines, *(rows for _, rows in log.lost)]))
     lost: dict[str, Integers] = {}
     for reason, rows in log.lost:
-        found = np.searchsorted(whole, rows)
-        lost[reason] = np.concatenate([lost[reason], found]) if reason in lost else found
-    return np.searchsorted(whole, kept), tuple(lost.items())
+        row_numbers = np.searchsorted(all_lines, rows)
+        lost[reason] = (
+            np.concatenate([lost[reason], row_numbers]) if reason in lost else row_numbers
+        )
+    return np.searchsorted(all_lines, frame_lines), tuple(lost.items())
 
 
-def _spread(log: Log, along: Array, rows: Integers | None, count: int) -> Array:
+def _spread(log: Log, frame_values: Array, rows: Integers | None, count: int) -> Array:
     """Values along a log's frame, along all rows of its file: missing where the frame has none."""
     if rows is None:
-        return along
-    whole = log.allocate(max(count, int(rows.max(initial=-1)) + 1))
-    whole[:] = np.nan
-    whole[rows] = along
-    return whole
+        return frame_values
+    file_values = log.allocate(max(count, int(rows.max(initial=-1)) + 1))
+    file_values[:] = np.nan
+    file_values[rows] = frame_values
+    return file_values
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,10 +276,10 @@ def _scan_clean(recipe: Recipe, path: Path) -> _RowFields | None:
     scan = clean.scan_file(path, path.name) if recipe.logs.format in _CSV else None
     if scan is None:
         return None
-    stated = {name: units.unit_in_header(name) for name in scan.header}
+    header_units = {name: units.unit_in_header(name) for name in scan.header}
     return _RowFields(
         list(scan.header),
-        stated,
+        header_units,
         scan.rows,
         lambda: _read_blocks(path, len(scan.header)),
         quotes=False,
@@ -310,8 +315,8 @@ def _read_fields(recipe: Recipe, path: Path, log: Log) -> _RowFields:
         else:
             rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
             columns = list(map(list, zip(*rows, strict=True)))
-            stated = {name: units.unit_in_header(name) for name in header}
-            return _RowFields(header, stated, len(rows), lambda: [columns], quotes=False)
+            header_units = {name: units.unit_in_header(name) for name in header}
+            return _RowFields(header, header_units, len(rows), lambda: [columns], quotes=False)
     if (text := _cut_text(recipe, path, data, log)) is not None:
         return text
     return _list_fields(registry.read(path, path.name, recipe.logs, ()))
@@ -331,8 +336,8 @@ def _list_fields(table: Table) -> _RowFields:
 
 def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _RowFields | None:
     """Fields of text in a dialect, which is written by its lines; None of another format."""
-    known = recipe.logs.format == "text"
-    if not known and (recipe.logs.format != AUTO or registry.recognise_format(data)):
+    is_text = recipe.logs.format == "text"
+    if not is_text and (recipe.logs.format != AUTO or registry.recognise_format(data)):
         return None
     numbers = np.sort(np.concatenate([log.frame.index, *(rows for _, rows in log.lost)]))
     try:
@@ -341,9 +346,9 @@ def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _RowFields |
         return None
     if lines is None:
         return None
-    stated = {column.name: column.unit for column in lines.dialect.columns if column.unit}
+    column_units = {column.name: column.unit for column in lines.dialect.columns if column.unit}
     header = list(lines.dialect.names)
-    return _RowFields(header, stated, len(numbers), list, quotes=False, lines=lines)
+    return _RowFields(header, column_units, len(numbers), list, quotes=False, lines=lines)
 
 
 def _format_column(column: pd.Series, decimal: str) -> list[str]:
@@ -372,10 +377,10 @@ def _find_source(recipe: Recipe, name: str, log: _RowFields, path: Path) -> str:
     source = recipe.columns[name].source if name in recipe.columns else name
     if source in log.header:
         return source
-    found = [header for header in log.header if units.name_without_unit(header) == source]
-    if len(found) != 1:
+    headers = [header for header in log.header if units.name_without_unit(header) == source]
+    if len(headers) != 1:
         raise FrameError(f"{path.name}: no column '{source}'", hint="check [columns] of the recipe")
-    return found[0]
+    return headers[0]
 
 
 def _format_numbers(values: Array) -> list[str]:
