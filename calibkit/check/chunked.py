@@ -65,7 +65,7 @@ def examine_file(
     recipe: Recipe,
     path: Path,
     file: str,
-    needed: Sequence[str],
+    required_columns: Sequence[str],
     optional: Sequence[str],
     *,
     largest: int = LARGEST,
@@ -76,12 +76,13 @@ def examine_file(
     scan = logs_on_disk.scan_large_log(recipe, path, file, largest)
     if scan is None:
         return None
-    every = -(-scan.rows // KEPT)
-    tables = clean.read_chunks(path, file, scan, CHUNK // every * every)
+    block_rows = -(-scan.rows // KEPT)
+    tables = clean.read_chunks(path, file, scan, CHUNK // block_rows * block_rows)
     logs = (
-        mapping.map_log(recipe, table, needed, optional, is_whole_log=False) for table in tables
+        mapping.map_log(recipe, table, required_columns, optional, is_whole_log=False)
+        for table in tables
     )
-    return _examine_chunks(recipe, logs, scan.rows, every)
+    return _examine_chunks(recipe, logs, scan.rows, block_rows)
 
 
 def find_faults(
@@ -92,56 +93,58 @@ def find_faults(
     """
     if not log.on_disk:
         return examine(log)
-    every = -(-len(log.frame) // KEPT)
-    rows = CHUNK // every * every
+    block_rows = -(-len(log.frame) // KEPT)
+    rows = CHUNK // block_rows * block_rows
 
     def parts() -> Iterator[Log]:
         for start in range(0, len(log.frame), rows):
             yield replace(log, frame=log.frame.iloc[start : start + rows], allocate=np.empty)
             release(*(values(log.frame, str(name)) for name in log.frame.columns))
 
-    pieced = _examine_chunks(recipe, parts(), log.rows, every)
-    assert pieced is not None  # noqa: S101 (a log that was read has rows)
-    if any(finding.refused for finding in pieced.findings):
-        return list(pieced.findings)
-    rest = [finding for finding in examine(pieced.log) if finding.name not in FOUND_IN_CHUNKS]
-    return [*check.find_too_few_rows(log, min_rows), *pieced.findings, *rest]
+    chunked_log = _examine_chunks(recipe, parts(), log.rows, block_rows)
+    assert chunked_log is not None  # noqa: S101 (a log that was read has rows)
+    if any(finding.refused for finding in chunked_log.findings):
+        return list(chunked_log.findings)
+    thinned_findings = [
+        finding for finding in examine(chunked_log.log) if finding.name not in FOUND_IN_CHUNKS
+    ]
+    return [*check.find_too_few_rows(log, min_rows), *chunked_log.findings, *thinned_findings]
 
 
 def _examine_chunks(
-    recipe: Recipe, logs: Iterable[Log], rows: int, every: int
+    recipe: Recipe, logs: Iterable[Log], rows: int, block_rows: int
 ) -> ChunkedLog | None:
-    """Examine the chunks of a log of so many rows, thinned to means of `every` rows; None where
+    """Examine the chunks of a log of so many rows, thinned to means of `block_rows`; None where
     they hold no row.
     """
     import pandas as pd
 
     frames: list[pd.DataFrame] = []
-    found: list[Finding] = []
+    findings: list[Finding] = []
     parts: list[Facts] = []
     last: Log | None = None
     for log in logs:
         if log.frame.empty:
             continue
-        found += _examine_chunk(recipe, log, last)
+        findings += _examine_chunk(recipe, log, last)
         parts.append(facts.Facts.describe(log))
-        frames.append(_thin(log.frame, every))
+        frames.append(_thin(log.frame, block_rows))
         last = replace(log, frame=log.frame.iloc[-1:])
     if last is None:
         return None
     note = (
-        f"{rows} rows looked at in pieces; segments and fits of this check are of means of {every}"
-        " rows"
+        f"{rows} rows looked at in pieces; segments and fits of this check are of means of"
+        f" {block_rows} rows"
     )
     thin = replace(last, frame=pd.concat(frames), rows=rows, notes=(*last.notes, note))
-    return ChunkedLog(thin, every, tuple(_merge_findings(found)), facts.Facts.merge(parts))
+    return ChunkedLog(thin, block_rows, tuple(_merge_findings(findings)), facts.Facts.merge(parts))
 
 
-def _thin(frame: pd.DataFrame, every: int) -> pd.DataFrame:
+def _thin(frame: pd.DataFrame, block_rows: int) -> pd.DataFrame:
     """Means of blocks of rows, numbered by the line of their first."""
     import pandas as pd
 
-    block = frame.index.to_numpy() // every
+    block = frame.index.to_numpy() // block_rows
     first = np.flatnonzero(np.diff(block, prepend=-1))
     count = np.diff(np.append(first, len(frame)))
     means = {
@@ -156,45 +159,47 @@ def _examine_chunk(recipe: Recipe, log: Log, last: Log | None) -> list[Finding]:
 
     joined = log if last is None else replace(log, frame=pd.concat([last.frame, log.frame]))
     columns = [str(name) for name in log.frame.columns]
-    found = check.find_missing_values(log, columns)
-    if found:
-        return found
+    findings = check.find_missing_values(log, columns)
+    if findings:
+        return findings
     if "time_s" in columns:
-        found += [
+        findings += [
             *check.find_unordered_times(joined),
             *check.find_gaps(joined, recipe.largest_gap_s()),
         ]
     temperatures = [name for name in columns if name.startswith("temp_")]
-    found += check.find_implausible_temperatures(log, temperatures)
+    findings += check.find_implausible_temperatures(log, temperatures)
     gyros = [name for name in columns if name.endswith("_dph")]
     for name in gyros:
-        found += check.find_implausible_rates(log, name)
+        findings += check.find_implausible_rates(log, name)
     for name in dict.fromkeys((*gyros, *recipe.still_columns())):
-        found += check.series.check_indication(log, name, units.column_unit(name))
+        findings += check.series.check_indication(log, name, units.column_unit(name))
     if {"temp_case_degc", "temp_env_degc"} <= set(columns):
-        found += check.series.check_case_and_air(log, "temp_case_degc", "temp_env_degc")
+        findings += check.series.check_case_and_air(log, "temp_case_degc", "temp_env_degc")
     else:
         for name in temperatures:
-            found += check.series.check_temperature(log, name)
+            findings += check.series.check_temperature(log, name)
     return [
         finding
-        for finding in found
+        for finding in findings
         if finding.name in FOUND_IN_CHUNKS and (last is None or finding.name != "start_up")
     ]
 
 
-def _merge_findings(found: Sequence[Finding]) -> list[Finding]:
+def _merge_findings(findings: Sequence[Finding]) -> list[Finding]:
     """One finding for those of one kind in one column: the gravest and largest, with the number of
     the others.
     """
     groups: dict[tuple[str, str, str], list[Finding]] = {}
-    for finding in found:
+    for finding in findings:
         groups.setdefault((finding.name, finding.severity, finding.column), []).append(finding)
     merged = []
     for group in groups.values():
         worst = group[0]
         if worst.name != "clock":
             worst = max(group, key=lambda finding: abs(finding.figure or 0.0))
-        others = f" (and {len(group) - 1} more such findings in the log)" if len(group) > 1 else ""
-        merged.append(replace(worst, found=worst.found + others))
+        further_text = (
+            f" (and {len(group) - 1} more such findings in the log)" if len(group) > 1 else ""
+        )
+        merged.append(replace(worst, found=worst.found + further_text))
     return merged

@@ -26,7 +26,7 @@ def finding_at_row(
     log: Log,
     row: int,
     column: str,
-    found: str,
+    observation: str,
     expected: str,
     advice: str,
     name: str,
@@ -40,14 +40,14 @@ def finding_at_row(
     time = float(log.frame["time_s"].iloc[row]) if "time_s" in log.frame.columns else None
     place = f"{log.place(row)}: column '{column}'"
     return Finding(
-        place, found, expected, advice, severity, name, log.line(row), time, figure, column
+        place, observation, expected, advice, severity, name, log.line(row), time, figure, column
     )
 
 
 def finding_of_column(
     log: Log,
     column: str,
-    found: str,
+    observation: str,
     expected: str,
     advice: str,
     name: str,
@@ -57,7 +57,9 @@ def finding_of_column(
 ) -> Finding:
     """Finding about a column of a log as a whole."""
     place = f"{log.file}: column '{column}'"
-    return Finding(place, found, expected, advice, severity, name, figure=figure, column=column)
+    return Finding(
+        place, observation, expected, advice, severity, name, figure=figure, column=column
+    )
 
 
 def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
@@ -87,20 +89,20 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
         bad = chunks.rows_where(data, lambda data: ~(np.abs(data) < _LARGEST))
         if bad.size:
             first, plural = data[bad[0]], "s" if bad.size > 1 else ""
-            found = f"{bad.size} missing or infinite value{plural} from here on"
+            observation = f"{bad.size} missing or infinite value{plural} from here on"
             expected = "a number in every row"
             if math.isfinite(first):
                 unit = units.column_unit(column)
-                most = LARGEST_RATE_DPH if unit == "deg/h" else _LARGEST
-                expected = f"at most {most:g} {unit}".strip()
-                found = (
+                limit = LARGEST_RATE_DPH if unit == "deg/h" else _LARGEST
+                expected = f"at most {limit:g} {unit}".strip()
+                observation = (
                     f"{first:.3g} {unit} ({bad.size} such or missing value{plural} from here on)"
                 )
             finding = finding_at_row(
                 log,
                 int(bad[0]),
                 column,
-                found,
+                observation,
                 expected=expected,
                 advice=f"repair the log, or leave them out: {log.advise_exclude(bad)}",
                 name="missing",
@@ -195,17 +197,17 @@ def _locate_gaps(log: Log) -> tuple[Integers, Array]:
 
 def _refuse_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     """A gap that is refused."""
-    found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):.12g} s"
+    observation = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):.12g} s"
     advice = "split the log at the gap, or raise max_gap_s in the recipe"
     left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
     if left_out > 0 and log.excluded_rows:
-        found += f", made by [[exclude]], which leaves out {left_out} rows"
+        observation += f", made by [[exclude]], which leaves out {left_out} rows"
         advice = (
             "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
             " the recipe"
         )
     return finding_at_row(
-        log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step
+        log, k + 1, "time_s", observation, f"at most {limit_s:g} s", advice, "gap", figure=step
     )
 
 
@@ -232,7 +234,7 @@ def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
 
 def flag_bridged_gaps(
     log: Log,
-    what: str = "the compensation runs across a gap and knows nothing of what happened in it",
+    result: str = "the compensation runs across a gap and knows nothing of what happened in it",
 ) -> list[str]:
     """Flag for the gaps that a compensation with a memory runs across: their number, the longest,
     the time they take, and what becomes of them.
@@ -249,7 +251,7 @@ def flag_bridged_gaps(
     return [
         (
             f"{log.place(k + 1)}: {count} of {step.max():g} s from"
-            f" {float(log.frame['time_s'].iloc[k]):.12g} s: {what}"
+            f" {float(log.frame['time_s'].iloc[k]):.12g} s: {result}"
         )
     ]
 
@@ -302,8 +304,8 @@ def find_out_of_range(
     """Values of a column that are below `low` or above `high` [unit], at the first; by default they
     are in another unit or no values.
     """
-    least, largest = log.extremes(column)
-    if least >= low and largest <= high:
+    smallest, largest = log.extremes(column)
+    if smallest >= low and largest <= high:
         return []
     data = values(log.frame, column)
     rows = chunks.rows_where(data, lambda part: (part < low) | (part > high))

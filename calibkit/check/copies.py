@@ -70,31 +70,31 @@ class Content:
 
 def find_copies(logs: Iterable[Content]) -> list[tuple[str, str]]:
     """File and, in words, the original of each log that is a copy of one before it."""
-    seen: list[Content] = []
-    found = []
+    earlier_logs: list[Content] = []
+    copies = []
     for log in logs:
-        if original := _describe_original(log, seen):
-            found.append((log.file, original))
-        seen.append(log)
-    return found
+        if original := _describe_original(log, earlier_logs):
+            copies.append((log.file, original))
+        earlier_logs.append(log)
+    return copies
 
 
 def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
     """Pass logs through as they are read; FrameError for the first that is a copy of one before
     it.
     """
-    seen: list[Content] = []
+    earlier_logs: list[Content] = []
     for log in logs:
         content = Content.of(log)
-        if original := _describe_original(content, seen):
+        if original := _describe_original(content, earlier_logs):
             raise FrameError(f"{log.file}: {original}", hint=KEEP_ONE)
-        seen.append(content)
+        earlier_logs.append(content)
         yield log
 
 
-def _describe_original(log: Content, seen: Iterable[Content]) -> str:
+def _describe_original(log: Content, earlier_logs: Iterable[Content]) -> str:
     """What a log shares with the first of those seen that it is a copy of, or ""."""
-    for other in seen:
+    for other in earlier_logs:
         if log.sha256 == other.sha256:
             return f"the same bytes as {other.file}"
         fewer, shared = min(len(log.rows), len(other.rows)), len(log.rows & other.rows)
@@ -109,10 +109,10 @@ def _describe_original(log: Content, seen: Iterable[Content]) -> str:
         for rounded, exact in ((log, other), (other, log)):
             fewer, shared = _count_rounded(rounded, exact)
             if _are_copies(shared, fewer):
-                which = "fewer" if rounded is log else "more"
+                digits_word = "fewer" if rounded is log else "more"
                 return (
-                    f"the same values as {other.file} with {which} digits: {shared} of the first"
-                    f" {fewer} rows"
+                    f"the same values as {other.file} with {digits_word} digits: {shared} of the"
+                    f" first {fewer} rows"
                 )
     return ""
 
@@ -125,8 +125,8 @@ def _count_rounded(rounded: Content, exact: Content) -> tuple[int, int]:
     if rounded.first.keys() != exact.first.keys() or not rounded.sample:
         return 0, 0
     places = {name: (rounded.last_places[name], exact.last_places[name]) for name in exact.first}
-    if any(fewer < more for fewer, more in places.values()) or all(
-        fewer == more for fewer, more in places.values()
+    if any(coarser < finer for coarser, finer in places.values()) or all(
+        coarser == finer for coarser, finer in places.values()
     ):
         return 0, 0
     rows = min(len(column) for log in (rounded, exact) for column in log.first.values())
@@ -156,20 +156,20 @@ def _are_copies(shared: int, fewer: int) -> bool:
     return fewer >= FEWEST and shared >= SHARED * fewer
 
 
-def _count_shared(one: frozenset[Any], other: frozenset[Any]) -> tuple[int, int]:
+def _count_shared(first: frozenset[Any], second: frozenset[Any]) -> tuple[int, int]:
     """Members of the smaller of two samples up to the member that both reach, and how many of them
     the samples share.
     """
-    if one.isdisjoint(other):
+    if first.isdisjoint(second):
         return 0, 0
-    reach = min(max(one), max(other))
-    reached = [sum(member <= reach for member in sample) for sample in (one, other)]
-    return min(reached), len(one & other)
+    reach = min(max(first), max(second))
+    reached = [sum(member <= reach for member in sample) for sample in (first, second)]
+    return min(reached), len(first & second)
 
 
-def _are_fingerprints_alike(one: str, other: str) -> bool:
+def _are_fingerprints_alike(first: str, second: str) -> bool:
     """Whether two fingerprints are of copies."""
-    fewer, shared = _count_shared(_split_fingerprint(one), _split_fingerprint(other))
+    fewer, shared = _count_shared(_split_fingerprint(first), _split_fingerprint(second))
     return _are_copies(shared, fewer)
 
 
@@ -187,16 +187,17 @@ def _find_fitted_copy(
     """Name of the log of a run's inputs that a log of these rows and this sample is a copy of, or
     "".
     """
-    one = {"sha256": "", FINGERPRINT: fingerprint(rows), SAMPLE: _write_sample(sample)}
-    return next((str(other["name"]) for other in inputs if _are_same_log(one, other)), "")
+    identity = {"sha256": "", FINGERPRINT: fingerprint(rows), SAMPLE: _write_sample(sample)}
+    copies = (fitted_log for fitted_log in inputs if _are_same_log(identity, fitted_log))
+    return next((str(fitted_log["name"]) for fitted_log in copies), "")
 
 
-def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
+def _are_same_log(first: Mapping[str, object], second: Mapping[str, object]) -> bool:
     """Whether two logs, as run.json lists them, are one measurement, at whatever times; of runs
     that keep no fingerprint only by their bytes.
     """
-    marks = ((str(one.get(key, "")), str(other.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
-    return one["sha256"] == other["sha256"] or any(
+    marks = ((str(first.get(key, "")), str(second.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
+    return first["sha256"] == second["sha256"] or any(
         all(pair) and _are_fingerprints_alike(*pair) for pair in marks
     )
 
@@ -213,7 +214,7 @@ def describe_input(log: Input) -> dict[str, object]:
     what of that was guessed, the digest of a second logger's file, the date of its last row, the
     range of its thermometers.
     """
-    stated = {
+    optional_keys = {
         FINGERPRINT: fingerprint(log.content),
         SAMPLE: _write_sample(log.sample),
         "reading": list(log.reading),
@@ -222,22 +223,24 @@ def describe_input(log: Input) -> dict[str, object]:
         "last_date": log.last_date,
         "measured": {name: list(ends) for name, *ends in log.measured},
     }
-    return log.identity() | {key: value for key, value in stated.items() if value}
+    return log.identity() | {key: value for key, value in optional_keys.items() if value}
 
 
-def digests_of_input(one: Mapping[str, object]) -> frozenset[str]:
+def digests_of_input(log: Mapping[str, object]) -> frozenset[str]:
     """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them
     too.
     """
-    marks = (_split_fingerprint(str(one.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
-    return frozenset({str(one["sha256"])}).union(*marks)
+    marks = (_split_fingerprint(str(log.get(key, ""))) for key in (FINGERPRINT, SAMPLE))
+    return frozenset({str(log["sha256"])}).union(*marks)
 
 
 def shared_logs(
-    some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, object]]
+    logs: Sequence[Mapping[str, object]], other_logs: Sequence[Mapping[str, object]]
 ) -> list[str]:
     """Names of the logs that are among others too, both as run.json lists them."""
-    return [str(one["name"]) for one in some if any(_are_same_log(one, other) for other in others)]
+    return [
+        str(log["name"]) for log in logs if any(_are_same_log(log, other) for other in other_logs)
+    ]
 
 
 def read_unseen(
@@ -267,28 +270,28 @@ def read_unseen(
         and not (entry.positions or entry.stations)
     ]
     if not name and usable:
-        kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
-        name = _find_fitted_copy(kept.first_rows(), inputs, kept.sample_without_time())
+        remaining = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
+        name = _find_fitted_copy(remaining.first_rows(), inputs, remaining.sample_without_time())
     if name:
         return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
     return log
 
 
-def pass_unseen(logs: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
+def pass_unseen(logs: Iterable[Log | str], fitted_notes: list[str], none: str) -> Iterator[Log]:
     """Logs as `read_unseen` gives them that a run has not seen; the sentences on the others are
-    added to `seen`.
+    added to `fitted_notes`.
 
     Raises FrameError with the words for it where there is no such log.
     """
     count = 0
     for log in logs:
         if isinstance(log, str):
-            seen.append(log)
+            fitted_notes.append(log)
         else:
             count += 1
             yield log
     if not count:
-        raise FrameError(f"{none}: {seen[0]}", hint="validate on logs that it has not seen")
+        raise FrameError(f"{none}: {fitted_notes[0]}", hint="validate on logs that it has not seen")
 
 
 def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
@@ -300,9 +303,9 @@ def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) 
     ):
         names = [str(entry["name"]) for entry in inputs if not entry.get(key)]
         if names:
-            listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]
+            logs_text = f"{len(names)} of its logs" if len(names) > 1 else names[0]
             flags.append(
-                f"{run} keeps no {key} of {listed}: a copy {passes} passes for a log it has not"
+                f"{run} keeps no {key} of {logs_text}: a copy {passes} passes for a log it has not"
                 " seen; fit again so that it is known"
             )
     return flags

@@ -70,13 +70,13 @@ def examine_log(
         required_columns: Sequence[str],
         optional: Sequence[str] = (),
     ) -> Log:
-        found = chunked.examine_file(
+        chunked_log = chunked.examine_file(
             recipe, path, file, required_columns, optional, largest=largest
         )
-        if found is None:
+        if chunked_log is None:
             return ingest.read_log(recipe, path, file, required_columns, optional)
-        in_chunks.append(found)
-        return found.log
+        in_chunks.append(chunked_log)
+        return chunked_log.log
 
     try:
         log = procedure.read(spec, data, file, reader)
@@ -87,12 +87,14 @@ def examine_log(
         examined = procedure.faults(spec, log)
     except (FrameError, FitError) as error:
         examined = Examined((Finding.of(error),))
-    findings, whole = examined.findings, facts.Facts.describe(log)
+    findings, log_facts = examined.findings, facts.Facts.describe(log)
     if in_chunks:
-        rest = (finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS)
-        findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
-    held = tuple(_describe_held(log, part) for part in examined.held)
-    report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
+        thinned_findings = (
+            finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS
+        )
+        findings, log_facts = (*in_chunks[0].findings, *thinned_findings), in_chunks[0].facts
+    conditions = tuple(_describe_held(log, part) for part in examined.held)
+    report = LogReport(file, log.sha256, log.reading, log.notes, log_facts, conditions, findings)
     slope, level, lag = None, None, 0.0
     if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
         log.frame.columns
@@ -103,7 +105,7 @@ def examine_log(
         time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
         lag = thermometers.measure_lag(time, case, air)
     return _Examination(
-        report, _draw_log(log, held, findings), slope, level, lag, copies.Content.of(log)
+        report, _draw_log(log, conditions, findings), slope, level, lag, copies.Content.of(log)
     )
 
 
@@ -119,13 +121,13 @@ def segment_numbers(
 
     try:
         log = procedure.read(spec, data, file)
-        held = procedure.faults(spec, log).held
+        conditions = procedure.faults(spec, log).held
     except (LogFormatError, FrameError, FitError):
         return None
-    if not held:
+    if not conditions:
         return None
     number = np.full(len(log.frame), np.nan)
-    for k, part in enumerate(sorted(held, key=lambda part: part.start)):
+    for k, part in enumerate(sorted(conditions, key=lambda part: part.start)):
         number[part.start : part.stop] = k + 1.0
     return pd.Series(number, index=log.frame.index)
 
@@ -138,10 +140,10 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         if outcome.drift_slope is not None
     }
     ramps = {
-        o.report.file: [held.level for held in o.report.held if held.kind == "ramp"]
+        o.report.file: [condition.level for condition in o.report.held if condition.kind == "ramp"]
         for o in outcomes
     }
-    rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
+    rates = {file: ramp_rates[0] for file, ramp_rates in ramps.items() if len(ramp_rates) == 1}
     driven = {
         o.report.file: (rates[o.report.file], o.report.facts.duration_s, o.lag_s)
         for o in outcomes
@@ -179,17 +181,17 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     ]
 
 
-def _describe_held(log: Log, held: Held) -> HeldCondition:
+def _describe_held(log: Log, condition: Held) -> HeldCondition:
     """A held condition by its time."""
-    along = _abscissa(log)
+    abscissa = _abscissa(log)
     return HeldCondition(
-        held.kind,
-        float(along[held.start]),
-        float(along[held.stop - 1]),
-        held.level,
-        held.unit,
-        held.stop - held.start,
-        held.pinned,
+        condition.kind,
+        float(abscissa[condition.start]),
+        float(abscissa[condition.stop - 1]),
+        condition.level,
+        condition.unit,
+        condition.stop - condition.start,
+        condition.pinned,
     )
 
 
@@ -199,17 +201,19 @@ def _abscissa(log: Log) -> Array:
     return values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
 
 
-def _draw_log(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
+def _draw_log(
+    log: Log, conditions: Sequence[HeldCondition], findings: Sequence[Finding]
+) -> LogFigure:
     """Curves of every column over time or row, thinned to their envelope."""
-    along, described = _abscissa(log), facts.Facts.describe(log)
+    abscissa, described = _abscissa(log), facts.Facts.describe(log)
     return LogFigure(
         log.file,
         "time [s]" if "time_s" in log.frame.columns else "row",
         tuple(
-            Curve(column.name, *envelope(along, values(log.frame, column.name)))
+            Curve(column.name, *envelope(abscissa, values(log.frame, column.name)))
             for column in described.columns
         ),
-        tuple((part.kind, part.first, part.last) for part in held),
+        tuple((part.kind, part.first, part.last) for part in conditions),
         tuple(
             (finding.time_s, finding.name, finding.severity)
             for finding in findings

@@ -89,10 +89,10 @@ class Facts:
                 ends = place.low, place.high
                 occupied[ends] = occupied.get(ends, 0.0) + place.share * part.rows
         rates = [part.rate_hz for part in parts if part.rate_hz]
-        between = [1.0 / rate for rate in rates[:-1]]
+        steps_between_s = [1.0 / rate for rate in rates[:-1]]
         return cls(
             rows,
-            float(sum(part.duration_s for part in parts) + sum(between)),
+            float(sum(part.duration_s for part in parts) + sum(steps_between_s)),
             float(np.median(rates)) if rates else 0.0,
             max(part.irregularity for part in parts),
             sum(part.gaps for part in parts),

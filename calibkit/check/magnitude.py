@@ -112,7 +112,7 @@ def check_sampling_unit(log: Log) -> list[Finding]:
 
 
 def check_time_unit(
-    log: Log, column: str, what: str, slowest: float = SLOWEST_DEGC_MIN
+    log: Log, column: str, quantity: str, slowest: float = SLOWEST_DEGC_MIN
 ) -> list[Finding]:
     """A clock whose unit makes a temperature change at a rate that no chamber has; `slowest`
     [°C/min] is that of what the column measures.
@@ -133,7 +133,7 @@ def check_time_unit(
         finding_of_column(
             log,
             "time_s",
-            f"{what} changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min",
+            f"{quantity} changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min",
             f"{slowest:g} to {FASTEST_DEGC_MIN:g} °C/min",
             advice,
             "unit",
@@ -165,30 +165,30 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
         if unit
         else "state the log's unit"
     )
-    found = f"{', '.join(axes)} have a length of {usual:.4g} g in most rows"
-    return [finding_of_column(log, axes[0], found, "1 g", advice, "unit", usual)]
+    observation = f"{', '.join(axes)} have a length of {usual:.4g} g in most rows"
+    return [finding_of_column(log, axes[0], observation, "1 g", advice, "unit", usual)]
 
 
 def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
     """A gyro whose counts fall while the table turns faster."""
-    data, turned = values(log.frame, column), values(log.frame, rate)
+    data, table_rate = values(log.frame, column), values(log.frame, rate)
     if any(low == high for low, high in (log.extremes(column), log.extremes(rate))):
         return []
-    together = _correlation(data, turned)
-    if together > -0.9:
+    correlation = _correlation(data, table_rate)
+    if correlation > -0.9:
         return []
     return [
         finding_of_column(
             log,
             column,
-            f"its counts fall while the table rate rises (correlation {together:.3f})",
+            f"its counts fall while the table rate rises (correlation {correlation:.3f})",
             expected="counts that rise with the rate",
             advice=(
                 f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the"
                 " gyro's own sense"
             ),
             name="sign",
-            figure=together,
+            figure=correlation,
         )
     ]
 
@@ -197,7 +197,7 @@ def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> 
     """Indications whose own name in the log states that they were corrected before: never
     compensate twice.
     """
-    found = []
+    findings = []
     for column in columns:
         source = recipe.columns[column].source if column in recipe.columns else column
         if COMPENSATED.search(source):
@@ -214,17 +214,17 @@ def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> 
                 line=1,
                 column=column,
             )
-            found.append(finding)
-    return found
+            findings.append(finding)
+    return findings
 
 
 def fit_drift_slope(case: Array, indication: Array) -> float:
     """Slope [°/h/K] of an indication [n, °/h] over the case temperature [n, °C] by least squares; 0
     where it stands still.
     """
-    above = case - case.mean()
-    power = float(above @ above)
-    return float(above @ indication) / power if power > 0.0 else 0.0
+    temperature_deviation = case - case.mean()
+    power = float(temperature_deviation @ temperature_deviation)
+    return float(temperature_deviation @ indication) / power if power > 0.0 else 0.0
 
 
 def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]:
@@ -234,13 +234,13 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
     Of one instrument the slopes [°/h/K] of at least four logs are compared, each with the median of
     the others.
     """
-    found = []
+    findings = []
     for file, slope in slopes.items():
-        others = np.array([value for name, value in slopes.items() if name != file])
-        if others.size < ALIKE_LOGS:
+        other_slopes = np.array([value for name, value in slopes.items() if name != file])
+        if other_slopes.size < ALIKE_LOGS:
             continue
-        usual = float(np.median(others))
-        agree = float(np.median(np.abs(others - usual))) < ALIKE * abs(usual)
+        usual = float(np.median(other_slopes))
+        agree = float(np.median(np.abs(other_slopes - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
             opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
             finding = Finding(
@@ -258,8 +258,8 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
                 figure=slope / usual,
                 column="gyro_dph",
             )
-            found.append((file, finding))
-    return found
+            findings.append((file, finding))
+    return findings
 
 
 def measure_level(indication: Array) -> tuple[float, float]:
@@ -293,14 +293,14 @@ def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[st
         return []
     if abs(positive.mean() + negative.mean()) >= OPPOSITE * distance:
         return []
-    turned, others = sorted(groups, key=len)
+    minority, majority = sorted(groups, key=len)
     return [
         (
             file,
             Finding(
                 f"{file}: column 'gyro_dph'",
-                f"it indicates {levels[file][0]:+.3g} deg/h at rest, {others[0]}"
-                f" {levels[others[0]][0]:+.3g} ({len(turned)} logs against {len(others)})",
+                f"it indicates {levels[file][0]:+.3g} deg/h at rest, {majority[0]}"
+                f" {levels[majority[0]][0]:+.3g} ({len(minority)} logs against {len(majority)})",
                 expected="logs of one gyro that indicate the same rate at rest",
                 advice=(
                     "its sign was turned between these logs: see which are right, and state"
@@ -313,7 +313,7 @@ def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[st
                 column="gyro_dph",
             ),
         )
-        for file in turned
+        for file in minority
     ]
 
 
@@ -346,11 +346,11 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
     ]
 
 
-def _correlation(one: Array, other: Array) -> float:
+def _correlation(first: Array, second: Array) -> float:
     """Correlation coefficient of two series [n], neither of them constant."""
-    means = mean(one), mean(other)
+    means = mean(first), mean(second)
     sums = np.zeros((2, 2))
-    for a, b in ranges_along(one, other):
-        part = np.stack((one[a:b] - means[0], other[a:b] - means[1]))
+    for a, b in ranges_along(first, second):
+        part = np.stack((first[a:b] - means[0], second[a:b] - means[1]))
         sums += part @ part.T
     return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))

@@ -72,7 +72,7 @@ class LogReport:
 
     def lines(self) -> list[str]:
         """Lines about one log: what it holds, then what was found, the worst first."""
-        more = len(self.held) - MOST_HELD
+        unlisted = len(self.held) - MOST_HELD
         order = list(WORDS)
         ranked = sorted(self.findings, key=lambda finding: order.index(finding.severity))
         lines = [
@@ -80,7 +80,7 @@ class LogReport:
             *self.reading,
             *self.notes,
             *map(str, self.held[:MOST_HELD]),
-            *([f"… and {more} more {self.held[-1].kind}s"] if more > 0 else ()),
+            *([f"… and {unlisted} more {self.held[-1].kind}s"] if unlisted > 0 else ()),
             *(f"{WORDS[finding.severity]} {finding}" for finding in ranked),
         ]
         title = self.file if self.findings else f"{self.file}: ok"
@@ -105,12 +105,12 @@ class Reached:
     def __str__(self) -> str:
         low, high = self.range_degc or (0.0, 0.0)
         ends = dict.fromkeys((f"{low:.0f}", f"{high:.0f}"))
-        over = f", {' to '.join(ends)} °C" if self.range_degc else ""
-        most = max(self.limits, key=lambda name: self.limits[name])
-        wanted = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
+        range_text = f", {' to '.join(ends)} °C" if self.range_degc else ""
+        largest_part = max(self.limits, key=lambda name: self.limits[name])
+        limit_text = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
         return (
-            f"U of {self.name} {concise(self.expanded_uncertainty)} {self.unit}{wanted}"
-            f" (k = {self.coverage_factor:g}{over}; largest part: {most})"
+            f"U of {self.name} {concise(self.expanded_uncertainty)} {self.unit}{limit_text}"
+            f" (k = {self.coverage_factor:g}{range_text}; largest part: {largest_part})"
         )
 
 
@@ -130,11 +130,13 @@ class Judgement:
 
     def lines(self) -> list[str]:
         """The last paragraph of a check."""
-        found = "; ".join(self.determines) or ("not tried" if self.exports is None else "nothing")
+        determined = "; ".join(self.determines) or (
+            "not tried" if self.exports is None else "nothing"
+        )
         return [
-            f"This campaign determines: {found}",
+            f"This campaign determines: {determined}",
             *(f"  missing: {lack}" for lack in self.lacks),
-            *(f"  {one}" for one in self.predicted),
+            *(f"  {prediction}" for prediction in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),
             *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
         ]
@@ -143,8 +145,8 @@ class Judgement:
         """What a fit would do."""
         if self.exit_code:
             return f"export nothing: exit code {self.exit_code}"
-        done = "export this" if self.exports else "export no correction"
-        return f"{done}: {self.verdict}"
+        export_text = "export this" if self.exports else "export no correction"
+        return f"{export_text}: {self.verdict}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,15 +160,15 @@ class CheckedCampaign:
 def _judge_logs(reports: Sequence[LogReport]) -> str:
     """How many logs of a campaign are ok, and which are refused for what, in a line."""
     refused = [
-        f"{report.file} ({next(one.found for one in report.findings if one.refused)})"
+        f"{report.file} ({next(finding.found for finding in report.findings if finding.refused)})"
         for report in reports
         if report.refused
     ]
     ok, noun = len(reports) - len(refused), "log" if len(reports) == 1 else "logs"
-    more = [f"{len(refused) - MOST_NAMED} more"] if len(refused) > MOST_NAMED else []
-    named = "; ".join([*refused[:MOST_NAMED], *more])
-    said = f"{ok} of {len(reports)} {noun} ok"
-    return f"{said}, {len(refused)} refused: {named}" if refused else said
+    overflow = [f"{len(refused) - MOST_NAMED} more"] if len(refused) > MOST_NAMED else []
+    refused_text = "; ".join([*refused[:MOST_NAMED], *overflow])
+    count_text = f"{ok} of {len(reports)} {noun} ok"
+    return f"{count_text}, {len(refused)} refused: {refused_text}" if refused else count_text
 
 
 def compose_report(campaign: CheckedCampaign, tail: Sequence[str], width: int = 0) -> list[str]:
@@ -175,11 +177,16 @@ def compose_report(campaign: CheckedCampaign, tail: Sequence[str], width: int = 
     or without a width, it is all.
     """
     reports = campaign.logs
-    verdict, judged = _judge_logs(reports), campaign.judgement.lines()
-    full = [verdict, *(line for report in reports for line in report.lines()), *judged, *tail]
+    verdict, judgement_lines = _judge_logs(reports), campaign.judgement.lines()
+    full = [
+        verdict,
+        *(line for report in reports for line in report.lines()),
+        *judgement_lines,
+        *tail,
+    ]
     if not width or len(full) <= MOST:
         return full
-    end = [line for text in judged for line in wrap(text, width, 2)]
+    end = [line for text in judgement_lines for line in wrap(text, width, 2)]
     end = [*shorten(end, _MOST_JUDGED), *tail]
     return arrange([verdict], [_tabulate_logs(reports)], _causes(reports), end, width)
 
@@ -188,18 +195,18 @@ def _causes(reports: Sequence[LogReport]) -> list[str]:
     """One line per cause that refuses or flags logs, refusals first: the first finding of its kind,
     and how many more logs have it.
     """
-    alike: dict[tuple[Severity, str, str], list[tuple[str, Finding]]] = {}
+    findings_by_cause: dict[tuple[Severity, str, str], list[tuple[str, Finding]]] = {}
     for severity in ("refuse", "warn"):
         for report in reports:
             for finding in report.findings:
                 if finding.severity == severity:
                     cause = finding.severity, finding.name, finding.column
-                    alike.setdefault(cause, []).append((report.file, finding))
+                    findings_by_cause.setdefault(cause, []).append((report.file, finding))
     lines = []
-    for (severity, _, _), found in alike.items():
-        logs = len({file for file, _ in found})
+    for (severity, _, _), cases in findings_by_cause.items():
+        logs = len({file for file, _ in cases})
         count = f"[{logs} logs] " if logs > 1 else ""
-        lines.append(f"{WORDS[severity]} {count}{found[0][1]}")
+        lines.append(f"{WORDS[severity]} {count}{cases[0][1]}")
     return lines
 
 
@@ -212,7 +219,7 @@ def _tabulate_logs(reports: Sequence[LogReport]) -> Table:
         if facts is None:
             rows.append((report.file, state, "", "", "", ""))
             continue
-        degc = next((one for one in facts.columns if one.name.endswith("_degc")), None)
+        degc = next((column for column in facts.columns if column.name.endswith("_degc")), None)
         rows.append(
             (
                 report.file,
@@ -226,16 +233,16 @@ def _tabulate_logs(reports: Sequence[LogReport]) -> Table:
     return Table("", ("log", "", "rows", "hours", "°C", "held"), tuple(rows))
 
 
-def _describe_held(held: Sequence[HeldCondition]) -> str:
+def _describe_held(conditions: Sequence[HeldCondition]) -> str:
     """How many conditions of each kind were held; the level of the only one of its kind."""
     kinds: dict[str, list[HeldCondition]] = {}
-    for one in held:
-        kinds.setdefault(one.kind, []).append(one)
+    for condition in conditions:
+        kinds.setdefault(condition.kind, []).append(condition)
     return ", ".join(
-        f"{len(found)} {kind}s"
-        if len(found) > 1
-        else f"{kind} {found[0].level:.3g} {found[0].unit}"
-        for kind, found in kinds.items()
+        f"{len(conditions_of_kind)} {kind}s"
+        if len(conditions_of_kind) > 1
+        else f"{kind} {conditions_of_kind[0].level:.3g} {conditions_of_kind[0].unit}"
+        for kind, conditions_of_kind in kinds.items()
     )
 
 
@@ -243,20 +250,20 @@ def report_document(campaign: CheckedCampaign) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
     then each log, and what all of them determine.
     """
-    reports, judged = campaign.logs, campaign.judgement
+    reports, judgement = campaign.logs, campaign.judgement
     logs = [_log_entry(report) for report in reports]
-    rest = {"logs": logs, "campaign": asdict(judged)}
+    content = {"logs": logs, "campaign": asdict(judgement)}
     refused = [finding for report in reports for finding in report.findings if finding.refused]
-    if not refused and judged.exit_code:
-        error = {"code": FitError.code, "message": "; ".join(judged.lacks), "hint": ""}
-        return {"ok": False, "error": error, **rest}
+    if not refused and judgement.exit_code:
+        error = {"code": FitError.code, "message": "; ".join(judgement.lacks), "hint": ""}
+        return {"ok": False, "error": error, **content}
     if not refused:
-        return {"ok": True, **rest}
+        return {"ok": True, **content}
     first, count = refused[0], sum(report.refused for report in reports)
     message = f"{first.place}: {first.said}"
     message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
     error = {"code": FrameError.code, "message": message, "hint": first.advice}
-    return {"ok": False, "error": error, **rest}
+    return {"ok": False, "error": error, **content}
 
 
 def _log_entry(report: LogReport) -> dict[str, Any]:
@@ -267,7 +274,7 @@ def _log_entry(report: LogReport) -> dict[str, Any]:
         "reading": list(report.reading),
         "notes": list(report.notes),
         "facts": asdict(report.facts) if report.facts else None,
-        "held": [asdict(held) for held in report.held],
+        "held": [asdict(condition) for condition in report.held],
         "findings": [_finding_entry(finding) for finding in report.findings],
     }
 

@@ -53,33 +53,37 @@ def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
 
 def check_case_and_air(log: Log, case: str, air: str) -> list[Finding]:
     """Spikes and stuck thermometers of a case and the chamber air around it."""
-    found = []
+    findings = []
     of_case, of_air = values(log.frame, case), values(log.frame, air)
     for column, data in ((case, of_case), (air, of_air)):
-        found += _check_spikes(log, column, data, "°C", least=SPIKE_DEGC)
-    moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
+        findings += _check_spikes(log, column, data, "°C", least_height=SPIKE_DEGC)
+    least_move_degc = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
     runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
     frozen = _merge_runs(
-        anomalies.stuck_against(of_air, moved, runs), anomalies.frozen(of_case, SPIKE_DEGC, runs)
+        anomalies.stuck_against(of_air, least_move_degc, runs),
+        anomalies.frozen(of_case, SPIKE_DEGC, runs),
     )
-    found += _report_stuck(log, case, of_case, frozen, "°C")
+    findings += _report_stuck(log, case, of_case, frozen, "°C")
     # a case comes to meet the air that stands still; a case that leaves it was driven by air that
     # the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
     first, last = runs[:, 0], runs[:, 1] - 1
-    left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
-    frozen = _merge_runs(runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
-    return [*found, *_report_stuck(log, air, of_air, frozen, "°C")]
+    left_air = (
+        np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first])
+        > least_move_degc
+    )
+    frozen = _merge_runs(runs[left_air], anomalies.frozen(of_air, SPIKE_DEGC, runs))
+    return [*findings, *_report_stuck(log, air, of_air, frozen, "°C")]
 
 
-def _merge_runs(one: Integers, other: Integers) -> Integers:
+def _merge_runs(first: Integers, second: Integers) -> Integers:
     """Runs [k, 2] of two searches, each once."""
-    return np.unique(np.concatenate((one, other)), axis=0)
+    return np.unique(np.concatenate((first, second)), axis=0)
 
 
 def check_temperature(log: Log, column: str) -> list[Finding]:
     """Spikes of one thermometer."""
-    return _check_spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
+    return _check_spikes(log, column, values(log.frame, column), "°C", least_height=SPIKE_DEGC)
 
 
 def find_turn_back(log: Log, column: str) -> list[Finding]:
@@ -134,8 +138,10 @@ def check_driven_indication(
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
     low, high = log.extremes(driver)
-    least, largest = log.extremes(column)
-    share = max(0.01, 3.0 * anomalies.resolution(data) / max(largest - least, np.finfo(float).tiny))
+    smallest, largest = log.extremes(column)
+    share = max(
+        0.01, 3.0 * anomalies.resolution(data) / max(largest - smallest, np.finfo(float).tiny)
+    )
     runs = anomalies.stuck_against(
         cause, share * (high - low), anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
     )
@@ -150,7 +156,7 @@ def check_driven_indication(
 
 
 def _check_held_spikes(
-    log: Log, column: str, data: Array, cause: Array, unit: str, least: float
+    log: Log, column: str, data: Array, cause: Array, unit: str, least_height: float
 ) -> list[Finding]:
     """Spikes of an indication while what drives it is held, each hold by its own scatter: an
     acceleration is no spike.
@@ -166,28 +172,32 @@ def _check_held_spikes(
         long = np.flatnonzero(np.diff(bounds) >= shortest)
         holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
         last = int(bounds[-1])
-    found = [anomalies.spikes(data[a + 3 : b - 3], least=least) + a + 3 for a, b in holds]
-    return _report_spikes(log, column, data, np.concatenate(found), unit) if found else []
+    spike_rows = [
+        anomalies.spikes(data[a + 3 : b - 3], least=least_height) + a + 3 for a, b in holds
+    ]
+    return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
 
 
 def _check_spikes(
-    log: Log, column: str, data: Array, unit: str, *, least: float = 0.0
+    log: Log, column: str, data: Array, unit: str, *, least_height: float = 0.0
 ) -> list[Finding]:
     """Single rows far from their neighbours, looked for in chunks of CHUNK rows."""
-    found = [
-        anomalies.spikes(data[start:stop], least=least) + start
+    spike_rows = [
+        anomalies.spikes(data[start:stop], least=least_height) + start
         for start, stop in chunks.ranges_along(data, rows=CHUNK)
     ]
-    return _report_spikes(log, column, data, np.concatenate(found), unit) if found else []
+    return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
 
 
-def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: str) -> list[Finding]:
+def _report_spikes(
+    log: Log, column: str, data: Array, spike_rows: Integers, unit: str
+) -> list[Finding]:
     """One finding for the spikes at the rows found, at the worst."""
-    if not found.size:
+    if not spike_rows.size:
         return []
-    off = anomalies.from_median(data, found)
-    worst = int(found[np.argmax(off)])
-    count = int(np.sum(np.diff(found, prepend=-2) > 1))
+    height = anomalies.from_median(data, spike_rows)
+    worst = int(spike_rows[np.argmax(height)])
+    count = int(np.sum(np.diff(spike_rows, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]
     return [
         finding_at_row(
@@ -199,11 +209,11 @@ def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: st
             expected="samples that scatter alike",
             advice=(
                 "only the models on levels are robust against spikes; leave them out:"
-                f" {log.advise_exclude(found)}"
+                f" {log.advise_exclude(spike_rows)}"
             ),
             name="spike",
             severity="warn",
-            figure=float(off.max()),
+            figure=float(height.max()),
         )
     ]
 
@@ -220,13 +230,13 @@ def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str)
     if column.startswith(("gyro", "accel")) and value in chunks.extremes(data):
         name, advice = "saturated", RANGE_ENDED
     span = f" ({_format_times(log, first, stop)})" if "time_s" in log.frame.columns else ""
-    others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
+    further_text = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
     return [
         finding_at_row(
             log,
             first,
             column,
-            f"{name} at {value:g} {unit} for {stop - first} rows{span}{others}",
+            f"{name} at {value:g} {unit} for {stop - first} rows{span}{further_text}",
             "values that move",
             f"{advice} {log.advise_exclude(range(first, stop))}",
             name,
@@ -271,13 +281,13 @@ def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]
     if not rows.size:
         return []
     k = int(np.argmax(np.abs(change)))
-    others = f", the largest of {rows.size}" if rows.size > 1 else ""
+    further_text = f", the largest of {rows.size}" if rows.size > 1 else ""
     return [
         finding_at_row(
             log,
             int(rows[k]),
             column,
-            f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}",
+            f"the bias jumps by {change[k]:+.3g} {unit} and stays{further_text}",
             expected="a bias that drifts",
             advice=(
                 "see that nothing was moved or restarted; split the log there, or leave the part"

@@ -130,15 +130,16 @@ def _fit_lead(time: Array, follower: Array, driver: Array) -> _Lead:
     t, f, d = (_block_means(series, count) for series in (time, follower, driver))
     scale = (float(np.ptp(f)) or 1.0) / (float(np.ptp(d)) or 1.0)
     rate = np.gradient(0.5 * (f / scale + d), t)
-    others = np.column_stack([np.ones(count), d])
-    design = np.column_stack([others, -rate])
+    nuisance = np.column_stack([np.ones(count), d])
+    design = np.column_stack([nuisance, -rate])
     offset, gain, lag = np.linalg.lstsq(design, f, rcond=None)[0].tolist()
     left_rate, left = (
-        series - others @ np.linalg.lstsq(others, series, rcond=None)[0] for series in (-rate, f)
+        series - nuisance @ np.linalg.lstsq(nuisance, series, rcond=None)[0]
+        for series in (-rate, f)
     )
     power = float(np.sqrt((left_rate @ left_rate) * (left @ left)))
-    together = float(left_rate @ left) / power if power > 0.0 else 0.0
-    return _Lead(gain, offset, lag, together, abs(lag) * float(np.ptp(rate)))
+    correlation = float(left_rate @ left) / power if power > 0.0 else 0.0
+    return _Lead(gain, offset, lag, correlation, abs(lag) * float(np.ptp(rate)))
 
 
 def _block_means(series: Array, count: int) -> Array:
@@ -160,28 +161,31 @@ def check_stations(log: Log, station: str, column: str) -> list[Finding]:
     level = np.add.reduceat(data, first) / np.diff(first, append=data.size)
     steps = np.abs(np.diff(level))
     usual = float(np.median(steps))
-    found = []
+    outliers = []
     k = int(np.argmax(spread))
     if spread[k] > max(_STATION_SPREAD_DEGC, 5.0 * float(np.median(spread))):
-        found.append(
+        outliers.append(
             (first[k], f"{spread[k]:.1f} °C within a station", "one temperature", spread[k])
         )
     k = int(np.argmax(steps))
     if usual > STILL_DEGC and steps[k] > max(_STATION_STEP_DEGC, _STEPS * usual):
         usually = f"about {usual:.1f} °C, as between the others"
         jump = f"{steps[k]:.1f} °C from one station to the next"
-        found.append((first[k + 1], jump, usually, steps[k]))
-    same = np.concatenate([[0], np.flatnonzero(steps != 0.0) + 1, [level.size]])
-    k = int(np.argmax(np.diff(same)))
-    if same[k + 1] - same[k] >= _SAME and np.sum(np.diff(same) > 1) == 1 and same.size > 2 * _SAME:
-        stays = f"{level[same[k]]:g} °C at {same[k + 1] - same[k]} stations in a row"
-        found.append((first[same[k]], stays, "readings that differ, as elsewhere", 0.0))
+        outliers.append((first[k + 1], jump, usually, steps[k]))
+    run_starts = np.concatenate([[0], np.flatnonzero(steps != 0.0) + 1, [level.size]])
+    run_lengths = np.diff(run_starts)
+    k = int(np.argmax(run_lengths))
+    # a coarse thermometer repeats its reading in several places; one that was not read, in one
+    is_only_run = np.sum(run_lengths > 1) == 1
+    if run_lengths[k] >= _SAME and is_only_run and run_starts.size > 2 * _SAME:
+        stays = f"{level[run_starts[k]]:g} °C at {run_lengths[k]} stations in a row"
+        outliers.append((first[run_starts[k]], stays, "readings that differ, as elsewhere", 0.0))
     return [
         finding_at_row(
             log,
             int(row),
             column,
-            what,
+            observation,
             expected,
             "see whether the thermometer was read; else leave the station out:"
             f" {advise_exclude(log.file, stations=[numbers[row]])}",
@@ -189,7 +193,7 @@ def check_stations(log: Log, station: str, column: str) -> list[Finding]:
             severity="warn",
             figure=figure,
         )
-        for row, what, expected, figure in found
+        for row, observation, expected, figure in outliers
     ]
 
 
@@ -201,8 +205,8 @@ def check_steps(log: Log, column: str) -> list[Finding]:
     if data.size < 5 * LEVEL_ROWS:
         return []
     tops = [(part.max(), int(part.argmax())) for part in level_steps(data)]
-    at = max(range(len(tops)), key=lambda chunk: tops[chunk][0])
-    step, k = float(tops[at][0]), tops[at][1] + at * chunks.ROWS
+    largest_chunk = max(range(len(tops)), key=lambda chunk: tops[chunk][0])
+    step, k = float(tops[largest_chunk][0]), tops[largest_chunk][1] + largest_chunk * chunks.ROWS
     if step <= max(_STEP_DEGC, _STEP_DEGC_MIN / 60.0 * float(time[k + LEVEL_ROWS] - time[k])):
         return []
     count = data.size - 2 * LEVEL_ROWS + 1
@@ -281,8 +285,8 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
         return []
     a, b = values(log.frame, case), values(log.frame, air)
     thinned = slice(None, None, a.size // 20_000 + 1)
-    together = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
-    if together < -0.5:
+    correlation = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
+    if correlation < -0.5:
         return [
             finding_of_column(
                 log,
@@ -294,7 +298,7 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
                     " see to the wiring"
                 ),
                 name="sign",
-                figure=together,
+                figure=correlation,
             )
         ]
     lead = _fit_lead(values(log.frame, "time_s"), a, b)
@@ -320,11 +324,11 @@ def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
     if in_degc < MISFIT_DEGC:
         return []
     cooler = [(x - ZERO_DEGF) / FAHRENHEIT for x in (a, b)]
-    for column, other, there in (
+    for column, other, misfit_in_degf in (
         (case, air, _misfit(time, cooler[0], b)),
         (air, case, _misfit(time, a, cooler[1])),
     ):
-        if there < FOLLOWS * in_degc and there < MISFIT_DEGC:
+        if misfit_in_degf < FOLLOWS * in_degc and misfit_in_degf < MISFIT_DEGC:
             gain = lead.gain if column == case else 1.0 / lead.gain
             offset = lead.offset if column == case else -lead.offset / lead.gain
             finding = finding_of_column(
@@ -349,13 +353,13 @@ def _misfit(time: Array, case: Array, air: Array) -> float:
     if count < 10:
         return 0.0
     t, c, d = (_block_means(series, count) for series in (time, case, air))
-    kept = np.exp(-np.diff(t)[:, None] / LAGS_S)
-    followed = np.empty((count, LAGS_S.size))
-    followed[0] = c[0]
+    decay = np.exp(-np.diff(t)[:, None] / LAGS_S)
+    lagged_air = np.empty((count, LAGS_S.size))
+    lagged_air[0] = c[0]
     middle = 0.5 * (d[1:] + d[:-1])
     for k in range(count - 1):
-        followed[k + 1] = middle[k] + (followed[k] - middle[k]) * kept[k]
-    return float(np.sqrt(np.mean((followed - c[:, None]) ** 2, axis=0)).min())
+        lagged_air[k + 1] = middle[k] + (lagged_air[k] - middle[k]) * decay[k]
+    return float(np.sqrt(np.mean((lagged_air - c[:, None]) ** 2, axis=0)).min())
 
 
 def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:
@@ -398,12 +402,12 @@ def _soak_means(case: Array, air: Array) -> list[tuple[float, float]]:
     """Means of case and air at the ends of a log where both stand still."""
     rows = max(20, case.size // 50)
     ends = (slice(0, rows), slice(case.size - rows, None))
-    still = [
+    steady_ends = [
         end
         for end in ends
         if max(abs(_change_of_mean(case[end])), abs(_change_of_mean(air[end]))) < STILL_DEGC
     ]
-    return [(float(case[end].mean()), float(air[end].mean())) for end in still]
+    return [(float(case[end].mean()), float(air[end].mean())) for end in steady_ends]
 
 
 def _change_of_mean(values: Array) -> float:
@@ -423,12 +427,12 @@ def _advise_unit(case: str, air: str, of_case: float, of_air: float) -> str:
     )
 
 
-def check_stated_rate(log: Log, air: str, stated: float, measured: float) -> list[Finding]:
+def check_stated_rate(log: Log, air: str, recipe_rate: float, measured: float) -> list[Finding]:
     """A ramp whose measured rate [°C/min] is not the one that the recipe gives."""
-    if stated and abs(measured / stated - 1.0) <= ORDERED:
+    if recipe_rate and abs(measured / recipe_rate - 1.0) <= ORDERED:
         return []
     advice = "correct the rate in [drift.rates_degc_min], or leave it out: it is measured then"
-    if stated and abs(measured / stated / FAHRENHEIT - 1.0) <= AGREE:
+    if recipe_rate and abs(measured / recipe_rate / FAHRENHEIT - 1.0) <= AGREE:
         advice = (
             'the temperatures look like °F (9/5): state unit = "degF" of each in [columns]; or'
             " correct the rate"
@@ -437,7 +441,7 @@ def check_stated_rate(log: Log, air: str, stated: float, measured: float) -> lis
         finding_of_column(
             log,
             air,
-            f"the chamber air changes at {measured:+.3g} °C/min, the recipe says {stated:+g}",
+            f"the chamber air changes at {measured:+.3g} °C/min, the recipe says {recipe_rate:+g}",
             "the rate that the recipe gives",
             advice,
             "unit",
@@ -471,14 +475,14 @@ def find_late(ramps: Mapping[str, tuple[float, float, float]]) -> list[tuple[str
         early, late = sorted(pair, key=lambda file: ramps[file][2])
         rate, duration, lag = np.abs(ramps[late])
         other_rate, other_duration, other_lag = np.abs(ramps[early])
-        alike = (
+        same_ramp = (
             abs(rate / other_rate - 1.0) < AGREE and abs(duration / other_duration - 1.0) < AGREE
         )
-        behind = (lag - other_lag) * rate / 60.0
-        if alike and behind > LATE_DEGC and lag - other_lag > LATE * other_lag:
+        delay_degc = (lag - other_lag) * rate / 60.0
+        if same_ramp and delay_degc > LATE_DEGC and lag - other_lag > LATE * other_lag:
             finding = Finding(
                 f"{late}: column 'temp_case_degc'",
-                f"it follows the air {behind:.1f} °C later ({lag:.0f} s) than in {early}"
+                f"it follows the air {delay_degc:.1f} °C later ({lag:.0f} s) than in {early}"
                 f" ({other_lag:.0f} s), a ramp at the same rate",
                 expected="a case with one lag",
                 advice=(
@@ -487,7 +491,7 @@ def find_late(ramps: Mapping[str, tuple[float, float, float]]) -> list[tuple[str
                 ),
                 severity="warn",
                 name="thermometer",
-                figure=behind,
+                figure=delay_degc,
                 column="temp_case_degc",
             )
             findings.append((late, finding))
@@ -508,11 +512,11 @@ def find_other_units(
             for name, low, high in readings
             if name == column
         }
-        named_alike: dict[str, dict[str, Array]] = {}
+        groups: dict[str, dict[str, Array]] = {}
         for file, pair in ends.items():
-            named_alike.setdefault(_SIGNED.sub("#", file), {})[file] = pair
+            groups.setdefault(_SIGNED.sub("#", file), {})[file] = pair
         findings += list(
-            chain(*(_find_unnamed_levels(alike, column) for alike in named_alike.values()))
+            chain(*(_find_unnamed_levels(group, column) for group in groups.values()))
         ) or _find_ends_in_degf(ends, column)
     return findings
 
@@ -523,35 +527,39 @@ def _find_unnamed_levels(ends: Mapping[str, Array], column: str) -> list[tuple[s
     """
     numbers = _numbers_in_names(ends)
     for place in range(min(map(len, numbers.values()), default=0)):
-        named = {file: numbers[file][place] for file in ends}
-        off = {file: _off_set_point(ends[file], named[file]) for file in ends}
-        agreeing = {named[file] for file in ends if off[file] <= NAMED_DEGC}
-        others = [file for file in ends if off[file] > NAMED_DEGC]
+        set_point = {file: numbers[file][place] for file in ends}
+        deviation = {file: _off_set_point(ends[file], set_point[file]) for file in ends}
+        agreeing = {set_point[file] for file in ends if deviation[file] <= NAMED_DEGC}
+        deviating = [file for file in ends if deviation[file] > NAMED_DEGC]
         in_degf = [
             file
-            for file in others
-            if _off_set_point(_from_degf(ends[file]), named[file]) <= NAMED_DEGC
+            for file in deviating
+            if _off_set_point(_from_degf(ends[file]), set_point[file]) <= NAMED_DEGC
         ]
-        if np.ptp(list(named.values())) < NAMED_SPREAD or not others:
+        if np.ptp(list(set_point.values())) < NAMED_SPREAD or not deviating:
             continue
-        if in_degf == others:
+        if in_degf == deviating:
             return [
-                (file, _in_degf(file, column, ends[file], f"the {named[file]:g} °C of its name"))
+                (
+                    file,
+                    _in_degf(file, column, ends[file], f"the {set_point[file]:g} °C of its name"),
+                )
                 for file in in_degf
             ]
-        if len(agreeing) >= ALIKE_NAMES and len(others) == 1 and off[others[0]] > MISNAMED_DEGC:
+        file = deviating[0]
+        is_only_one = len(agreeing) >= ALIKE_NAMES and len(deviating) == 1
+        if is_only_one and deviation[file] > MISNAMED_DEGC:
             finding = Finding(
-                f"{others[0]}: column '{column}'",
-                "{:.1f} to {:.1f} °C".format(*ends[others[0]])
-                + f", its name says {named[others[0]]:g}",
+                f"{file}: column '{column}'",
+                "{:.1f} to {:.1f} °C".format(*ends[file]) + f", its name says {set_point[file]:g}",
                 expected=f"what its name says, as in the other {len(ends) - 1} logs",
                 advice="see whether the thermometer was read and its place, or name the log anew",
                 severity="warn",
                 name="thermometer",
-                figure=off[others[0]],
+                figure=deviation[file],
                 column=column,
             )
-            return [(others[0], finding)]
+            return [(file, finding)]
     return []
 
 
@@ -571,25 +579,21 @@ def _find_ends_in_degf(ends: Mapping[str, Array], column: str) -> list[tuple[str
         file: [
             other
             for other, pair in ends.items()
-            if np.abs(_from_degf(own) - pair).max() <= SAME_DEGC and other != file
+            if np.abs(_from_degf(own_ends) - pair).max() <= SAME_DEGC and other != file
         ]
-        for file, own in ends.items()
-        if np.ptp(own) >= NAMED_SPREAD
+        for file, own_ends in ends.items()
+        if np.ptp(own_ends) >= NAMED_SPREAD
     }
     in_degc = {file: pair for file, pair in ends.items() if not twins.get(file)}
     highest = max((pair[1] for pair in in_degc.values()), default=np.inf)
-    return [
-        (
-            file,
-            _in_degf(
-                *(file, column, ends[file], f"the range of {twin}"),
-                severity="refuse" if ends[file][1] > HOT_DEGC else "warn",
-            ),
-        )
-        for file, others in twins.items()
-        for twin in [other for other in others if other in in_degc][:1]
-        if ends[file][1] > highest + BEYOND_DEGC
-    ]
+    findings = []
+    for file, file_twins in twins.items():
+        twins_in_degc = [other for other in file_twins if other in in_degc]
+        if twins_in_degc and ends[file][1] > highest + BEYOND_DEGC:
+            severity: Severity = "refuse" if ends[file][1] > HOT_DEGC else "warn"
+            range_text = f"the range of {twins_in_degc[0]}"
+            findings.append((file, _in_degf(file, column, ends[file], range_text, severity)))
+    return findings
 
 
 def _from_degf(temperature: Array) -> Array:
@@ -598,12 +602,12 @@ def _from_degf(temperature: Array) -> Array:
 
 
 def _in_degf(
-    file: str, column: str, ends: Array, shown: str, severity: Severity = "refuse"
+    file: str, column: str, ends: Array, equivalent: str, severity: Severity = "refuse"
 ) -> Finding:
     """Finding on a log's thermometer in °F."""
     return Finding(
         f"{file}: column '{column}'",
-        "{:.1f} to {:.1f}".format(*ends) + f", in °F {shown}",
+        "{:.1f} to {:.1f}".format(*ends) + f", in °F {equivalent}",
         expected="the logs of a campaign in one unit",
         advice=(
             f"it is in °F: write the unit into the log's header, state [columns.{column}] unit ="
