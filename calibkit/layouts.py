@@ -32,19 +32,25 @@ def flag_layout(
     if not compared:
         return summary
     identity = Identity(serial, revision, "", SOFTWARE, "", ())
-    own = _layout(spec, {one.file: one.as_record(identity, "") for one in fitted.results})
+    layout = _layout(
+        spec, {result.file: result.as_record(identity, "") for result in fitted.results}
+    )
     flags = []
-    for name, number, what in compared if own else ():
+    for name, number, role in compared if layout else ():
         other = _layout_of(runs, name, number)
-        if other is not None and own is not None and other != own:
-            flags.append(_say(own, other, f"{name} r{number:03d}, {what}"))
+        if other is not None and layout is not None and other != layout:
+            flags.append(_say(layout, other, f"{name} r{number:03d}, {role}"))
     return replace(summary, flags=(*summary.flags, *flags))
 
 
-def _say(own: _Layout, other: _Layout, name: str) -> str:
+def _say(layout: _Layout, other: _Layout, name: str) -> str:
     """What differs, and what to do."""
-    forms, wanted = ", ".join(own[0]), ", ".join(other[0])
-    changed = f"model form {forms}, not {wanted}" if forms != wanted else f"other terms of {forms}"
+    forms, other_forms = ", ".join(layout[0]), ", ".join(other[0])
+    changed = (
+        f"model form {forms}, not {other_forms}"
+        if forms != other_forms
+        else f"other terms of {forms}"
+    )
     return (
         f"firmware: not laid out as {name} ({changed}): a loader exported with that one refuses it;"
         " pin the model in the recipe, or export a loader of its own"
@@ -81,11 +87,11 @@ def _first_of_type(spec: Recipe, runs: Path, serial: str) -> tuple[str, int] | N
     recipe; None where it names no type.
     """
     for folder in sorted(runs.iterdir()) if spec.type and runs.is_dir() else ():
-        found = store.revisions(folder) if folder.is_dir() and folder.name != serial else []
+        revisions = store.revisions(folder) if folder.is_dir() and folder.name != serial else []
         try:
-            document = store.own_document(runs, folder.name, found[-1]) if found else {}
+            document = store.own_document(runs, folder.name, revisions[-1]) if revisions else {}
         except CalibkitError:
             continue
         if (document.get("procedure"), document.get("type")) == (spec.procedure, spec.type):
-            return folder.name, found[-1]
+            return folder.name, revisions[-1]
     return None

@@ -33,17 +33,17 @@ def _loaded() -> tuple[CDLL | None, str]:
 
     if os.environ.get("CALIBKIT_NATIVE", "on") == "off":
         return None, "turned off by CALIBKIT_NATIVE"
-    there = FOLDER / compiling.LIBRARY
+    library_path = FOLDER / compiling.LIBRARY
     remedy = "install calibkit again, or run python -m calibkit.native"
     try:
-        _refuse_cut_off(there.read_bytes())
-        library = ctypes.CDLL(str(there))
+        _refuse_cut_off(library_path.read_bytes())
+        library = ctypes.CDLL(str(library_path))
         made_of = ctypes.c_uint64.in_dll(library, "calibkit_made_of").value
     except FileNotFoundError:
-        why = "no kernels were installed (a pure wheel, or no C compiler at installation)"
-        return None, f"not compiled: {why}"
+        reason = "no kernels were installed (a pure wheel, or no C compiler at installation)"
+        return None, f"not compiled: {reason}"
     except (OSError, ValueError):
-        return None, f"not in use: {there.name} is damaged or of another machine: {remedy}"
+        return None, f"not in use: {library_path.name} is damaged or of another machine: {remedy}"
     if made_of != compiling.made_of(FOLDER):
         return None, f"compiled from other sources: {remedy}"
     _declare(library)
@@ -56,7 +56,9 @@ def _refuse_cut_off(library: bytes) -> None:
     """
     if library[:6] == b"\x7fELF\2\1":  # of 64 bits, little-endian
         start = int.from_bytes(library[40:48], "little")
-        size, number = (int.from_bytes(library[at : at + 2], "little") for at in (58, 60))
+        size, number = (
+            int.from_bytes(library[offset : offset + 2], "little") for offset in (58, 60)
+        )
         if len(library) < max(64, start + size * number):
             raise ValueError
 

@@ -41,24 +41,24 @@ def compile_kernels(folder: Path) -> str | None:
     _remove_stale(folder)
     try:
         with tempfile.TemporaryDirectory(prefix=_BEGUN, dir=folder) as name:
-            made, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
+            new_library, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
             mark.write_text(
                 f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n",
                 encoding="ascii",
                 newline="\n",
             )
             sources = [str(source) for source in (*sorted(folder.glob("*.c")), mark)]
-            done = subprocess.run(  # noqa: S603 (the machine's own compiler)
-                [*compiler, *FLAGS, "-o", str(made), *sources, "-lm"],
+            compilation = subprocess.run(  # noqa: S603 (the machine's own compiler)
+                [*compiler, *FLAGS, "-o", str(new_library), *sources, "-lm"],
                 capture_output=True,
                 text=True,
                 errors="replace",
                 timeout=TIMEOUT_S,
                 check=False,
             )
-            if done.returncode:
-                return f"{compiler[0]}: {done.stderr.strip()}"
-            made.replace(folder / LIBRARY)
+            if compilation.returncode:
+                return f"{compiler[0]}: {compilation.stderr.strip()}"
+            new_library.replace(folder / LIBRARY)
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     return None
@@ -83,7 +83,7 @@ def _compiler() -> list[str] | None:
 
     if sys.platform == "win32":
         return None
-    named = shlex.split(os.environ.get("CC", ""))
-    if named:
-        return named if shutil.which(named[0]) else None
+    command = shlex.split(os.environ.get("CC", ""))
+    if command:
+        return command if shutil.which(command[0]) else None
     return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name)), None)

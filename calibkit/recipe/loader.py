@@ -135,10 +135,10 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
     data, lines = _read_tables(source)
     procedure = data.get("procedure")
     if not isinstance(procedure, str) or procedure not in kinds:
-        found = "missing" if procedure is None else repr(procedure)
+        procedure_text = "missing" if procedure is None else repr(procedure)
         raise RecipeError(
-            f"{_format_place(source, ('procedure',), lines)}: procedure: found {found}, expected"
-            f" one of {', '.join(sorted(kinds))}",
+            f"{_format_place(source, ('procedure',), lines)}: procedure: found {procedure_text},"
+            f" expected one of {', '.join(sorted(kinds))}",
             hint=did_you_mean(str(procedure), kinds, "name one of them"),
         )
     recipe = _validate(source, kinds[procedure].Recipe, data, lines)
@@ -176,13 +176,20 @@ def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Locati
     """Raise RecipeError with one line for each mapped column that nothing would read: a misspelt
     name would lose its unit and sign.
     """
-    own = recipe.own_columns()
-    allowed = [*CANONICAL, "gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb", *own]
+    recipe_columns = recipe.own_columns()
+    valid_names = [
+        *CANONICAL,
+        "gyro_x_dph",
+        "gyro_x_lsb",
+        "accel_x_g",
+        "accel_x_lsb",
+        *recipe_columns,
+    ]
     faults = [
         f"{_format_place(source, ('columns', name), lines)}: columns.{name}: not a canonical"
-        f" column; {did_you_mean(name, allowed, _CHANGE)}"
+        f" column; {did_you_mean(name, valid_names, _CHANGE)}"
         for name in recipe.columns
-        if not is_canonical(name) and name not in own
+        if not is_canonical(name) and name not in recipe_columns
     ]
     if faults:
         raise RecipeError("\n".join(faults))
@@ -196,8 +203,9 @@ def _key_lines(text: str) -> dict[Location, str]:
     # a line within a string of several lines, or within a list, is no key and no table
     bare = _QUOTED.sub(lambda quoted: "[" + "\n" * quoted[0].count("\n") + "]", text).split("\n")
     depth = 0
-    for number, (line, rest) in enumerate(zip(text.split("\n"), bare, strict=True), start=1):
-        inside, depth = depth > 0, depth + sum(map(rest.count, "[{")) - sum(map(rest.count, "]}"))
+    for number, (line, bare_line) in enumerate(zip(text.split("\n"), bare, strict=True), start=1):
+        inside = depth > 0
+        depth += sum(map(bare_line.count, "[{")) - sum(map(bare_line.count, "]}"))
         if inside:
             continue
         if header := _HEADER.match(line):
@@ -280,10 +288,10 @@ def _describe_fault(
     dotted = ".".join(str(part) for part in location)
     kind, value = faults[0]["type"], faults[0]["input"]
     if kind == "extra_forbidden":
-        allowed = _allowed_keys(model, location[:-1])
+        valid_keys = _allowed_keys(model, location[:-1])
         return (
-            f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)};"
-            f" {did_you_mean(str(location[-1]), allowed, _CHANGE)}"
+            f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(valid_keys)};"
+            f" {did_you_mean(str(location[-1]), valid_keys, _CHANGE)}"
         )
     if kind == "missing":
         return f"{place}: missing key '{dotted}'; add it"

@@ -27,7 +27,7 @@ class _LogFormat:
     module: str
     signatures: tuple[bytes, ...] = ()
     keys: tuple[str, ...] = ()
-    own: tuple[str, ...] = ()
+    fixed_text_keys: tuple[str, ...] = ()
 
 
 _LAYOUT = ("delimiter", "widths", "skip_lines", "header_lines")
@@ -36,7 +36,7 @@ _CELLS = ("encoding", "delimiter", "widths", "decimal")
 FORMATS: dict[str, _LogFormat] = {
     "csv": _LogFormat("delimited"),
     "text": _LogFormat("text", keys=("text", "names")),
-    "keysight": _LogFormat("keysight", keys=("text",), own=_LAYOUT),
+    "keysight": _LogFormat("keysight", keys=("text",), fixed_text_keys=_LAYOUT),
     "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text",), _MARKED),
     "tdms": _LogFormat("tdms", (b"TDSm",), ("table",)),
     "excel": _LogFormat(
@@ -52,7 +52,7 @@ FORMATS: dict[str, _LogFormat] = {
     "parquet": _LogFormat("parquet", (b"PAR1",)),
     "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
     "json": _LogFormat("json_arrays", keys=("table", "names")),
-    "chamber": _LogFormat("chamber", keys=("text", "names"), own=_MARKED),
+    "chamber": _LogFormat("chamber", keys=("text", "names"), fixed_text_keys=_MARKED),
     "binary": _LogFormat("binary"),
 }
 """Value of [logs] format → format."""
@@ -95,8 +95,8 @@ class TextSpec(Table):
         """Dialect of one log, whose number of lines above the header may be stated for it alone."""
         if not isinstance(self.skip_lines, dict):
             return self
-        own = self.skip_lines.get(file, self.skip_lines.get(file.rsplit(".", 1)[0], AUTO))
-        return self.model_copy(update={"skip_lines": own})
+        skip_lines = self.skip_lines.get(file, self.skip_lines.get(file.rsplit(".", 1)[0], AUTO))
+        return self.model_copy(update={"skip_lines": skip_lines})
 
 
 class _FieldSpec(Table):
@@ -184,11 +184,13 @@ class Logs(Table):
         """Stated keys of [logs.text] that the reader of a format has no use for; a plugin decides
         itself.
         """
-        known = FORMATS.get(name)
-        if name == AUTO or known is None:
+        log_format = FORMATS.get(name)
+        if name == AUTO or log_format is None:
             return []
         unstated = TextSpec()
-        useless = set(known.own if "text" in known.keys else TextSpec.model_fields)
+        useless = set(
+            log_format.fixed_text_keys if "text" in log_format.keys else TextSpec.model_fields
+        )
         useless -= set(_ENDS) if name == "csv" else set()
         return [
             key
@@ -230,14 +232,14 @@ class Logs(Table):
     def _known_format(cls, name: object) -> object:
         if name == AUTO or (isinstance(name, str) and name in FORMATS):
             return name
-        known = dict.fromkeys((AUTO, *FORMATS, *plugins.installed(plugins.READERS)))
-        if isinstance(name, str) and name in known:
+        format_names = dict.fromkeys((AUTO, *FORMATS, *plugins.installed(plugins.READERS)))
+        if isinstance(name, str) and name in format_names:
             return name
-        *most, last = map(repr, known)
+        *first_names, last_name = map(repr, format_names)
         raise PydanticCustomError(
             "literal_error",
             "Input should be {expected}",
-            {"expected": f"{', '.join(most)} or {last}"},
+            {"expected": f"{', '.join(first_names)} or {last_name}"},
         )
 
     @model_validator(mode="after")

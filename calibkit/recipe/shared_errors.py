@@ -18,33 +18,35 @@ def state_sizes(errors: Errors, shared: Sequence[Shared]) -> list[Shared]:
 
     Raises RecipeError for a stated size of an error that the logs or the model do not have.
     """
-    stated = {(entry.group, entry.effect): entry for entry in errors.component}
+    entries = {(entry.group, entry.effect): entry for entry in errors.component}
     # what earlier runs had, these logs need not have
     if errors.source != "history":
-        for group, effect in stated.keys() - {(one.group, one.effect) for one in shared}:
+        for group, effect in entries.keys() - {(error.group, error.effect) for error in shared}:
             raise RecipeError(
                 f"[[errors.component]] '{effect}' of group '{group}': these logs and this model"
                 " have no such error",
-                hint=f"there are {', '.join(f'{one.effect} of {one.group}' for one in shared)}",
+                hint="there are "
+                + ", ".join(f"{error.effect} of {error.group}" for error in shared),
             )
-    named = []
-    for one in shared:
-        if errors.groups != "auto" and one.group not in errors.groups:
+    selected = []
+    for error in shared:
+        if errors.groups != "auto" and error.group not in errors.groups:
             continue
-        entry = stated.get((one.group, one.effect))
+        entry = entries.get((error.group, error.effect))
         if entry is None:
-            named.append(one)
+            selected.append(error)
         else:
-            size = entry.value_in(one.unit)
-            named.append(replace(one, size=size, size_dof=entry.dof, optional=False))
-    return named
+            size = entry.value_in(error.unit)
+            selected.append(replace(error, size=size, size_dof=entry.dof, optional=False))
+    return selected
 
 
 def warn_of_few_levels(
-    sizes: Sequence[SharedSize], taken: Mapping[tuple[str, str], int] | None = None
+    sizes: Sequence[SharedSize], coefficient_counts: Mapping[tuple[str, str], int] | None = None
 ) -> tuple[str, ...]:
-    """Flags for errors whose levels are too few to show them. `taken` says by (group, effect) how
-    many coefficients each sensor takes from the levels, where several share the variance.
+    """Flags for errors whose levels are too few to show them. `coefficient_counts` says by
+    (group, effect) how many coefficients each sensor takes from the levels, where several share the
+    variance.
     """
     cure = "measure more of them, or state the size in [[errors.component]]"
     flags = []
@@ -52,8 +54,8 @@ def warn_of_few_levels(
         error, group, levels = size.error, size.error.group, size.error.levels
         if levels == 1 and error.optional:
             continue
-        own = (taken or {}).get((error.group, error.effect))
-        left = size.dof if own is None else min(size.dof, levels - own)
+        coefficient_count = (coefficient_counts or {}).get((error.group, error.effect))
+        left = size.dof if coefficient_count is None else min(size.dof, levels - coefficient_count)
         if size.known or left >= FEW_DOF or (levels == 1 and size.dof):
             continue
         if levels == 1:
@@ -67,9 +69,11 @@ def warn_of_few_levels(
                 f" coefficients, so the uncertainties leave it out; {cure}, or lower an order"
             )
         else:
-            less = f", less {own} coefficients of an axis," if own else ""
+            less_text = (
+                f", less {coefficient_count} coefficients of an axis," if coefficient_count else ""
+            )
             flags.append(
-                f"{error.effect} of the {group}: {levels} of them{less} leave {left} degrees"
+                f"{error.effect} of the {group}: {levels} of them{less_text} leave {left} degrees"
                 f" of freedom, so intervals are wide; {cure}, or lower an order"
             )
     return tuple(flags)

@@ -296,8 +296,8 @@ class Recipe(Table):
     def _of_known_groups(cls, errors: Errors) -> Errors:
         if not cls.error_groups:
             raise ValueError("this procedure estimates no errors that observations share")
-        named = () if errors.groups == "auto" else errors.groups
-        for group in (*named, *(entry.group for entry in errors.component)):
+        groups = () if errors.groups == "auto" else errors.groups
+        for group in (*groups, *(entry.group for entry in errors.component)):
             if group not in cls.error_groups:
                 raise ValueError(f"group '{group}', expected {' or '.join(cls.error_groups)}")
         return errors
@@ -356,8 +356,8 @@ class Recipe(Table):
         for k, pin in enumerate(pins):
             for other in pins[:k]:
                 if pin.log == other.log and pin.from_s < other.to_s and other.from_s < pin.to_s:
-                    at = max(pin.from_s, other.from_s)
-                    raise ValueError(f"two segments of {pin.log} overlap at {at:.12g} s")
+                    overlap_s = max(pin.from_s, other.from_s)
+                    raise ValueError(f"two segments of {pin.log} overlap at {overlap_s:.12g} s")
         return pins
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:

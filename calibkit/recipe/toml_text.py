@@ -29,16 +29,17 @@ def _write_table(table: Mapping[str, Any], path: tuple[str, ...]) -> Iterator[st
             yield f"{write_key(key)} = {write_value(value)}"
     for key, value in inner.items():
         place = (*path, write_key(key))
-        several = not isinstance(value, Mapping)
-        for one in value if several else [value]:
-            yield ("[[{}]]" if several else "[{}]").format(".".join(place))
-            yield from _write_table(one, place)
+        is_array = not isinstance(value, Mapping)
+        for inner_table in value if is_array else [value]:
+            yield ("[[{}]]" if is_array else "[{}]").format(".".join(place))
+            yield from _write_table(inner_table, place)
 
 
 def _is_list_of_tables(value: object) -> bool:
     """Whether a value is a list of nothing but tables."""
-    listed = isinstance(value, list | tuple) and bool(value)
-    return listed and all(isinstance(one, Mapping) for one in value)  # type: ignore[attr-defined] # a list
+    if not isinstance(value, list | tuple) or not value:
+        return False
+    return all(isinstance(item, Mapping) for item in value)
 
 
 def write_key(key: str) -> str:
@@ -55,7 +56,7 @@ def write_value(value: object) -> str:
     if hasattr(value, "tolist"):  # a number or an array of numpy's
         value = value.tolist()
     if isinstance(value, Mapping):
-        pairs = (f"{write_key(key)} = {write_value(one)}" for key, one in value.items())
+        pairs = (f"{write_key(key)} = {write_value(item)}" for key, item in value.items())
         return f"{{{', '.join(pairs)}}}"
     if isinstance(value, Sequence | set | frozenset) and not isinstance(value, str | bytes):
         return f"[{', '.join(map(write_value, value))}]"

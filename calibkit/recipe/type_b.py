@@ -70,28 +70,28 @@ class TypeB(Table):
 
     @model_validator(mode="after")
     def _one_statement(self) -> Self:
-        stated = {
+        statements = {
             name: value
             for name in ("standard_uncertainty", "half_width", "expanded_uncertainty")
             if (value := getattr(self, name)) is not None
         }
-        if len(stated) != 1:
-            found = " and ".join(stated) or "none"
+        if len(statements) != 1:
+            statements_text = " and ".join(statements) or "none"
             raise ValueError(
-                f"'{self.name}' states {found}; state one of standard_uncertainty, half_width,"
-                " expanded_uncertainty"
+                f"'{self.name}' states {statements_text}; state one of standard_uncertainty,"
+                " half_width, expanded_uncertainty"
             )
-        if (self.coverage_factor is None) == ("expanded_uncertainty" in stated):
+        if (self.coverage_factor is None) == ("expanded_uncertainty" in statements):
             raise ValueError(
                 f"'{self.name}': coverage_factor belongs to expanded_uncertainty, and to nothing"
                 " else"
             )
-        if "half_width" in stated and self.distribution == "normal":
+        if "half_width" in statements and self.distribution == "normal":
             raise ValueError(
                 f"'{self.name}': a normal distribution has no half_width; state the"
                 " standard_uncertainty"
             )
-        if "expanded_uncertainty" in stated and self.shape != "normal":
+        if "expanded_uncertainty" in statements and self.shape != "normal":
             raise ValueError(
                 f"'{self.name}': an expanded_uncertainty with a coverage_factor is that of a"
                 " normal one"
@@ -236,18 +236,18 @@ def terms_of(
     """
     components, unused = [], []
     for term in {term.name: term for term in terms}.values():
-        at, derivative = (sensitivities or {}).get(term.quantity, (0.0, None))
+        quantity_estimate, derivative = (sensitivities or {}).get(term.quantity, (0.0, None))
         if term.quantity == result:
             components.append(term.component(estimate, 1.0))
         elif term.sensitivity is not None and term.result == result:
             dof = float("inf") if term.dof is None else term.dof
             components.append(
                 gum.UncertaintyComponent(
-                    term.name, at, term.u, "B", term.sensitivity, dof, term.shape
+                    term.name, quantity_estimate, term.u, "B", term.sensitivity, dof, term.shape
                 )
             )
         elif derivative is not None and term.sensitivity is None:
-            components.append(term.component(at, derivative))
+            components.append(term.component(quantity_estimate, derivative))
         else:
             unused.append(term.name)
     return _Applied(tuple(components), tuple(unused))
@@ -265,12 +265,14 @@ def combine_terms(
     """
     variance = 0.0
     for term in {term.name: term for term in terms}.values():
-        named = term.quantity in names
-        called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+        of_quantity = term.quantity in names
+        result_name = next(
+            (name for name in names if name in (term.quantity, term.result)), names[0]
+        )
         # a result has no column that would state its unit
-        own = named and term.unit not in (*RELATIVE, unit)
-        factor = units.difference_factor(term.unit, unit) if own else 1.0
-        for part in terms_of((term,), called, estimate, sensitivities).components:
+        needs_conversion = of_quantity and term.unit not in (*RELATIVE, unit)
+        factor = units.difference_factor(term.unit, unit) if needs_conversion else 1.0
+        for part in terms_of((term,), result_name, estimate, sensitivities).components:
             variance += (part.sensitivity * part.standard_uncertainty * factor) ** 2
     return float(np.sqrt(variance))
 
@@ -279,15 +281,15 @@ def require_known(terms: Iterable[TypeB], names: Iterable[str]) -> None:
     """Raise RecipeError for a term whose quantity or result is neither a canonical column, a site
     value nor one of the names: the results of a run and the columns that its recipe names.
     """
-    there = [*names, *SITE]
+    valid_names = [*names, *SITE]
     for term in terms:
         for key, name in (("quantity", term.quantity), ("result", term.result)):
-            if name and not is_canonical(name) and name not in there:
+            if name and not is_canonical(name) and name not in valid_names:
                 raise RecipeError(
                     f"[[type_b]] '{term.name}': {key} = '{name}' is no column and no result",
                     hint=did_you_mean(
                         name,
-                        [*there, "temp_case_degc", "temp_env_degc"],
+                        [*valid_names, "temp_case_degc", "temp_env_degc"],
                         "name a canonical column or a result of this run",
                     ),
                 )

@@ -59,11 +59,11 @@ class Programme:
         a dwell [s].
         """
         steps = round(abs(end_degc - start_degc) / step_degc)
-        held = np.linspace(start_degc, end_degc, steps + 1)
+        levels_degc = np.linspace(start_degc, end_degc, steps + 1)
         edges = np.arange(steps + 2) * dwell_s
         return cls(
             tuple(np.column_stack((edges[:-1], edges[1:])).ravel().tolist()),
-            tuple(np.repeat(held, 2).tolist()),
+            tuple(np.repeat(levels_degc, 2).tolist()),
             float(np.copysign(step_degc / dwell_s * SECONDS_PER_MINUTE, end_degc - start_degc)),
         )
 
@@ -122,8 +122,8 @@ def _controlled(chamber: Chamber, set_degc: Array) -> Array:
     numerator, denominator = bilinear(
         [omega**2], [1.0, 2.0 * chamber.damping * omega, omega**2], fs=1.0
     )
-    above: Array = np.asarray(lfilter(numerator, denominator, set_degc - set_degc[0]))
-    return above + float(set_degc[0])
+    rise_degc: Array = np.asarray(lfilter(numerator, denominator, set_degc - set_degc[0]))
+    return rise_degc + float(set_degc[0])
 
 
 def follow_with_lag(degc: Array, lag_s: float) -> Array:
