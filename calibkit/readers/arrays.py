@@ -25,7 +25,10 @@ _TIME = re.compile(r"(^|/)(t|[Tt]ime|timestamp)([_ ].*)?$")
 
 
 def select_columns(
-    arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
+    arrays: Mapping[str, NDArray[np.generic]],
+    file: str,
+    logs: Logs,
+    required_columns: Collection[str],
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Columns of the log that the recipe's `table` names, or of the only one there is, and texts on
     how they were found.
@@ -35,9 +38,9 @@ def select_columns(
     possible, or none.
     """
     if logs.tables:
-        return _stack_tables(arrays, file, logs, needed)
+        return _stack_tables(arrays, file, logs, required_columns)
     if logs.table == SIDE_BY_SIDE:
-        return join_vectors(_name_by_path(arrays, file), file, needed), ()
+        return join_vectors(_name_by_path(arrays, file), file, required_columns), ()
     inside, how = _find_group(arrays, file, logs.table)
     matrices = {
         name: array for name, array in inside.items() if array.ndim == 2 and min(array.shape) > 1
@@ -56,18 +59,21 @@ def select_columns(
             hint="name one in [logs] table of the recipe",
             tables=list(matrices),
         )
-    return join_vectors(flat, file, needed), how
+    return join_vectors(flat, file, required_columns), how
 
 
 def _stack_tables(
-    arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
+    arrays: Mapping[str, NDArray[np.generic]],
+    file: str,
+    logs: Logs,
+    required_columns: Collection[str],
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """Rows of several tables of the same columns, one table behind the other."""
     import pandas as pd
 
     frames = [
         select_columns(
-            arrays, file, logs.model_copy(update={"table": table, "tables": ()}), needed
+            arrays, file, logs.model_copy(update={"table": table, "tables": ()}), required_columns
         )[0]
         for table in logs.tables
     ]
@@ -78,9 +84,9 @@ def _stack_tables(
                 f" '{logs.tables[0]}' has {', '.join(frames[0].columns)}",
                 hint="[logs] tables are parts of one log: name those with the same columns",
             )
-    whole = pd.concat(frames, ignore_index=True)
-    whole.index = whole.index + 1 - FIRST_ROW
-    return whole, ()
+    stacked = pd.concat(frames, ignore_index=True)
+    stacked.index = stacked.index + 1 - FIRST_ROW
+    return stacked, ()
 
 
 def _name_by_path(
@@ -125,16 +131,18 @@ def _find_group(
         if array.dtype.kind in "fiu" and array.size > 1
     }
     if table:
-        chosen = {
+        named_arrays = {
             name: array
             for name, array in numeric.items()
             if name == table or name.startswith(f"{table}/")
         }
-        if not chosen:
+        if not named_arrays:
             raise LogFormatError(
                 f"{file}: no numeric array '{table}'", hint=f"there are: {_list_names(numeric)}"
             )
-        return {name.removeprefix(table).lstrip("/"): array for name, array in chosen.items()}, ()
+        return {
+            name.removeprefix(table).lstrip("/"): array for name, array in named_arrays.items()
+        }, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
         raise SeveralTablesError(
@@ -166,19 +174,21 @@ def _split_matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs)
 
 
 def join_vectors(
-    columns: Mapping[str, NDArray[np.generic]], file: str, needed: Collection[str]
+    columns: Mapping[str, NDArray[np.generic]], file: str, required_columns: Collection[str]
 ) -> pd.DataFrame:
-    """Frame of the vectors that are as long as the needed ones; LogFormatError where those have
+    """Frame of the vectors that are as long as the required ones; LogFormatError where those have
     several lengths.
     """
-    wanted = {
-        name: len(column) for name, column in columns.items() if delimited.is_needed(name, needed)
+    required_lengths = {
+        name: len(column)
+        for name, column in columns.items()
+        if delimited.is_needed(name, required_columns)
     }
-    lengths = set(wanted.values()) or {len(column) for column in columns.values()}
+    lengths = set(required_lengths.values()) or {len(column) for column in columns.values()}
     if len(lengths) > 1:
+        listing = ", ".join(f"{name} {n}" for name, n in sorted(required_lengths.items())[:8])
         raise LogFormatError(
-            f"{file}: columns of several lengths:"
-            f" {', '.join(f'{name} {n}' for name, n in sorted(wanted.items())[:8])}",
+            f"{file}: columns of several lengths: {listing}",
             hint="they were logged at several rates; name the group of one in [logs] table",
         )
     if not lengths:

@@ -21,7 +21,7 @@ from calibkit.readers.table import Table
 from calibkit.recipe.logs import BinarySpec, Logs
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read raw records whole, or raise LogFormatError that names the record."""
     assert logs.binary is not None  # noqa: S101 (the recipe's own check: format = 'binary' has [logs.binary])
     spec = logs.binary
@@ -36,19 +36,19 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         )
     records = np.frombuffer(data, layout, offset=spec.header_bytes)
     _require_sync(data, spec, layout.itemsize, file)
-    kept = [field for field in spec.fields if field.type != "skip"]
+    fields = [field for field in spec.fields if field.type != "skip"]
     columns = {
         field.name: units.scaled(
             records[field.name].astype(np.float64), field.scale, offset=field.offset
         )
-        for field in kept
+        for field in fields
     }
     return Table(
         file,
         sha256,
         arrays.make_frame(columns),
         reading=(f"binary records of {layout.itemsize} bytes, {len(records)} rows",),
-        units={field.name: units.parse_unit(field.unit) for field in kept if field.unit},
+        units={field.name: units.parse_unit(field.unit) for field in fields if field.unit},
     )
 
 

@@ -29,7 +29,7 @@ _REPLY = re.compile(
 )
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read recorded replies whole, or raise LogFormatError that names the line."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
@@ -75,21 +75,21 @@ def _tabulate(replies: Sequence[re.Match[str]], names: list[str], logs: Logs) ->
         columns=names[1:],
     )
     written = [reply["time"].strip() for reply in replies]
-    plain = all(map(times.is_decimal, written))
-    frame.insert(0, "time", [float(field) for field in written] if plain else written)
+    decimal_times = all(map(times.is_decimal, written))
+    frame.insert(0, "time", [float(field) for field in written] if decimal_times else written)
     frame.columns = list(logs.names) or names
     return frame
 
 
 def _match_reply(file: str, number: int, line: str) -> re.Match[str]:
     """The parts of a reply; raises LogFormatError for a line that is none."""
-    found = _REPLY.fullmatch(line)
-    if found is None or len(found["fields"].split()) % 2:
+    reply = _REPLY.fullmatch(line)
+    if reply is None or len(reply["fields"].split()) % 2:
         raise LogFormatError(
             f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as 0023.0",
             hint=damage.advise_torn(file, number),
         )
-    return found
+    return reply
 
 
 def _require_alike(
@@ -98,12 +98,12 @@ def _require_alike(
     """The reply; raises LogFormatError for one with another number of fields or digital channels
     than the first: it is cut, or of another chamber.
     """
-    found, expected = (
-        (len(one["fields"].split()), len(one["bits"] or "")) for one in (reply, first)
+    counts, expected = (
+        (len(match["fields"].split()), len(match["bits"] or "")) for match in (reply, first)
     )
-    if found != expected:
+    if counts != expected:
         raise LogFormatError(
-            f"{file}:{number}: {found[0]} fields and {found[1]} digital channels, expected"
+            f"{file}:{number}: {counts[0]} fields and {counts[1]} digital channels, expected"
             f" {expected[0]} and {expected[1]}",
             hint=damage.advise_torn(file, number),
         )

@@ -64,22 +64,22 @@ def _parse_columns(
     None where a block is not clean.
     """
     store = _allocate_columns(fields, 0)
-    rows = seen = 0
+    rows = bytes_read = 0
     under_way: deque[tuple[Future[bool], Future[None]]] = deque()
     # digests go block after block, in one thread; each block is parsed into its own rows of the
     # columns
-    with ThreadPoolExecutor(WORKERS) as beside, ThreadPoolExecutor(1) as hashing:
+    with ThreadPoolExecutor(WORKERS) as parsers, ThreadPoolExecutor(1) as hashing:
         for block in _read_blocks(stream):
             lines = _count_line_ends(block)
-            seen += len(block)
+            bytes_read += len(block)
             if rows + lines > store[0].size:
                 if not _await_blocks(under_way):
                     return None
-                more = int(1.02 * (rows + lines) * size / seen) + 1 - rows
-                store = [np.append(column[:rows], np.empty(more)) for column in store]
-            own = [column[rows : rows + lines] for column in store]
+                spare_rows = int(1.02 * (rows + lines) * size / bytes_read) + 1 - rows
+                store = [np.append(column[:rows], np.empty(spare_rows)) for column in store]
+            block_columns = [column[rows : rows + lines] for column in store]
             under_way.append(
-                (beside.submit(_parse, block, own), hashing.submit(sha256.update, block))
+                (parsers.submit(_parse, block, block_columns), hashing.submit(sha256.update, block))
             )
             rows += lines
             if not _await_blocks(under_way, but=WORKERS):
@@ -140,12 +140,12 @@ def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]
             numbers = _allocate_columns(fields, _count_line_ends(block))
             if not _parse(block, numbers):
                 raise _first_fault(file, block, count + filled, fields)
-            taken = 0
-            while taken < numbers[0].size:
-                more = min(numbers[0].size - taken, rows - filled)
+            row = 0
+            while row < numbers[0].size:
+                count_to_copy = min(numbers[0].size - row, rows - filled)
                 for column, values in zip(chunk, numbers, strict=True):
-                    column[filled : filled + more] = values[taken : taken + more]
-                taken, filled = taken + more, filled + more
+                    column[filled : filled + count_to_copy] = values[row : row + count_to_copy]
+                row, filled = row + count_to_copy, filled + count_to_copy
                 if filled == rows:
                     yield _chunk_table(file, scan, chunk, count)
                     chunk, count, filled = _allocate_columns(fields, rows), count + rows, 0

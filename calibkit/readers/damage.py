@@ -79,19 +79,20 @@ class Torn:
         """Note torn lines, where the recipe excludes them or allows as many; else raise the
         error.
         """
-        own = [line for line in lines if line not in self.excluded]
-        self.count += len(own)
-        if own and self.spec.torn_lines == "refuse":
+        torn_lines = [line for line in lines if line not in self.excluded]
+        self.count += len(torn_lines)
+        if torn_lines and self.spec.torn_lines == "refuse":
             raise error
+        numbers = format_ranges(torn_lines)
         if self.count > self.spec.torn_limit:
             raise LogFormatError(
-                f"{self.file}: {self.count} torn lines ({format_ranges(own)}), expected at most"
+                f"{self.file}: {self.count} torn lines ({numbers}), expected at most"
                 f" torn_limit = {self.spec.torn_limit}",
                 hint="look at them; raise torn_limit in [logs.text], or repair the log",
             )
-        if own:
+        if torn_lines:
             self.notes.append(
-                f'{len(own)} torn line(s) left out, line {format_ranges(own)}: torn_lines = "drop"'
+                f'{len(torn_lines)} torn line(s) left out, line {numbers}: torn_lines = "drop"'
             )
         self.left_out += [line for line in lines if line in self.excluded]
 
@@ -135,10 +136,12 @@ class TextRows:
         rows = cls(file, body, lines, lines, Torn.of(file, logs))
         rows._remove(np.array(odd, dtype=np.int64))
         rows.numbers = np.arange(rows.lines.size)
-        for what, commented in (("comment(s) among the rows", True), ("blank line(s)", False)):
-            taken = [first + k for k in odd if tokens.is_comment(texts[k]) == commented]
-            if taken:
-                rows.torn.notes.append(f"{len(taken)} {what} left out, line {format_ranges(taken)}")
+        for line_kind, commented in (("comment(s) among the rows", True), ("blank line(s)", False)):
+            left_out = [first + k for k in odd if tokens.is_comment(texts[k]) == commented]
+            if left_out:
+                rows.torn.notes.append(
+                    f"{len(left_out)} {line_kind} left out, line {format_ranges(left_out)}"
+                )
         return rows
 
     @property
@@ -150,10 +153,10 @@ class TextRows:
         """Take rows out; raises LogFormatError where none is left."""
         if not rows.size:
             return
-        kept = np.ones(self.lines.size, dtype=bool)
-        kept[rows] = False
-        self.body = "\n".join(itertools.compress(self.texts, kept))
-        self.lines, self.numbers = self.lines[kept], self.numbers[kept]
+        remaining = np.ones(self.lines.size, dtype=bool)
+        remaining[rows] = False
+        self.body = "\n".join(itertools.compress(self.texts, remaining))
+        self.lines, self.numbers = self.lines[remaining], self.numbers[remaining]
         if not self.lines.size:
             raise no_rows(self.file)
 
@@ -204,8 +207,8 @@ class Advice:
 
     def of_fields(self, row: int) -> str:
         """Advice on a row with another number of fields than the header."""
-        found = len(tokens.split_line(self.texts[row], self.delimiter, self.widths))
-        if self.delimiter == "," and found > self.fields and self._all_have(found):
+        field_count = len(tokens.split_line(self.texts[row], self.delimiter, self.widths))
+        if self.delimiter == "," and field_count > self.fields and self._all_have(field_count):
             return (
                 "decimal commas between commas? Export with semicolons or tabs between the columns"
                 " and set decimal = ',' in [logs.text]"

@@ -39,12 +39,12 @@ Clean CSV, which is read in blocks, may be larger.
 MISSING = frozenset({"", "nan", "NaN", "NAN"})
 
 
-def read(path: Path, file: str, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, required_columns: Collection[str]) -> Table:
     """Read a comma-separated log whole; columns that nobody needs may hold text.
 
     Raises LogFormatError that names line and column of what cannot be read.
     """
-    return parse(*read_bytes(path, file), file, needed)
+    return parse(*read_bytes(path, file), file, required_columns)
 
 
 def read_bytes(path: Path, file: str) -> tuple[bytes, str]:
@@ -80,7 +80,7 @@ def open_log(path: Path, file: str) -> Iterator[BinaryIO]:
         ) from None
 
 
-def parse(data: bytes, sha256: str, file: str, needed: Collection[str]) -> Table:
+def parse(data: bytes, sha256: str, file: str, required_columns: Collection[str]) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
     be read.
     """
@@ -90,13 +90,13 @@ def parse(data: bytes, sha256: str, file: str, needed: Collection[str]) -> Table
         frame = parse_rows(body, dict.fromkeys(range(len(header)), "float64"))
     except (ValueError, OverflowError):
         kinds = {
-            number: "float64" if is_needed(name, needed) else "str"
+            number: "float64" if is_needed(name, required_columns) else "str"
             for number, name in enumerate(header)
         }
         try:
             frame = parse_rows(body, kinds)
         except (ValueError, OverflowError):
-            raise _bad_token(body, header, needed, file) from None
+            raise _bad_token(body, header, required_columns, file) from None
     frame.columns = header
     return Table(file, sha256, frame, check_last_line(body, file, body.count(b"\n") + 2))
 
@@ -109,9 +109,9 @@ def looks_clean(data: bytes) -> bool:
     return not data.strip() or (b"," in first and b"\0" not in first)
 
 
-def is_needed(name: str, needed: Collection[str]) -> bool:
-    """Whether a column is needed, under its name with or without the unit in brackets."""
-    return name in needed or units.name_without_unit(name) in needed
+def is_needed(name: str, required_columns: Collection[str]) -> bool:
+    """Whether a column is a required one, under its name with or without the unit in brackets."""
+    return name in required_columns or units.name_without_unit(name) in required_columns
 
 
 def parse_rows(body: bytes, kinds: dict[int, str], **dialect: Any) -> pd.DataFrame:  # noqa: ANN401 (options of pandas)
@@ -152,11 +152,14 @@ def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
             hint="save the log as UTF-8 CSV",
         ) from None
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
-    for byte, what in ((b"\0", "a NUL byte in text"), (b"\r", "a carriage return inside the line")):
+    for byte, fault in (
+        (b"\0", "a NUL byte in text"),
+        (b"\r", "a carriage return inside the line"),
+    ):
         if byte in text:
             line = text.count(b"\n", 0, text.index(byte)) + 1
             raise LogFormatError(
-                f"{file}:{line}: {what}", hint="the copy is damaged; copy the log again"
+                f"{file}:{line}: {fault}", hint="the copy is damaged; copy the log again"
             )
     first, _, body = text.partition(b"\n")
     header = [name.strip() for name in first.decode().split(",")]
@@ -212,7 +215,7 @@ def _is_number(token: str) -> bool:
 
 def count_fields(body: bytes, delimiter: bytes = b",") -> Integers:
     """Number of fields of every line [n]."""
-    found, carried = [], 0
+    field_counts, carried = [], 0
     for start in range(0, len(body), _BLOCK):
         block = np.frombuffer(body, np.uint8, min(_BLOCK, len(body) - start), start)
         ends = np.flatnonzero(block == ord("\n"))
@@ -222,11 +225,11 @@ def count_fields(body: bytes, delimiter: bytes = b",") -> Integers:
         if counts.size:
             counts[0] += carried
             carried = 0
-        found.append(counts + 1)
+        field_counts.append(counts + 1)
         carried += int(commas[-1] - upto[-1])
     if not body.endswith(b"\n"):
-        found.append(np.array([carried + 1]))
-    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+        field_counts.append(np.array([carried + 1]))
+    return np.concatenate(field_counts) if field_counts else np.zeros(0, dtype=np.int64)
 
 
 def require_fields(body: bytes, fields: int, file: str) -> None:
@@ -248,14 +251,14 @@ def wrong_fields(counts: Integers, row: int, advice: damage.Advice) -> LogFormat
 
 
 def _bad_token(
-    body: bytes, header: list[str], needed: Collection[str], file: str
+    body: bytes, header: list[str], required_columns: Collection[str], file: str
 ) -> LogFormatError:
     """The error that names line, column and text of the first token that is not a number."""
     advice = _advise(body, len(header), file)
     for row, line in enumerate(advice.texts):
         for name, token in zip(header, line.split(","), strict=False):
             if (
-                is_needed(name, needed)
+                is_needed(name, required_columns)
                 and token.strip() not in MISSING
                 and not _is_number(token.strip())
             ):

@@ -105,8 +105,8 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
     # three bytes that make a character in UTF-8 hardly ever do so by chance in another encoding,
     # two may
     longer = len(re.findall(rb"[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
-    whole = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
-    wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - whole
+    intact = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
+    wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - intact
     # whether every run of bytes above 0x80 reads as whole GB18030 characters of two bytes
     in_pairs = all(len(run) % 2 == 0 for run in re.findall(rb"[\x81-\xfe]+", data))
     if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not in_pairs):

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one sheet of a workbook, or raise LogFormatError."""
     from calibkit.readers import delimited, sniff, text
 
@@ -38,16 +38,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     name, content = parsed.facts["sheet"], parsed.arrays["content"].tobytes().decode()
     how = () if logs.table else (Guess(f"table = '{name}' (guessed)"),)
     spec = logs.text.model_copy(update={"delimiter": "\t", "decimal": "."})
-    found = sniff.Dialect.recognise(content, "utf-8", file, spec, logs.names)
+    dialect = sniff.Dialect.recognise(content, "utf-8", file, spec, logs.names)
     table = text.parse_text(
         content,
         sha256,
         file,
-        found,
+        dialect,
         logs.model_copy(update={"text": spec}),
-        needed,
+        required_columns,
     )
-    described = found.describe(("skip_lines", "header_lines"))
+    described = dialect.describe(("skip_lines", "header_lines"))
     return replace(
         table,
         notes=(*parsed.facts["filled"], *table.notes),
@@ -98,8 +98,10 @@ def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ..
             for row in cells[top + 1 : bottom + 1]:
                 row[left] = value
             filled.append(f"rows {top + 1}-{bottom + 1} of column {left + 1}")
-    more = f" and {len(filled) - 8} more" if len(filled) > 8 else ""
-    cells_filled = f"{len(filled)} merged cell(s) filled down: {', '.join(filled[:8])}{more}"
+    overflow_text = f" and {len(filled) - 8} more" if len(filled) > 8 else ""
+    cells_filled = (
+        f"{len(filled)} merged cell(s) filled down: {', '.join(filled[:8])}{overflow_text}"
+    )
     return (cells_filled,) if filled else ()
 
 

@@ -29,28 +29,28 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one group of an HDF5 file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
     optional.require_library("h5py", "hdf5", file)
     data, sha256 = delimited.read_bytes(path, file)
-    beside, table = logs.table == arrays.SIDE_BY_SIDE, (*logs.tables, logs.table)[0]
-    parsed = limited.parse(parse, file, data, "" if beside or logs.tables else table)
-    frame, how = arrays.select_columns(parsed.arrays, file, logs, needed)
-    stated = {
-        name if beside else name.rpartition("/")[2]: unit
+    side_by_side, table = logs.table == arrays.SIDE_BY_SIDE, (*logs.tables, logs.table)[0]
+    parsed = limited.parse(parse, file, data, "" if side_by_side or logs.tables else table)
+    frame, how = arrays.select_columns(parsed.arrays, file, logs, required_columns)
+    column_units = {
+        name if side_by_side else name.rpartition("/")[2]: unit
         for name, unit in parsed.facts["units"].items()
-        if beside or not table or f"{name}/".startswith(f"{table}/")
+        if side_by_side or not table or f"{name}/".startswith(f"{table}/")
     }
-    return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), stated)
+    return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), column_units)
 
 
 def parse(data: bytes, file: str, table: str) -> limited.Parsed:
     """Arrays and units of all datasets by their paths."""
     h5py = optional.import_library("h5py", "hdf5", file)
-    found: dict[str, Any] = {}
-    stated: dict[str, str] = {}
+    arrays: dict[str, Any] = {}
+    dataset_units: dict[str, str] = {}
 
     def collect(name: str, node: Any) -> None:  # noqa: ANN401 (h5py's callback)
         if not isinstance(node, h5py.Dataset) or node.shape is None or name.startswith("#refs#"):
@@ -58,28 +58,29 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         numeric = bool(node.dtype.names) or node.dtype.kind in "fiu"
         if numeric and (not table or f"{name}/".startswith(f"{table}/")):
             _require_own_values(name, node, file)
-        stated_of = {key.lower(): node.attrs[key] for key in node.attrs}
-        unit = units.as_stated(_text_of(stated_of.get("units", stated_of.get("unit", ""))))
+        attributes = {key.lower(): node.attrs[key] for key in node.attrs}
+        unit = units.as_stated(_text_of(attributes.get("units", attributes.get("unit", ""))))
         if node.dtype.names:
-            whole = node[()]
-            found.update({f"{name}/{field}": whole[field] for field in node.dtype.names})
+            table_rows = node[()]
+            arrays.update({f"{name}/{field}": table_rows[field] for field in node.dtype.names})
         elif node.dtype.kind in "fiu":
-            found[name] = _unpacked(node[()], stated_of)
+            arrays[name] = _unpacked(node[()], attributes)
         if unit:
-            stated[name] = unit
+            dataset_units[name] = unit
 
     with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
         _require_end(data, opened.userblock_size, file)
         opened.visititems(collect)
-    return limited.Parsed(found, {"units": stated})
+    return limited.Parsed(arrays, {"units": dataset_units})
 
 
 def _require_end(data: bytes, base: int, file: str) -> None:
     """Raise LogFormatError for bytes behind the end that the superblock states, which the library
     passes over.
     """
-    at = base + (24 if data[base + 8] < 2 else 12) + (4 if data[base + 8] == 1 else 0)
-    end = int.from_bytes(data[at + 16 : at + 24], "little")
+    addresses = base + (24 if data[base + 8] < 2 else 12) + (4 if data[base + 8] == 1 else 0)
+    # base address, free space or extension, end of file: eight bytes each
+    end = int.from_bytes(data[addresses + 16 : addresses + 24], "little")
     if len(data) not in {end, end + base}:
         raise LogFormatError(
             f"{file}: {len(data)} bytes, its own end is stated at {end}",
@@ -89,24 +90,24 @@ def _require_end(data: bytes, base: int, file: str) -> None:
 
 def _text_of(attribute: Any) -> str:  # noqa: ANN401 (h5py's values)
     """Text of an attribute that is a text, bytes or an array of one of them."""
-    one = np.ravel(attribute)[0] if np.size(attribute) else ""
-    return one.decode(errors="replace") if isinstance(one, bytes) else str(one)
+    text = np.ravel(attribute)[0] if np.size(attribute) else ""
+    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
 
 
-def _unpacked(values: Any, about: Mapping[str, Any]) -> Any:  # noqa: ANN401 (h5py's values)
+def _unpacked(values: Any, attributes: Mapping[str, Any]) -> Any:  # noqa: ANN401 (h5py's values)
     """Values of a variable that netCDF packed (CF conventions 8.1): missing ones as NaN, times
     scale_factor, plus add_offset.
     """
-    packing = {key: about[key] for key in ("scale_factor", "add_offset") if key in about}
-    missing = [about[key] for key in ("_fillvalue", "missing_value") if key in about]
+    packing = {key: attributes[key] for key in ("scale_factor", "add_offset") if key in attributes}
+    missing = [attributes[key] for key in ("_fillvalue", "missing_value") if key in attributes]
     if not packing and not missing:
         return values
     unpacked = np.asarray(values, dtype=np.float64)
     for fill in np.ravel(missing):
         unpacked = np.where(np.asarray(values) == fill, np.nan, unpacked)
     scale, offset = (
-        float(np.ravel(packing.get(key, plain))[0])
-        for key, plain in (("scale_factor", 1.0), ("add_offset", 0.0))
+        float(np.ravel(packing.get(key, default))[0])
+        for key, default in (("scale_factor", 1.0), ("add_offset", 0.0))
     )
     return units.scaled(unpacked, scale, offset=offset)
 
@@ -120,11 +121,11 @@ def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN40
             hint="write a file that holds its own values, by h5repack or by the logger's export",
         )
     if node.chunks is None:
-        whole = not node.size or node.id.get_storage_size() > 0
+        complete = not node.size or node.id.get_storage_size() > 0
     else:
         counts = (-(-n // size) for n, size in zip(node.shape, node.chunks, strict=True))
-        whole = node.id.get_num_chunks() >= math.prod(counts)
-    if not whole:
+        complete = node.id.get_num_chunks() >= math.prod(counts)
+    if not complete:
         raise LogFormatError(
             f"{file}: '{name}' was not written to its end: what is missing would read as zeros",
             hint="cut the log at its last written row, or measure again",

@@ -12,15 +12,15 @@ _PIN = "pin skip_lines and header_lines in [logs.text], or list the columns in [
 
 
 def is_header_above(
-    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int
+    lines_above: Sequence[str], delimiter: str, widths: Sequence[int], width: int
 ) -> bool:
     """Whether the last filled line above the first row names as many columns as the rows have."""
-    lines, _ = split_header(above, delimiter, widths, width)
+    lines, _ = split_header(lines_above, delimiter, widths, width)
     return bool(lines) and len(lines[-1]) == width
 
 
 def split_header(
-    above: Sequence[str],
+    lines_above: Sequence[str],
     delimiter: str,
     widths: Sequence[int],
     width: int,
@@ -31,25 +31,27 @@ def split_header(
     blank lines and comments below them, 0 where the recipe pins the header. A comment can name
     columns too, where it has as many fields as the rows.
     """
-    fields = [_split_names(line, delimiter, widths, width) for line in above]
-    plain = [
+    fields = [_split_names(line, delimiter, widths, width) for line in lines_above]
+    full_width = [
         bool(line.strip()) and not tokens.is_comment(line) and len(row) == width
-        for line, row in zip(above, fields, strict=True)
+        for line, row in zip(lines_above, fields, strict=True)
     ]
-    last = len(above)
+    last = len(lines_above)
     while (
         last
         and not pinned
         and (
-            not above[last - 1].strip()
+            not lines_above[last - 1].strip()
             or (
-                tokens.is_comment(above[last - 1])
-                and not _names_columns(fields[last - 1], width, named_above=any(plain[: last - 1]))
+                tokens.is_comment(lines_above[last - 1])
+                and not _names_columns(
+                    fields[last - 1], width, named_above=any(full_width[: last - 1])
+                )
             )
         )
     ):
         last -= 1
-    return fields[max(last - 2, 0) : last], len(above) - last
+    return fields[max(last - 2, 0) : last], len(lines_above) - last
 
 
 def _names_columns(fields: Sequence[str], width: int, *, named_above: bool) -> bool:
@@ -61,8 +63,10 @@ def _names_columns(fields: Sequence[str], width: int, *, named_above: bool) -> b
 
 def _is_unit_row(fields: Sequence[str]) -> bool:
     """Whether most of the filled fields of a line are units."""
-    stated = sum(units.parse_unit(field) != "" for field in fields)
-    return bool(stated) and 2 * stated >= sum(bool(field.strip(" -[]()")) for field in fields)
+    unit_count = sum(units.parse_unit(field) != "" for field in fields)
+    return bool(unit_count) and 2 * unit_count >= sum(
+        bool(field.strip(" -[]()")) for field in fields
+    )
 
 
 def _split_names(line: str, delimiter: str, widths: Sequence[int], width: int) -> tuple[str, ...]:
@@ -82,7 +86,7 @@ def _split_names(line: str, delimiter: str, widths: Sequence[int], width: int) -
 
 
 def read_header(
-    above: Sequence[Sequence[str]],
+    fields_above: Sequence[Sequence[str]],
     first: int,
     width: int,
     file: str,
@@ -92,11 +96,16 @@ def read_header(
     """Number of header lines among the fields of the lines above line `first` (from 0) of the rows
     or of what separates them, and name and unit of every column.
     """
-    lines = _count_header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
-    stated = len(above[-lines]) if lines and len(above) >= lines else 0
-    if lines and stated != width:
+    lines = (
+        _count_header_lines(fields_above, width)
+        if spec.header_lines == "auto"
+        else spec.header_lines
+    )
+    header_width = len(fields_above[-lines]) if lines and len(fields_above) >= lines else 0
+    if lines and header_width != width:
         raise LogFormatError(
-            f"{file}:{first - lines + 1}: {stated} column names, expected {width} as in the rows",
+            f"{file}:{first - lines + 1}: {header_width} column names, expected {width} as in the"
+            " rows",
             hint=_PIN,
         )
     if names and len(names) != width:
@@ -105,7 +114,7 @@ def read_header(
             hint="correct [logs] names, or the delimiter",
         )
     if not lines and not names:
-        last = above[-1] if above else ()
+        last = fields_above[-1] if fields_above else ()
         if len(last) > 1 and all(field and not tokens.is_measured(field) for field in last):
             raise LogFormatError(
                 f"{file}:{first}: {len(last)} column names, expected {width} as in the rows",
@@ -116,32 +125,33 @@ def read_header(
             hint="list the columns in [logs] names of the recipe, in order",
             columns=width,
         )
-    return lines, _names_and_units(above, lines, names)
+    return lines, _names_and_units(fields_above, lines, names)
 
 
-def _count_header_lines(above: Sequence[Sequence[str]], width: int) -> int:
+def _count_header_lines(fields_above: Sequence[Sequence[str]], width: int) -> int:
     """0, 1 or 2 header lines: names, or names with a line of units below."""
     if (
-        not above
-        or len(above[-1]) != width
-        or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1])
+        not fields_above
+        or len(fields_above[-1]) != width
+        or any(tokens.NUMBER["."].fullmatch(field) for field in fields_above[-1])
     ):
         return 0
-    return 2 if len(above) == 2 and len(above[-2]) == width and _is_unit_row(above[-1]) else 1
+    names_fit = len(fields_above) == 2 and len(fields_above[-2]) == width
+    return 2 if names_fit and _is_unit_row(fields_above[-1]) else 1
 
 
 def _names_and_units(
-    above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
+    fields_above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
 ) -> list[tuple[str, str]]:
     """Name and unit of every column, as the log states them or as the recipe names them."""
     if not lines:
         return [(name, units.unit_in_header(name)) for name in names]
-    header = [field.strip() for field in above[-lines]]
+    header = [field.strip() for field in fields_above[-lines]]
     if lines == 2:
-        stated = [units.as_stated(field.strip(" -[]()<>{}")) for field in above[-1]]
+        column_units = [units.as_stated(field.strip(" -[]()<>{}")) for field in fields_above[-1]]
     else:
-        stated = [units.unit_in_header(field) for field in header]
-    return list(zip(names or _unique_names(header), stated, strict=True))
+        column_units = [units.unit_in_header(field) for field in header]
+    return list(zip(names or _unique_names(header), column_units, strict=True))
 
 
 def _unique_names(header: Sequence[str]) -> list[str]:
@@ -154,10 +164,10 @@ def _unique_names(header: Sequence[str]) -> list[str]:
 
 
 def refuse_rows_above(
-    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
+    lines_above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
 ) -> None:
     """Raise LogFormatError for a row of numbers above the header: it would be lost."""
-    for number, line in enumerate(above, start=1):
+    for number, line in enumerate(lines_above, start=1):
         fields = [] if tokens.is_comment(line) else tokens.split_line(line, delimiter, widths)
         measured = [tokens.is_measured(field) for field in fields]
         like_a_row = sum(measured) > 1 and (measured[0] or 2 * sum(measured) >= width)

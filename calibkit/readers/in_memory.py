@@ -35,24 +35,24 @@ def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterato
 
     Raises FrameError for a name that no pattern matches, and for what is no frame of named columns.
     """
-    folder, held = Path(f"<frames {next(_FOLDERS)}>"), dict[Path, Table]()
+    folder, tables = Path(f"<frames {next(_FOLDERS)}>"), dict[Path, Table]()
     if not isinstance(frames, Mapping):
         raise FrameError(f"logs: found {_kind(frames)}", hint=_GIVE)
     if not frames:
         raise FrameError("logs: no frame", hint=_GIVE)
     for name, frame in frames.items():
         file = _name_file(str(name), patterns)
-        if folder / file in held:
+        if folder / file in tables:
             raise FrameError(
                 f"logs: '{name}' and a frame before it both stand for {file}",
                 hint="give each log one name",
             )
-        held[folder / file] = _tabulate(file, frame)
-    _HELD.update(held)
+        tables[folder / file] = _tabulate(file, frame)
+    _HELD.update(tables)
     try:
         yield folder
     finally:
-        for path in held:
+        for path in tables:
             del _HELD[path]
 
 
@@ -68,9 +68,9 @@ def _name_file(name: str, patterns: Sequence[str]) -> str:
     )
 
 
-def _kind(found: object) -> str:
+def _kind(value: object) -> str:
     """Type of what is no frame, for people."""
-    return f"{type(found).__module__}.{type(found).__qualname__}".removeprefix("builtins.")
+    return f"{type(value).__module__}.{type(value).__qualname__}".removeprefix("builtins.")
 
 
 def _tabulate(file: str, frame: pd.DataFrame) -> Table:
@@ -80,13 +80,15 @@ def _tabulate(file: str, frame: pd.DataFrame) -> Table:
     if not isinstance(frame, pd.DataFrame):
         advice = "frame.to_pandas()" if hasattr(frame, "to_pandas") else "pandas.DataFrame(…)"
         raise FrameError(f"{file}: found {_kind(frame)}, expected a frame", hint=f"give {advice}")
-    columns, stated = list(map(str, frame.columns)), frame.attrs.get(UNITS, {})
+    columns, attrs_units = list(map(str, frame.columns)), frame.attrs.get(UNITS, {})
     if len(set(columns)) < len(columns) or not columns:
         raise FrameError(
             f"{file}: columns {', '.join(columns) or 'none'}", hint="give each column its own name"
         )
-    if not isinstance(stated, Mapping):
-        raise FrameError(f"{file}: attrs['{UNITS}'] is {_kind(stated)}", hint="give {column: unit}")
+    if not isinstance(attrs_units, Mapping):
+        raise FrameError(
+            f"{file}: attrs['{UNITS}'] is {_kind(attrs_units)}", hint="give {column: unit}"
+        )
     table = frame.set_axis(columns, axis=1).reset_index(drop=True)
     sha256 = hashlib.sha256()
     for name in columns:
@@ -97,8 +99,8 @@ def _tabulate(file: str, frame: pd.DataFrame) -> Table:
             table[name] = column = column.astype(str).fillna("")
             content = "\n".join(column).encode()
         sha256.update(f"{name}\0{len(content)}\0".encode() + content)
-    own = {str(name): str(unit) for name, unit in stated.items()}
-    return Table(file, sha256.hexdigest(), table, units=own)
+    column_units = {str(name): str(unit) for name, unit in attrs_units.items()}
+    return Table(file, sha256.hexdigest(), table, units=column_units)
 
 
 def find(path: Path) -> Table | None:

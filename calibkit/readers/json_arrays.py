@@ -22,7 +22,7 @@ from calibkit.readers.table import Table
 from calibkit.recipe.logs import Logs
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one member of a JSON log, or raise LogFormatError that names the line."""
     data, sha256 = delimited.read_bytes(path, file)
     text, _ = encodings.decode(data, file, "utf-8")
@@ -38,7 +38,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         raise LogFormatError(
             f"{place}: not JSON: {error}", hint="the file is cut off or damaged"
         ) from None
-    frame, how = arrays.select_columns(_collect_arrays(document, "", file), file, logs, needed)
+    frame, how = arrays.select_columns(
+        _collect_arrays(document, "", file), file, logs, required_columns
+    )
     return Table(file, sha256, frame, reading=(f"JSON, {len(frame)} rows", *how))
 
 
@@ -112,10 +114,10 @@ def _collect_members(members: Iterable[tuple[str, Any]], path: str, file: str) -
     """Arrays of several members by their paths."""
     merged: dict[str, Array] = {}
     for name, member in members:
-        found = _collect_arrays(member, f"{path}/{name}".lstrip("/"), file)
-        if both := merged.keys() & found.keys():
-            raise _repeated_name(file, min(both))
-        merged |= found
+        member_arrays = _collect_arrays(member, f"{path}/{name}".lstrip("/"), file)
+        if shared_paths := merged.keys() & member_arrays.keys():
+            raise _repeated_name(file, min(shared_paths))
+        merged |= member_arrays
     return merged
 
 

@@ -30,7 +30,7 @@ SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
 _MOST_LINES = 400
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read a scan log whole, or raise LogFormatError that names the line."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
@@ -38,19 +38,19 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     spec = logs.text.model_copy(
         update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter}
     )
-    found = sniff.Dialect.recognise(content, encoding, file, spec, ())
-    scan = found.names[0]
+    dialect = sniff.Dialect.recognise(content, encoding, file, spec, ())
+    scan = dialect.names[0]
     table = text.parse_text(
         content,
         sha256,
         file,
-        found,
+        dialect,
         logs,
-        {*needed, scan, *_alarm_columns(found)},
+        {*required_columns, scan, *_alarm_columns(dialect)},
     )
     notes = (
         *table.notes,
-        *_note_alarms(table, _alarm_columns(found)),
+        *_note_alarms(table, _alarm_columns(dialect)),
         *_note_scan_jumps(table, scan),
     )
     return replace(table, notes=notes)
@@ -73,9 +73,9 @@ def _find_header(content: str, file: str) -> tuple[int, str]:
     )
 
 
-def _alarm_columns(found: Dialect) -> tuple[str, ...]:
+def _alarm_columns(dialect: Dialect) -> tuple[str, ...]:
     """Names of the alarm columns."""
-    return tuple(name for name in found.names if name.lower().startswith("alarm"))
+    return tuple(name for name in dialect.names if name.lower().startswith("alarm"))
 
 
 def _note_alarms(table: Table, alarms: Collection[str]) -> tuple[str, ...]:

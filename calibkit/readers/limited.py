@@ -38,7 +38,7 @@ MEGABYTES, PER_BYTE = 1000.0, 30.0
 SECONDS, PER_MEGABYTE = 60.0, 3.0
 """Seconds for any file, and for each megabyte of it: a workbook takes about one."""
 MOST_COLUMNS = 10_000
-_REFUSALS = {one.__name__: one for one in (LogFormatError, UsageError)}
+_REFUSALS = {error.__name__: error for error in (LogFormatError, UsageError)}
 """Refusals of a parser, which are those of the command."""
 
 
@@ -91,8 +91,8 @@ class _Process:
         """
         if self.process is None or self.process.poll() is not None or self.owner != os.getpid():
             self.end()
-            above = str(Path(__file__).resolve().parents[2])
-            path = os.pathsep.join(dict.fromkeys([*filter(None, sys.path), above]))
+            package_root = str(Path(__file__).resolve().parents[2])
+            path = os.pathsep.join(dict.fromkeys([*filter(None, sys.path), package_root]))
             self.process = subprocess.Popen(  # noqa: S603 (this interpreter and a module of calibkit's own)
                 [sys.executable, "-P", "-m", __name__],
                 stdin=subprocess.PIPE,
@@ -117,14 +117,14 @@ class _Process:
             send.write(data)
             send.flush()
             answer = json.loads(receive.readline())
-            arrays, whole = {}, True
+            arrays, complete = {}, True
             for name, kind, shape in answer.get("arrays", ()):
                 arrays[name] = np.empty(shape, np.dtype(kind))
                 room = arrays[name].reshape(-1).view(np.uint8).data
-                whole &= receive.readinto(room) == len(room)  # type: ignore[attr-defined] # a buffered reader
+                complete &= receive.readinto(room) == len(room)  # type: ignore[attr-defined] # a buffered reader
         finally:
             clock.cancel()
-        if not whole:
+        if not complete:
             return None
         if "error" in answer:
             raise _REFUSALS[answer["error"]](answer["message"], hint=answer["hint"])
@@ -152,10 +152,10 @@ def parse(function: Callable[..., Parsed], file: str, data: bytes, *arguments: s
     Raises what it refuses, or LogFormatError where it takes more memory or time than a log of this
     size could, or breaks.
     """
-    stated = os.environ.get(SETTING, "")
-    if stated and not stated.isdecimal():
-        raise UsageError(f"{SETTING}={stated}: expected megabytes", hint="unset it")
-    megabytes = float(stated) if stated else MEGABYTES + PER_BYTE * len(data) / 1e6
+    setting = os.environ.get(SETTING, "")
+    if setting and not setting.isdecimal():
+        raise UsageError(f"{SETTING}={setting}: expected megabytes", hint="unset it")
+    megabytes = float(setting) if setting else MEGABYTES + PER_BYTE * len(data) / 1e6
     seconds = SECONDS + PER_MEGABYTE * len(data) / 1e6
     request = {
         "module": function.__module__,
@@ -203,10 +203,10 @@ def _answer_request(
     except MemoryError:
         return {"memory": True}, []
     except CalibkitError as error:
-        said = {"error": type(error).__name__, "message": error.message, "hint": error.hint}
-        return said, []
-    about = [(name, array.dtype.str, array.shape) for name, array in numeric.items()]
-    return {"arrays": about, "facts": parsed.facts}, list(numeric.values())
+        refusal = {"error": type(error).__name__, "message": error.message, "hint": error.hint}
+        return refusal, []
+    array_headers = [(name, array.dtype.str, array.shape) for name, array in numeric.items()]
+    return {"arrays": array_headers, "facts": parsed.facts}, list(numeric.values())
 
 
 def _limit_memory(megabytes: float) -> None:
@@ -215,9 +215,9 @@ def _limit_memory(megabytes: float) -> None:
     try:
         import resource
 
-        held = int(pages.read_text(encoding="ascii").split()[5]) * resource.getpagesize()
-        _, most = resource.getrlimit(resource.RLIMIT_DATA)
-        resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 1e6) + held, most))
+        used_bytes = int(pages.read_text(encoding="ascii").split()[5]) * resource.getpagesize()
+        _, hard_limit = resource.getrlimit(resource.RLIMIT_DATA)
+        resource.setrlimit(resource.RLIMIT_DATA, (int(megabytes * 1e6) + used_bytes, hard_limit))
     except ImportError:  # Windows: the limit of time is left
         return
     except (OSError, ValueError):  # no /proc, or a limit that may not be lowered

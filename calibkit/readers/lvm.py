@@ -43,7 +43,7 @@ class _Segment:
     written: int
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
     """Read a measurement file whole, or raise LogFormatError that names line and column."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
@@ -162,16 +162,18 @@ def _read_segment(
         packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
         _require_samples(_stated_samples(header, 0), len(written), last, file, packets=packets)
     channels = [name for name in names if name != _TIME]
-    known = {
+    channel_units = {
         name: unit
         for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
         if (unit := units.as_stated(label))
     }
-    at = np.array(list(parsed), dtype=np.int64)
-    numbers = np.searchsorted(np.array(list(written)), at)
+    line_numbers = np.array(list(parsed), dtype=np.int64)
+    numbers = np.searchsorted(np.array(list(written)), line_numbers)
     rows = np.array(list(parsed.values()))
-    timed, names = _join_times(rows, names, header, file, int(at[0]), numbers)
-    return _Segment(tuple(names), {_TIME: "s", **known}, at, timed, numbers, len(written))
+    timed, names = _join_times(rows, names, header, file, int(line_numbers[0]), numbers)
+    return _Segment(
+        tuple(names), {_TIME: "s", **channel_units}, line_numbers, timed, numbers, len(written)
+    )
 
 
 def _read_names(lines: Sequence[str], end: int, stop: int, separator: str, file: str) -> list[str]:
@@ -202,14 +204,14 @@ def _parse_row(
         )
     numbers = []
     for name, field in zip(names, fields, strict=False):
-        plain = field.strip()
-        if not plain or tokens.is_sentinel(plain):
+        text = field.strip()
+        if not text or tokens.is_sentinel(text):
             numbers.append(np.nan)
-        elif tokens.NUMBER[decimal].fullmatch(plain):
-            numbers.append(float(plain.replace(decimal, ".").replace(" ", "")))
+        elif tokens.NUMBER[decimal].fullmatch(text):
+            numbers.append(float(text.replace(decimal, ".").replace(" ", "")))
         else:
             raise LogFormatError(
-                f"{file}:{number}: column '{name}': found '{plain[:40]}', expected a number",
+                f"{file}:{number}: column '{name}': found '{text[:40]}', expected a number",
                 hint=damage.advise_torn(file, number),
             )
     return numbers
@@ -221,13 +223,13 @@ def _stated_samples(header: Mapping[str, Sequence[str]], default: int) -> int:
     return max((int(entry) for entry in entries if entry.strip().isdigit()), default=default)
 
 
-def _require_samples(stated: int, rows: int, line: int, file: str, *, packets: bool) -> None:
+def _require_samples(samples: int, rows: int, line: int, file: str, *, packets: bool) -> None:
     """Raise LogFormatError for a segment with another number of rows than its header states, or
     with no whole number of packets of that many.
     """
-    if stated and (rows % stated if packets else rows - stated):
+    if samples and (rows % samples if packets else rows - samples):
         raise LogFormatError(
-            f"{file}:{line}: {rows} rows, the segment's header says {stated} samples",
+            f"{file}:{line}: {rows} rows, the segment's header says {samples} samples",
             hint="the file is cut off or was written on; copy it again",
         )
 
@@ -243,14 +245,14 @@ def _join_times(
     """Rows with one time column in front: written, computed from X0 and Delta_X by the numbers of
     the rows, or one of several that agree.
     """
-    at = [k for k, name in enumerate(names) if name == _TIME]
-    for k in at[1:]:
+    time_columns = [k for k, name in enumerate(names) if name == _TIME]
+    for k in time_columns[1:]:
         if not np.array_equal(rows[:, k], rows[:, 0], equal_nan=True):
             raise LogFormatError(
                 f"{file}:{line}: channels with times of their own",
                 hint="save them with one X column",
             )
-    keep = [k for k in range(len(names)) if k not in at]
+    keep = [k for k in range(len(names)) if k not in time_columns]
     time = rows[:, 0]
     if np.isnan(time).all():
         starts, steps = (

@@ -34,20 +34,20 @@ DEEPEST = 30
 """Nesting beyond which a file is not believed."""
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
     data, sha256 = delimited.read_bytes(path, file)
     if data[:20].startswith((b"MATLAB 7.3", b"\x89HDF")):
-        return hdf5.read(path, file, logs, needed)
+        return hdf5.read(path, file, logs, required_columns)
     if not data.startswith(b"MATLAB 5.0") and data[:4] not in {b"\0\0\0\0", b"\x0a\0\0\0"}:
         raise LogFormatError(
             f"{file}: not a MATLAB file; it begins with {data[:12]!r}",
             hint="a text of that name is read with format = 'text'",
         )
-    found = limited.parse(parse, file, data).arrays
-    frame, how = arrays.select_columns(found, file, logs, needed)
+    variables = limited.parse(parse, file, data).arrays
+    frame, how = arrays.select_columns(variables, file, logs, required_columns)
     return Table(file, sha256, frame, (), (f"MATLAB, {len(frame)} rows", *how))
 
 
@@ -99,15 +99,15 @@ def _nesting_error(file: str, position: int) -> LogFormatError:
 
 
 def _flatten_structs(
-    variables: Mapping[str, Any], above: str = ""
+    variables: Mapping[str, Any], prefix: str = ""
 ) -> dict[str, NDArray[np.generic]]:
     """Arrays of all variables and of the fields of all structs, by their paths."""
-    found: dict[str, NDArray[np.generic]] = {}
+    arrays: dict[str, NDArray[np.generic]] = {}
     for name, value in variables.items():
         if name.startswith("__"):
             continue
         if isinstance(value, dict):
-            found |= _flatten_structs(value, f"{above}{name}/")
+            arrays |= _flatten_structs(value, f"{prefix}{name}/")
         elif isinstance(value, np.ndarray):
-            found[f"{above}{name}"] = value
-    return found
+            arrays[f"{prefix}{name}"] = value
+    return arrays

@@ -23,10 +23,10 @@ def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (
 def require_library(module: str, extra: str, file: str) -> None:
     """Raise UsageError with how to install a library that is absent; it is not imported."""
     try:
-        found = importlib.util.find_spec(module) is not None
+        installed = importlib.util.find_spec(module) is not None
     except (ImportError, ValueError):
-        found = False
-    if not found:
+        installed = False
+    if not installed:
         raise _absent(module, extra, file)
 
 
@@ -39,7 +39,7 @@ def _absent(module: str, extra: str, file: str) -> UsageError:
 
 
 @contextmanager
-def refuse_damaged(file: str, what: str) -> Iterator[None]:
+def refuse_damaged(file: str, format_title: str) -> Iterator[None]:
     """Turn whatever a library raises on a damaged file into a LogFormatError that names the
     file.
     """
@@ -50,6 +50,6 @@ def refuse_damaged(file: str, what: str) -> Iterator[None]:
     except Exception as error:  # noqa: BLE001 (a parser of a foreign format raises anything on damaged bytes)
         message = " ".join(str(error).split())[:120]
         raise LogFormatError(
-            f"{file}: not a whole {what} file: {type(error).__name__}: {message}",
+            f"{file}: not a whole {format_title} file: {type(error).__name__}: {message}",
             hint="the file is damaged or cut off, or has another format; copy it again",
         ) from None

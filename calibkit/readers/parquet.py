@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read a Parquet file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
     optional.require_library("pyarrow", "parquet", file)
     data, sha256 = delimited.read_bytes(path, file)
     parsed = limited.parse(parse, file, data)
-    frame = arrays.join_vectors(parsed.arrays, file, needed)
+    frame = arrays.join_vectors(parsed.arrays, file, required_columns)
     return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), parsed.facts["units"])
 
 
@@ -42,7 +42,7 @@ def parse(data: bytes, file: str) -> limited.Parsed:
     """
     pyarrow = optional.import_library("pyarrow", "parquet", file)
     parquet = optional.import_library("pyarrow.parquet", "parquet", file)
-    columns, stated = {}, {}
+    columns, column_units = {}, {}
     with optional.refuse_damaged(file, "Parquet"):
         opened = parquet.ParquetFile(io.BytesIO(data), page_checksum_verification=True)
         limited.require_columns(opened.metadata.num_columns, file)
@@ -55,10 +55,12 @@ def parse(data: bytes, file: str) -> limited.Parsed:
             column = _to_numbers(table.column(field.name), field.type, pyarrow)
             if column is not None:
                 columns[field.name] = column
-            about = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-            if unit := units.as_stated(about.get("units", about.get("unit", ""))):
-                stated[field.name] = unit
-    return limited.Parsed(columns, {"units": stated})
+            metadata = {
+                key.decode(): value.decode() for key, value in (field.metadata or {}).items()
+            }
+            if unit := units.as_stated(metadata.get("units", metadata.get("unit", ""))):
+                column_units[field.name] = unit
+    return limited.Parsed(columns, {"units": column_units})
 
 
 def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
@@ -69,8 +71,8 @@ def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: 
     if types.is_timestamp(kind):
         # an instant with a zone is stored as that of UTC
         values = column.cast(pyarrow.timestamp(kind.unit)).to_numpy()
-        there = values[~np.isnat(values)]
-        start = there[0] if there.size else np.datetime64(0, "ns")
+        instants = values[~np.isnat(values)]
+        start = instants[0] if instants.size else np.datetime64(0, "ns")
         return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9
     if types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind):
         return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)

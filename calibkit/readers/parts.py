@@ -30,9 +30,9 @@ def group_parts(files: Sequence[str]) -> list[list[str]]:
     """
     logs: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for file in files:
-        found = _NUMBERED.fullmatch(file)
-        key = (found["stem"], found["suffix"] or "") if found else (file, "")
-        logs.setdefault(key, []).append((int(found["number"]) if found else 0, file))
+        numbered = _NUMBERED.fullmatch(file)
+        key = (numbered["stem"], numbered["suffix"] or "") if numbered else (file, "")
+        logs.setdefault(key, []).append((int(numbered["number"]) if numbered else 0, file))
     return [[file for _, file in sorted(parts)] for parts in logs.values()]
 
 
@@ -40,12 +40,12 @@ def _find_parts(path: Path, file: str) -> list[str]:
     """Files of the split log whose first part is given; raises LogFormatError where one in between
     is missing.
     """
-    above = file.rpartition("/")[0]
+    folder = file.rpartition("/")[0]
     siblings = [
-        f"{above}/{p.name}" if above else p.name for p in path.parent.iterdir() if p.is_file()
+        f"{folder}/{p.name}" if folder else p.name for p in path.parent.iterdir() if p.is_file()
     ]
     parts = next((parts for parts in group_parts(sorted(siblings)) if file in parts), [file])
-    numbers = [int(found["number"]) for part in parts if (found := _NUMBERED.fullmatch(part))]
+    numbers = [int(numbered["number"]) for part in parts if (numbered := _NUMBERED.fullmatch(part))]
     for (number, part), after in zip(zip(numbers, parts, strict=False), numbers[1:], strict=False):
         if after != number + 1:
             raise LogFormatError(
@@ -57,8 +57,9 @@ def _find_parts(path: Path, file: str) -> list[str]:
 
 def digest_log(path: Path, file: str, *, split: bool) -> str:
     """SHA-256 of a log's bytes, of all parts one after another where it is split."""
-    if (held := in_memory.find(path)) is not None:
-        return held.sha256
+    table_in_memory = in_memory.find(path)
+    if table_in_memory is not None:
+        return table_in_memory.sha256
     parts = _find_parts(path, file) if split else [file]
     sha256 = hashlib.sha256()
     for part in parts:
@@ -69,7 +70,7 @@ def digest_log(path: Path, file: str, *, split: bool) -> str:
     return sha256.hexdigest()
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read all parts of a split log as one table, or raise LogFormatError that names the part and
     the line.
     """
@@ -77,7 +78,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
 
     parts = [file] if in_memory.find(path) else _find_parts(path, file)
     tables = [
-        registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts
+        registry.read(path.parent / part.rpartition("/")[2], part, logs, required_columns)
+        for part in parts
     ]
     if len(tables) == 1:
         return tables[0]
@@ -126,9 +128,9 @@ def _number_rows(tables: Sequence[Table]) -> Integers | None:
         return None
     numbers, count = [], 0
     for table in tables:
-        own = np.arange(len(table.frame)) if table.numbers is None else table.numbers
-        numbers.append(own + count)
-        count += int(own[-1]) + 1
+        table_numbers = np.arange(len(table.frame)) if table.numbers is None else table.numbers
+        numbers.append(table_numbers + count)
+        count += int(table_numbers[-1]) + 1
     return np.concatenate(numbers)
 
 

@@ -20,34 +20,37 @@ _REPLY = re.compile(rb" (?:[-+0]\d{3}\.\d ){12,14}[01]{16,32}\s*$")
 """End of a chamber's reply without its echo: fields of six characters, then digital channels."""
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read a log in the format that the recipe names, or, where it names none, in the one that the
     file shows.
 
-    Columns in `needed` hold numbers, or times as text; others may hold anything. Raises
+    Columns in `required_columns` hold numbers, or times as text; others may hold anything. Raises
     LogFormatError.
     """
-    if (held := in_memory.find(path)) is not None:
-        return held
+    table_in_memory = in_memory.find(path)
+    if table_in_memory is not None:
+        return table_in_memory
     try:
-        return _read_in_format(path, file, logs, needed)
+        return _read_in_format(path, file, logs, required_columns)
     except MemoryError:
         raise LogFormatError(
             f"{file}: needs more memory than there is", hint="cut the log into several"
         ) from None
 
 
-def _read_in_format(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _read_in_format(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read a log as `read` does; MemoryError where there is too little."""
     if logs.format == AUTO:
-        return _read_recognised(path, file, logs, needed)
+        return _read_recognised(path, file, logs, required_columns)
     if logs.format == "csv" and logs.text != TextSpec():
         clean_text = {"encoding": "utf-8", "delimiter": ",", "decimal": ".", "skip_lines": 0}
         spec = logs.text.model_copy(update=clean_text | {"header_lines": 1})
-        return _read_as("text", path, file, logs.model_copy(update={"text": spec}), needed)
+        return _read_as(
+            "text", path, file, logs.model_copy(update={"text": spec}), required_columns
+        )
     if logs.format == "csv":
-        return clean.read(path, file) or delimited.read(path, file, needed)
-    return _read_as(logs.format, path, file, logs, needed)
+        return clean.read(path, file) or delimited.read(path, file, required_columns)
+    return _read_as(logs.format, path, file, logs, required_columns)
 
 
 class Reader(Protocol):
@@ -55,19 +58,23 @@ class Reader(Protocol):
     as `SIGNATURES`.
     """
 
-    def read(self, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    def read(self, path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
         """Read a log whole, or raise LogFormatError."""
 
 
-def _read_as(name: str, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _read_as(
+    name: str, path: Path, file: str, logs: Logs, required_columns: Collection[str]
+) -> Table:
     """Read a log in a format by name; the module of the format is imported now."""
     if name in FORMATS:
         module = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
-        return cast("Reader", module).read(path, file, logs, needed)
-    return _read_by_plugin(name, path, file, logs, needed)
+        return cast("Reader", module).read(path, file, logs, required_columns)
+    return _read_by_plugin(name, path, file, logs, required_columns)
 
 
-def _read_by_plugin(name: str, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _read_by_plugin(
+    name: str, path: Path, file: str, logs: Logs, required_columns: Collection[str]
+) -> Table:
     """Read a log by the plugin of a format, and check what it gives; raises UsageError where it
     cannot be used.
     """
@@ -80,47 +87,49 @@ def _read_by_plugin(name: str, path: Path, file: str, logs: Logs, needed: Collec
     reader, origin = cast("Reader", plugins.load(entry)), plugins.identify(entry)
     title = f"'{name}' ({origin.distribution} {origin.version})"
     with optional.refuse_damaged(file, title):
-        table = reader.read(path, file, logs, needed)
+        table = reader.read(path, file, logs, required_columns)
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-        stated = {column: units.ALIASES.get(unit, unit) for column, unit in table.units.items()}
-        faulty = table.sha256 != sha256 or not set(stated.values()) <= set(units.TABLE)
+        column_units = {
+            column: units.ALIASES.get(unit, unit) for column, unit in table.units.items()
+        }
+        faulty = table.sha256 != sha256 or not set(column_units.values()) <= set(units.TABLE)
     if faulty:
         raise LogFormatError(
             f"{file}: the reader of format {title} gave a digest of other bytes, or units that"
             " calibkit does not know",
             hint="tell the authors of that package",
         )
-    return replace(table, units=stated, plugins=(origin,))
+    return replace(table, units=column_units, plugins=(origin,))
 
 
 def recognise_format(head: bytes) -> str:
     """Format of calibkit's own that a file with these first bytes has, or "" for text without a
     mark of its own.
     """
-    for name, known in FORMATS.items():
-        if head.startswith(known.signatures):
+    for name, log_format in FORMATS.items():
+        if head.startswith(log_format.signatures):
             return name
-    plain = head[:4096].replace(b"\0", b"")  # UTF-16 too
-    if re.match(rb'\s*(\{\s*"|\[\s*[\[{])', plain):
+    without_nuls = head[:4096].replace(b"\0", b"")  # UTF-16 too
+    if re.match(rb'\s*(\{\s*"|\[\s*[\[{])', without_nuls):
         return "json"
-    first = plain.partition(b"\n")[0].partition(b"\r")[0]
+    first = without_nuls.partition(b"\n")[0].partition(b"\r")[0]
     if b"$01I" in first or _REPLY.search(first):
         return "chamber"
-    return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", plain) else ""
+    return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", without_nuls) else ""
 
 
 def recognise_plugin(head: bytes) -> str:
     """Format of an installed plugin with a signature that a file begins with, or ""."""
     for name, module in plugins.usable(plugins.READERS).items():
-        stated = getattr(module, "SIGNATURES", ())
-        marks = [stated] if isinstance(stated, bytes) else stated
+        signatures = getattr(module, "SIGNATURES", ())
+        marks = [signatures] if isinstance(signatures, bytes) else signatures
         if any(isinstance(mark, bytes) and mark and head.startswith(mark) for mark in marks):
             return name
     return ""
 
 
-def _read_recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _read_recognised(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read a log whose format the recipe leaves open: as clean CSV, in the format that its first
     bytes show, as text, or by a plugin, in this order.
     """
@@ -128,25 +137,32 @@ def _read_recognised(path: Path, file: str, logs: Logs, needed: Collection[str])
     if not described and (table := clean.read(path, file)) is not None:
         return table
     data, sha256 = delimited.read_bytes(path, file)
-    found = recognise_format(data)
-    if not found:
+    format_name = recognise_format(data)
+    if not format_name:
         try:
-            return _read_text(data, sha256, file, logs, needed, described=described)
+            return _read_text(data, sha256, file, logs, required_columns, described=described)
         except LogFormatError:
-            found = "" if described else recognise_plugin(data)
-            if not found:
+            format_name = "" if described else recognise_plugin(data)
+            if not format_name:
                 raise
-    if ignored := logs.ignored_keys(found):
+    if ignored := logs.ignored_keys(format_name):
         raise LogFormatError(
-            f"{file}: [logs.text] states {', '.join(ignored)}, the file is of format '{found}'",
+            f"{file}: [logs.text] states {', '.join(ignored)}, the file is of format"
+            f" '{format_name}'",
             hint="that format says it itself: take these keys out, or pin format in [logs]",
         )
-    table = _read_as(found, path, file, logs, needed)
-    return replace(table, reading=(Guess(f"format = '{found}' (guessed)"), *table.reading))
+    table = _read_as(format_name, path, file, logs, required_columns)
+    return replace(table, reading=(Guess(f"format = '{format_name}' (guessed)"), *table.reading))
 
 
 def _read_text(
-    data: bytes, sha256: str, file: str, logs: Logs, needed: Collection[str], *, described: bool
+    data: bytes,
+    sha256: str,
+    file: str,
+    logs: Logs,
+    required_columns: Collection[str],
+    *,
+    described: bool,
 ) -> Table:
     """Read text in its dialect; of comma-separated text that is not clean for a fault, the message
     of the strict reader is the one to give.
@@ -157,14 +173,14 @@ def _read_text(
     limited.require_columns(data.partition(b"\n")[0].count(b",") + 1, file)
     if not described and delimited.looks_clean(data):
         try:
-            return delimited.parse(data, sha256, file, needed)
+            return delimited.parse(data, sha256, file, required_columns)
         except LogFormatError as error:
             strict = error
     try:
         content, encoding = encodings.decode(data, file, logs.text.encoding)
-        found = sniff.Dialect.recognise(content, encoding, file, logs.text, logs.names)
+        dialect = sniff.Dialect.recognise(content, encoding, file, logs.text, logs.names)
     except LogFormatError as error:
         raise (strict or error) from None
     # from here on it is the dialect's rows that are at fault, whose message is the better one
-    table = text.parse_text(content, sha256, file, found, logs, needed)
+    table = text.parse_text(content, sha256, file, dialect, logs, required_columns)
     return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

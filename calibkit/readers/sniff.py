@@ -136,8 +136,8 @@ class Dialect:
             lines.pop()
         if spec.footer_lines:
             lines = lines[: -spec.footer_lines] if len(lines) < _HEAD_LINES else lines
-        most = max((line.count(mark) for line in lines for mark in ",;\t|"), default=0)
-        limited.require_columns(most + 1, file)
+        delimiter_count = max((line.count(mark) for line in lines for mark in ",;\t|"), default=0)
+        limited.require_columns(delimiter_count + 1, file)
         delimiters = _DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
         layouts = (_cut_at(lines, delimiter, spec, names) for delimiter in delimiters if lines)
         best = max(filter(None, layouts), key=lambda layout: layout.score, default=None)
@@ -162,7 +162,7 @@ class _Layout:
     widths: tuple[int, ...]
     first: int
     rows: tuple[tuple[str, ...], ...]
-    above: tuple[str, ...]
+    lines_above: tuple[str, ...]
     score: tuple[float, ...]
 
 
@@ -184,20 +184,20 @@ def _cut_at(
     rows = tuple(fields for fields in cut[first:] if fields != ("",))
     if first is None or not rows:
         return None
-    whole = [fields for fields in rows if len(fields) == width]
-    known = [
+    full_rows = [fields for fields in rows if len(fields) == width]
+    recognised = [
         not field or tokens.is_measured(field) or tokens.is_sentinel(field)
-        for fields in whole[:100]
+        for fields in full_rows[:100]
         for field in fields
     ]
     score = (
         float(width > 1),
-        round(len(whole) / len(rows), 3),
+        round(len(full_rows) / len(rows), 3),
         float(
             headers.is_header_above(lines[:first], delimiter, spec.widths, width)
             or (len(names) == width and first == 0)
         ),
-        sum(known) / max(len(known), 1),
+        sum(recognised) / max(len(recognised), 1),
         -float(_DELIMITERS.index(delimiter)) if delimiter in _DELIMITERS else 0.0,
     )
     return _Layout(delimiter, tuple(spec.widths), first, rows, tuple(lines[:first]), score)
@@ -263,7 +263,7 @@ def _build_dialect(
 ) -> Dialect:
     """Dialect of a layout: its header lines, and name, unit and kind of each column."""
     width = _usual_width(layout.rows)
-    skip, header, stated = _find_header(layout, width, file, spec, names)
+    skip, header, names_and_units = _find_header(layout, width, file, spec, names)
     rows = [row for row in layout.rows if len(row) == width]
     return Dialect(
         encoding,
@@ -273,7 +273,7 @@ def _build_dialect(
         header,
         columns=tuple(
             _SniffedColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
-            for k, (name, unit) in enumerate(stated)
+            for k, (name, unit) in enumerate(names_and_units)
         ),
         guessed=tuple(key for key, value in spec if value == AUTO),
         widths=layout.widths,
@@ -289,18 +289,20 @@ def _find_header(
     """
     delimiter, widths = layout.delimiter, layout.widths
     pinned = isinstance(spec.skip_lines, int) and spec.header_lines != AUTO
-    above, between = headers.split_header(layout.above, delimiter, widths, width, pinned=pinned)
-    last = layout.first - between
-    header, stated = headers.read_header(above, last, width, file, spec, names)
+    fields_above, skipped_below = headers.split_header(
+        layout.lines_above, delimiter, widths, width, pinned=pinned
+    )
+    last = layout.first - skipped_below
+    header, names_and_units = headers.read_header(fields_above, last, width, file, spec, names)
     skip = last - header if header else layout.first
-    filled = [k for k, line in enumerate(layout.above[:skip]) if _is_filled(line)]
+    filled = [k for k, line in enumerate(layout.lines_above[:skip]) if _is_filled(line)]
     if not isinstance(spec.skip_lines, int):
-        headers.refuse_rows_above(layout.above[:skip], delimiter, widths, width, file)
+        headers.refuse_rows_above(layout.lines_above[:skip], delimiter, widths, width, file)
         if header or not filled:
-            return skip, header, stated
+            return skip, header, names_and_units
         if spec.torn_lines == "drop":
-            return 0, 0, stated  # they are torn rows, which are counted
-        fields = len(tokens.split_line(layout.above[filled[0]], delimiter, widths))
+            return 0, 0, names_and_units  # they are torn rows, which are counted
+        fields = len(tokens.split_line(layout.lines_above[filled[0]], delimiter, widths))
         raise LogFormatError(
             f"{file}:{filled[0] + 1}: {fields} fields, expected {width} as in the rows below",
             hint=(
@@ -310,11 +312,11 @@ def _find_header(
         )
     if any(k >= spec.skip_lines for k in filled):
         raise LogFormatError(
-            f"{file}:{spec.skip_lines + 1}: found '{layout.above[spec.skip_lines][:40]}', expected"
-            f" the header or the first row below skip_lines = {spec.skip_lines}",
+            f"{file}:{spec.skip_lines + 1}: found '{layout.lines_above[spec.skip_lines][:40]}',"
+            f" expected the header or the first row below skip_lines = {spec.skip_lines}",
             hint=f"correct skip_lines in [logs.text]: the header stands in line {skip + 1}",
         )
-    return skip, header, stated
+    return skip, header, names_and_units
 
 
 def _is_filled(line: str) -> bool:

@@ -37,7 +37,7 @@ UNFINISHED = 0xFFFFFFFFFFFFFFFF
 """Length of a segment whose writing was not finished."""
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one group of a TDMS file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
@@ -45,7 +45,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data, sha256 = delimited.read_bytes(path, file)
     parsed = limited.parse(parse, file, data, logs.table)
     group = parsed.facts["group"]
-    frame = arrays.join_vectors(parsed.arrays, file, needed)
+    frame = arrays.join_vectors(parsed.arrays, file, required_columns)
     how = () if logs.table else (Guess(f"table = '{group}' (guessed)"),)
     how = (f"TDMS, group '{group}', {len(frame)} rows", *how)
     return Table(file, sha256, frame, (), how, parsed.facts["units"])
@@ -65,17 +65,17 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         group = _find_group(opened.groups(), file, table)
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _to_numbers(channel[:]) for name, channel in channels.items()}
-        stated = {
+        channel_units = {
             name: unit
             for name, channel in channels.items()
             if (unit := units.as_stated(str(channel.properties.get("unit_string", ""))))
         }
         increments = {_waveform_increment(channel) for channel in channels.values()}
-    kept = {name: column for name, column in columns.items() if column is not None}
-    lengths = {len(column) for column in kept.values()}
-    if len(lengths) == 1 and len(increments) == 1 and "time_s" not in kept:
-        kept |= _waveform_time(next(iter(increments)), next(iter(lengths)))
-    return limited.Parsed(dict(kept), {"units": stated, "group": group.name})
+    number_columns = {name: column for name, column in columns.items() if column is not None}
+    lengths = {len(column) for column in number_columns.values()}
+    if len(lengths) == 1 and len(increments) == 1 and "time_s" not in number_columns:
+        number_columns |= _waveform_time(next(iter(increments)), next(iter(lengths)))
+    return limited.Parsed(dict(number_columns), {"units": channel_units, "group": group.name})
 
 
 def _require_segments(data: bytes, file: str) -> None:
@@ -99,15 +99,15 @@ def _require_segments(data: bytes, file: str) -> None:
 def _find_group(groups: Sequence[Any], file: str, table: str) -> Any:  # noqa: ANN401 (npTDMS ships no types)
     """The group that the recipe names, or the only one that holds channels."""
     filled = [group for group in groups if any(len(channel) for channel in group.channels())]
-    named = [group for group in filled if group.name == table] if table else filled
-    if len(named) != 1:
-        there = ", ".join(f"'{group.name}'" for group in filled) or "none"
+    candidates = [group for group in filled if group.name == table] if table else filled
+    if len(candidates) != 1:
+        group_names = ", ".join(f"'{group.name}'" for group in filled) or "none"
         raise LogFormatError(
             f"{file}:"
             f" {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
-            hint=f"name one in [logs] table of the recipe; there are: {there}",
+            hint=f"name one in [logs] table of the recipe; there are: {group_names}",
         )
-    return named[0]
+    return candidates[0]
 
 
 def _to_numbers(values: NDArray[Any]) -> Array | None:

@@ -40,42 +40,52 @@ _SEPARATOR = "\x1f"
 """ASCII unit separator between the fields of a log that was cut; no instrument writes it."""
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read a log in any dialect; columns that nobody needs may hold text. Raises LogFormatError."""
-    return parse(*delimited.read_bytes(path, file), file, logs, needed)
+    return parse(*delimited.read_bytes(path, file), file, logs, required_columns)
 
 
-def parse(data: bytes, sha256: str, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def parse(
+    data: bytes, sha256: str, file: str, logs: Logs, required_columns: Collection[str]
+) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
     be read.
     """
     text, encoding = encodings.decode(data, file, logs.text.encoding)
-    found = sniff.Dialect.recognise(text, encoding, file, logs.text, logs.names)
-    return parse_text(text, sha256, file, found, logs, needed)
+    dialect = sniff.Dialect.recognise(text, encoding, file, logs.text, logs.names)
+    return parse_text(text, sha256, file, dialect, logs, required_columns)
 
 
 def parse_text(
-    text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]
+    text: str,
+    sha256: str,
+    file: str,
+    dialect: Dialect,
+    logs: Logs,
+    required_columns: Collection[str],
 ) -> Table:
     """The table of a log's characters in a known dialect."""
-    body, accounts = _find_rows(text, file, found, logs.text.footer_lines)
+    body, accounts = _find_rows(text, file, dialect, logs.text.footer_lines)
     open_end = text.endswith(body)
-    blank = "(?!)" if len(found.columns) == 1 else "[ ]*" if found.delimiter == "\t" else "[ \t]*"
-    rows = damage.TextRows.among(body, blank, found.first_line, file, logs)
+    # an empty line is a missing value of an only column, and tabs alone are a row of empty fields
+    blank = "[ ]*" if dialect.delimiter == "\t" else "[ \t]*"
+    if len(dialect.columns) == 1:
+        blank = "(?!)"
+    rows = damage.TextRows.among(body, blank, dialect.first_line, file, logs)
     if open_end and logs.text.last_line == "drop":
         rows.drop_last()
         open_end = False
     kinds = {
         number: "float64"
-        if delimited.is_needed(column.name, needed) and column.kind != "time"
+        if delimited.is_needed(column.name, required_columns) and column.kind != "time"
         else "str"
-        for number, column in enumerate(found.columns)
+        for number, column in enumerate(dialect.columns)
     }
     missing = tokens.SENTINELS | {
         word.strip().lower() for word in logs.sentinels if isinstance(word, str)
     }
-    frame, notes = _parse_rows(rows, kinds, found, missing, open_end=open_end)
-    frame.columns = list(found.names)
+    frame, notes = _parse_rows(rows, kinds, dialect, missing, open_end=open_end)
+    frame.columns = list(dialect.names)
     frame.index = _index_lines(rows.lines)
     return Table(
         file,
@@ -84,20 +94,20 @@ def parse_text(
         notes=(
             *rows.torn.notes,
             *notes,
-            *_check_last_line(rows, found, open_end=open_end),
+            *_check_last_line(rows, dialect, open_end=open_end),
         ),
-        reading=(*found.describe(), *accounts),
-        units={column.name: column.unit for column in found.columns if column.unit},
-        decimal=found.decimal,
+        reading=(*dialect.describe(), *accounts),
+        units={column.name: column.unit for column in dialect.columns if column.unit},
+        decimal=dialect.decimal,
         left_out=tuple(rows.torn.left_out),
         numbers=rows.numbers if rows.torn.any else None,
     )
 
 
-def _find_rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
+def _find_rows(text: str, file: str, dialect: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
     """Text of the rows, and texts on how many lines are rows, header and anything else."""
     start = 0
-    for _ in range(found.first_line - 1):
+    for _ in range(dialect.first_line - 1):
         start = text.find("\n", start) + 1
     filled = len(text.rstrip())
     end = text.find("\n", filled) if "\n" in text[filled:] else len(text)
@@ -110,8 +120,8 @@ def _find_rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, 
     rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
     accounts = (
         (
-            f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header,"
-            f" {rows} rows"
+            f"{total} lines: {dialect.skip_lines} above the header, {dialect.header_lines} of"
+            f" header, {rows} rows"
         ),
         f"{blank} blank lines at the end" if blank > 0 else "",
         f"{footer} lines of footer (from the recipe)" if footer else "",
@@ -119,14 +129,16 @@ def _find_rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, 
     return body, tuple(filter(None, accounts))
 
 
-def _separate_fields(body: str, found: Dialect) -> tuple[bytes, str]:
+def _separate_fields(body: str, dialect: Dialect) -> tuple[bytes, str]:
     """Rows as bytes with a single separator between fields, and that separator."""
-    if found.delimiter == "fixed" or ('"' in body and found.delimiter != "space"):
-        cut = (tokens.split_line(line, found.delimiter, found.widths) for line in body.split("\n"))
+    if dialect.delimiter == "fixed" or ('"' in body and dialect.delimiter != "space"):
+        cut = (
+            tokens.split_line(line, dialect.delimiter, dialect.widths) for line in body.split("\n")
+        )
         return "\n".join(_SEPARATOR.join(fields) for fields in cut).encode(), _SEPARATOR
     data = body.encode()
     signs = b"+ " in data or b"- " in data
-    if found.delimiter == "space":
+    if dialect.delimiter == "space":
         data = re.sub(rb"(?m)(?<![^\s])([+-]) +(?=[\d.,])", rb"\1", data) if signs else data
         if (
             data[:1] in b" \t"
@@ -139,15 +151,15 @@ def _separate_fields(body: str, found: Dialect) -> tuple[bytes, str]:
         return data, " "
     if signs:
         # `+ 0.081`: a blank after the sign is the instrument's, not the number's
-        mark = re.escape(found.delimiter).encode()
+        mark = re.escape(dialect.delimiter).encode()
         data = re.sub(rb"(?m)(^|" + mark + rb")([ ]*[+-]) +(?=[\d.,])", rb"\1\2", data)
-    return data, found.delimiter
+    return data, dialect.delimiter
 
 
 def _parse_rows(
     rows: damage.TextRows,
     kinds: dict[int, str],
-    found: Dialect,
+    dialect: Dialect,
     words: Collection[str],
     *,
     open_end: bool,
@@ -155,66 +167,66 @@ def _parse_rows(
     """Numbers and texts of the rows without those that are torn, where these may be left out, and
     one note per column in which words for missing values stand among numbers.
     """
-    body, separator = _separate_fields(rows.body, found)
+    body, separator = _separate_fields(rows.body, dialect)
     counts = delimited.count_fields(body, separator.encode())
     torn = np.flatnonzero(counts != len(kinds))
     if torn.size:
         rows.drop_torn(
-            torn, delimited.wrong_fields(counts, int(torn[0]), _advise(rows, found, open_end))
+            torn, delimited.wrong_fields(counts, int(torn[0]), _advise(rows, dialect, open_end))
         )
-        return _parse_rows(rows, kinds, found, words, open_end=open_end)
-    dialect = {"sep": separator, "decimal": found.decimal, "skipinitialspace": True}
+        return _parse_rows(rows, kinds, dialect, words, open_end=open_end)
+    csv_options = {"sep": separator, "decimal": dialect.decimal, "skipinitialspace": True}
     dropping = rows.torn.spec.torn_lines == "drop"
-    stamps = [k for k, column in enumerate(found.columns) if dropping and column.kind == "time"]
+    stamps = [k for k, column in enumerate(dialect.columns) if dropping and column.kind == "time"]
     if not stamps:
         with suppress(ValueError, OverflowError):
-            return delimited.parse_rows(body, kinds, **dialect), ()
-    frame = delimited.parse_rows(body, dict.fromkeys(kinds, "str"), **dialect)
+            return delimited.parse_rows(body, kinds, **csv_options), ()
+    frame = delimited.parse_rows(body, dict.fromkeys(kinds, "str"), **csv_options)
     columns = {
-        number: _TextColumn.sort(frame[number], found.decimal, words)
+        number: _TextColumn.sort(frame[number], dialect.decimal, words)
         for number, kind in kinds.items()
         if kind == "float64"
     } | {number: _TextColumn.stamps(frame[number]) for number in stamps}
     wrong = np.any([column.wrong for column in columns.values()], axis=0)
     if wrong.any():
-        rows.drop_torn(np.flatnonzero(wrong), _wrong_token(rows, columns, found, open_end))
-        return _parse_rows(rows, kinds, found, words, open_end=open_end)
+        rows.drop_torn(np.flatnonzero(wrong), _wrong_token(rows, columns, dialect, open_end))
+        return _parse_rows(rows, kinds, dialect, words, open_end=open_end)
     notes = []
     for number, column in columns.items():
         if number not in stamps:
-            frame[number] = column.parse(rows, found, number)
-        notes += column.describe_words(rows.lines, found.names[number])
+            frame[number] = column.parse(rows, dialect, number)
+        notes += column.describe_words(rows.lines, dialect.names[number])
     return frame, tuple(notes)
 
 
 def _wrong_token(
     rows: damage.TextRows,
     columns: Mapping[int, _TextColumn],
-    found: Dialect,
+    dialect: Dialect,
     open_end: bool,  # noqa: FBT001
 ) -> LogFormatError:
     """The error of the first field of the first column that is not a number."""
     number = next(number for number, column in columns.items() if column.wrong.any())
     row = int(np.argmax(columns[number].wrong))
-    token = str(columns[number].plain.iloc[row])
+    token = str(columns[number].stripped.iloc[row])
     return LogFormatError(
-        f"{rows.file}:{int(rows.lines[row])}: column '{found.names[number]}': found"
+        f"{rows.file}:{int(rows.lines[row])}: column '{dialect.names[number]}': found"
         f" '{token[:40]}', expected a number",
-        hint=_advise(rows, found, open_end).of_token(row, token),
+        hint=_advise(rows, dialect, open_end).of_token(row, token),
     )
 
 
-def _advise(rows: damage.TextRows, found: Dialect, open_end: bool) -> damage.Advice:  # noqa: FBT001
+def _advise(rows: damage.TextRows, dialect: Dialect, open_end: bool) -> damage.Advice:  # noqa: FBT001
     """What to do about a row that is none."""
     return damage.Advice(
         rows.file,
         rows.texts,
         rows.lines,
-        len(found.columns),
-        found.delimiter,
-        found.decimal,
+        len(dialect.columns),
+        dialect.delimiter,
+        dialect.decimal,
         open_end,
-        found.widths,
+        dialect.widths,
     )
 
 
@@ -224,7 +236,7 @@ class _TextColumn:
     have a mark between their thousands, and which are none of this.
     """
 
-    plain: pd.Series
+    stripped: pd.Series
     word: Mask
     grouped: Mask
     wrong: Mask
@@ -232,43 +244,46 @@ class _TextColumn:
     @classmethod
     def sort(cls, texts: pd.Series, decimal: str, words: Collection[str]) -> _TextColumn:
         """Sort the fields of a column."""
-        plain = texts.fillna("").str.strip()
+        stripped = texts.fillna("").str.strip()
         numeric, grouped = (
-            plain.str.fullmatch(kind[decimal].pattern, flags=re.ASCII).to_numpy(dtype=bool)
+            stripped.str.fullmatch(kind[decimal].pattern, flags=re.ASCII).to_numpy(dtype=bool)
             for kind in (tokens.NUMBER, tokens.GROUPED)
         )
-        word = plain.str.lower().isin(words).to_numpy()
-        empty = (plain == "").to_numpy()
-        return cls(plain, word & ~empty, grouped & ~numeric, ~(empty | word | numeric | grouped))
+        word = stripped.str.lower().isin(words).to_numpy()
+        empty = (stripped == "").to_numpy()
+        return cls(stripped, word & ~empty, grouped & ~numeric, ~(empty | word | numeric | grouped))
 
     @classmethod
     def stamps(cls, texts: pd.Series) -> _TextColumn:
         """Sort the stamps of a column of times: those that are torn are wrong."""
-        plain = texts.fillna("").str.strip()
-        torn = np.array([bool(text) and not tokens.is_measured(text) for text in plain], dtype=bool)
-        return cls(plain, np.zeros_like(torn), np.zeros_like(torn), torn)
+        stripped = texts.fillna("").str.strip()
+        torn = np.array(
+            [bool(text) and not tokens.is_measured(text) for text in stripped], dtype=bool
+        )
+        return cls(stripped, np.zeros_like(torn), np.zeros_like(torn), torn)
 
-    def parse(self, rows: damage.TextRows, found: Dialect, number: int) -> pd.Series:
+    def parse(self, rows: damage.TextRows, dialect: Dialect, number: int) -> pd.Series:
         """Numbers of the column. Raises LogFormatError where some thousands have a mark between
         them and others have none.
         """
         import pandas as pd
 
-        values = self.plain.where(~self.word & (self.plain != ""), "nan")
+        values = self.stripped.where(~self.word & (self.stripped != ""), "nan")
         if self.grouped.any():
-            whole = values.str.match(r"[+-]? ?\d{4}").to_numpy(dtype=bool)
-            if whole.any():
-                one, other = int(np.argmax(self.grouped)), int(np.argmax(whole))
+            ungrouped = values.str.match(r"[+-]? ?\d{4}").to_numpy(dtype=bool)
+            if ungrouped.any():
+                with_mark, without_mark = int(np.argmax(self.grouped)), int(np.argmax(ungrouped))
                 raise LogFormatError(
-                    f"{rows.file}:{int(rows.lines[one])}: column '{found.names[number]}':"
-                    f" '{self.plain.iloc[one]}' has a mark between its thousands,"
-                    f" '{self.plain.iloc[other]}' in line {int(rows.lines[other])} has none",
+                    f"{rows.file}:{int(rows.lines[with_mark])}: column '{dialect.names[number]}':"
+                    f" '{self.stripped.iloc[with_mark]}' has a mark between its thousands,"
+                    f" '{self.stripped.iloc[without_mark]}' in line"
+                    f" {int(rows.lines[without_mark])} has none",
                     hint="pin decimal in [logs.text], or repair the log",
                 )
             values = values.where(
-                ~self.grouped, values.str.replace(_MARKS[found.decimal], "", regex=True)
+                ~self.grouped, values.str.replace(_MARKS[dialect.decimal], "", regex=True)
             )
-        values = values.str.replace(" ", "").str.replace(found.decimal, ".", regex=False)
+        values = values.str.replace(" ", "").str.replace(dialect.decimal, ".", regex=False)
         return pd.Series(np.array([float(value) for value in values]), index=values.index)
 
     def describe_words(self, lines: Integers, name: str) -> list[str]:
@@ -277,14 +292,14 @@ class _TextColumn:
         if (count := int(self.word.sum())) > 0:
             row = int(np.argmax(self.word))
             notes.append(
-                f"column '{name}': {count} × no value, the first '{self.plain.iloc[row]}' in line"
-                f" {int(lines[row])}"
+                f"column '{name}': {count} × no value, the first '{self.stripped.iloc[row]}' in"
+                f" line {int(lines[row])}"
             )
         if (count := int(self.grouped.sum())) > 0:
             row = int(np.argmax(self.grouped))
             notes.append(
                 f"column '{name}': {count} numbers with a mark between their thousands, the first"
-                f" '{self.plain.iloc[row]}' in line {int(lines[row])}"
+                f" '{self.stripped.iloc[row]}' in line {int(lines[row])}"
             )
         return notes
 
@@ -294,13 +309,15 @@ def _index_lines(lines: Integers) -> pd.Index:
     import pandas as pd
 
     first = int(lines[0]) - FIRST_ROW
-    whole = int(lines[-1]) - int(lines[0]) + 1 == lines.size
-    return pd.RangeIndex(first, first + lines.size) if whole else pd.Index(lines - FIRST_ROW)
+    contiguous = int(lines[-1]) - int(lines[0]) + 1 == lines.size
+    return pd.RangeIndex(first, first + lines.size) if contiguous else pd.Index(lines - FIRST_ROW)
 
 
-def _check_last_line(rows: damage.TextRows, found: Dialect, *, open_end: bool) -> tuple[str, ...]:
+def _check_last_line(rows: damage.TextRows, dialect: Dialect, *, open_end: bool) -> tuple[str, ...]:
     """Note on a last line without a line end."""
     if not open_end:
         return ()
-    body, separator = _separate_fields(rows.body[-20_000:], found)
-    return delimited.check_last_line(body, rows.file, int(rows.lines[-1]), separator, found.decimal)
+    body, separator = _separate_fields(rows.body[-20_000:], dialect)
+    return delimited.check_last_line(
+        body, rows.file, int(rows.lines[-1]), separator, dialect.decimal
+    )

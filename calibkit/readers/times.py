@@ -107,7 +107,9 @@ def recognise_format(fields: Sequence[str]) -> str:
         return ""
     with_fraction = [form for form in forms if "%f" in form]
     usual = max(set(with_fraction or forms), key=(with_fraction or forms).count)
-    hours = [int(found["h"]) for field in fields if (found := _TIME.fullmatch(field.strip()))]
+    hours = [
+        int(time_match["h"]) for field in fields if (time_match := _TIME.fullmatch(field.strip()))
+    ]
     if usual.startswith("%H") and max(hours, default=0) > 23:
         return ELAPSED
     return usual
@@ -116,28 +118,28 @@ def recognise_format(fields: Sequence[str]) -> str:
 def _recognise_field(field: str) -> str:
     """Format of one field, or "" where it is no time."""
     for pattern, form in _DATES:
-        found = pattern.match(field)
-        if found:
-            date, rest = form.format(found.group(2)), field[found.end() :]
-            if not rest:
+        date_match = pattern.match(field)
+        if date_match:
+            date, time_text = form.format(date_match.group(2)), field[date_match.end() :]
+            if not time_text:
                 return date
-            joint = re.match(r"[ T]+", rest)
-            time = _recognise_time_of_day(rest[joint.end() :]) if joint else ""
+            joint = re.match(r"[ T]+", time_text)
+            time = _recognise_time_of_day(time_text[joint.end() :]) if joint else ""
             return date + (joint.group() if joint else "") + time if time else ""
     return _recognise_time_of_day(field) if ":" in field else ""
 
 
 def _recognise_time_of_day(field: str) -> str:
     """Format of a time of day, or "" where it is none."""
-    found = _TIME.fullmatch(field)
-    if not found:
+    time_match = _TIME.fullmatch(field)
+    if not time_match:
         return ""
-    form = ("%I" if found["half"] else "%H") + ":%M"
-    if found["s"]:
-        form += ":%S" + (f"{found['mark']}%f" if found["f"] else "")
-    if found["half"]:
-        form += " %p" if found["half"].startswith(" ") else "%p"
-    return form + ("%z" if found["zone"] else "")
+    form = ("%I" if time_match["half"] else "%H") + ":%M"
+    if time_match["s"]:
+        form += ":%S" + (f"{time_match['mark']}%f" if time_match["f"] else "")
+    if time_match["half"]:
+        form += " %p" if time_match["half"].startswith(" ") else "%p"
+    return form + ("%z" if time_match["zone"] else "")
 
 
 def to_seconds(raw: pd.Series, form: str, file: str, column: str) -> _TimeColumn:
@@ -190,15 +192,15 @@ def _subtract_first(
 
     `zero` is the stamp of nanosecond 0.
     """
-    there = np.flatnonzero(~missing)
-    if not there.size:
+    valid_rows = np.flatnonzero(~missing)
+    if not valid_rows.size:
         return _TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
     if zero is not None:
-        zero = replace(zero, nanoseconds=zero.nanoseconds + int(nanoseconds[there[0]]))
-    apart = nanoseconds - nanoseconds[there[0]]
-    seconds = apart // 1000 / 1e6
-    if np.any(apart % 1000):
-        seconds = np.where(np.abs(apart) < 1 << 53, apart / 1e9, apart / 1e6 / 1e3)
+        zero = replace(zero, nanoseconds=zero.nanoseconds + int(nanoseconds[valid_rows[0]]))
+    elapsed_ns = nanoseconds - nanoseconds[valid_rows[0]]
+    seconds = elapsed_ns // 1000 / 1e6
+    if np.any(elapsed_ns % 1000):
+        seconds = np.where(np.abs(elapsed_ns) < 1 << 53, elapsed_ns / 1e9, elapsed_ns / 1e6 / 1e3)
     return _TimeColumn(np.where(missing, np.nan, seconds), notes, zero)
 
 
@@ -212,25 +214,27 @@ def _parse_instants(fields: _Fields, form: str) -> Integers:
     if ":%f" in form:
         _require_three_digits(fields)
     try:
-        found = pd.to_datetime(texts, format=form, errors="coerce", utc="%z" in form)
+        instants = pd.to_datetime(texts, format=form, errors="coerce", utc="%z" in form)
     except ValueError as error:
         raise LogFormatError(
             f"{fields.file}: column '{fields.column}': time format '{form}': {error}",
             hint="correct time_format",
         ) from None
-    wrong = found.isna().to_numpy() & ~fields.missing
+    wrong = instants.isna().to_numpy() & ~fields.missing
     if wrong.any() and "%f" in form:
         shorter = re.sub(r"[.,:]%f", "", form)
-        again = pd.to_datetime(texts[wrong], format=shorter, errors="coerce", utc="%z" in form)
-        found[wrong] = again.astype(found.dtype)
-        wrong = found.isna().to_numpy() & ~fields.missing
-    years = found.dt.year.to_numpy()
+        without_fraction = pd.to_datetime(
+            texts[wrong], format=shorter, errors="coerce", utc="%z" in form
+        )
+        instants[wrong] = without_fraction.astype(instants.dtype)
+        wrong = instants.isna().to_numpy() & ~fields.missing
+    years = instants.dt.year.to_numpy()
     wrong |= (years < FIRST_YEAR) | (years > LAST_YEAR)
     if wrong.any():
         raise fields.fault(int(np.argmax(wrong)), f"a time as {form}", _REPAIR)
     if "%z" in form:
-        found = found.dt.tz_localize(None)
-    return found.astype("datetime64[ns]").to_numpy().astype(np.int64)
+        instants = instants.dt.tz_localize(None)
+    return instants.astype("datetime64[ns]").to_numpy().astype(np.int64)
 
 
 def _require_three_digits(fields: _Fields) -> None:
@@ -252,7 +256,7 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
-    mark, there = form[len(EITHER)], ~fields.missing
+    mark, valid = form[len(EITHER)], ~fields.missing
     forms = {
         "day first": form.replace(EITHER, f"%d{mark}%m"),
         "month first": form.replace(EITHER, f"%m{mark}%d"),
@@ -268,8 +272,8 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
         clocks.append(_subtract_first(nanoseconds, fields.missing, _dated(form), (guess,)))
     if not clocks:
         raise refused
-    forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[there]) > 0.0)]
-    left = _without_leaps(forwards or clocks, there)
+    forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[valid]) > 0.0)]
+    left = _without_leaps(forwards or clocks, valid)
     if len(left) == 1:
         return left[0]
     if not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
@@ -283,12 +287,12 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     )
 
 
-def _without_leaps(clocks: list[_TimeColumn], there: Mask) -> list[_TimeColumn]:
+def _without_leaps(clocks: list[_TimeColumn], valid: Mask) -> list[_TimeColumn]:
     """The clock that runs on at midnight where the other leaps by weeks; both where neither
     shows.
     """
     day = 86_400.0
-    largest = [float(np.abs(np.diff(clock.seconds[there])).max(initial=0.0)) for clock in clocks]
+    largest = [float(np.abs(np.diff(clock.seconds[valid])).max(initial=0.0)) for clock in clocks]
     if len(clocks) == 2 and min(largest) < day and max(largest) > 20.0 * day:
         return [clocks[int(np.argmin(largest))]]
     return clocks
@@ -299,10 +303,10 @@ def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tupl
     note on the midnights.
     """
     day = 86_400_000_000_000
-    there = np.flatnonzero(~missing)
-    back = np.diff(nanoseconds[there]) < -day // 2
+    valid_rows = np.flatnonzero(~missing)
+    back = np.diff(nanoseconds[valid_rows]) < -day // 2
     added = np.zeros(nanoseconds.shape, dtype=np.int64)
-    added[there] = np.concatenate([[0], np.cumsum(back)])
+    added[valid_rows] = np.concatenate([[0], np.cumsum(back)])
     count = int(back.sum())
     notes = (f"midnight passed {count} time{'s' if count > 1 else ''}",) if count else ()
     return nanoseconds + added * day, notes
@@ -314,19 +318,21 @@ def _parse_elapsed(fields: _Fields) -> Array:
     for row, text in enumerate(fields.texts):
         if fields.missing[row]:
             continue
-        found = _TIME.fullmatch(text)
+        time_match = _TIME.fullmatch(text)
         # milliseconds behind a colon have three digits: 7 could be 0.7 s or 0.007 s
         if (
-            not found
-            or not found["s"]
-            or max(int(found["m"]), int(found["s"])) > 59
-            or (found["mark"] == ":" and len(found["f"]) != 3)
-            or found["half"]
-            or found["zone"]
+            not time_match
+            or not time_match["s"]
+            or max(int(time_match["m"]), int(time_match["s"])) > 59
+            or (time_match["mark"] == ":" and len(time_match["f"]) != 3)
+            or time_match["half"]
+            or time_match["zone"]
         ):
             raise fields.fault(row, "elapsed h:m:s", _REPAIR)
-        whole = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
-        seconds[row] = float(f"{whole}.{found['f'] or 0}")
+        whole_seconds = (
+            3600 * int(time_match["h"]) + 60 * int(time_match["m"]) + int(time_match["s"])
+        )
+        seconds[row] = float(f"{whole_seconds}.{time_match['f'] or 0}")
     return seconds
 
 

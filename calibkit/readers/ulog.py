@@ -28,7 +28,7 @@ KINDS = frozenset(b"BFIMPQARDLCSO")
 DATA = ord("D")
 
 
-def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
     pyulog = optional.import_library("pyulog", "ulog", file)
     data, sha256 = delimited.read_bytes(path, file)
@@ -43,9 +43,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         }
         dropouts = [int(dropout.duration) for dropout in log.dropouts]
         if log.file_corruption or printed.getvalue().strip():
-            found = " ".join(printed.getvalue().split())[:100] or "it is marked as corrupt"
-            raise LogFormatError(f"{file}: {found}", hint="copy it again from the logger")
-    frame = arrays.join_vectors(columns, file, needed)
+            fault = " ".join(printed.getvalue().split())[:100] or "it is marked as corrupt"
+            raise LogFormatError(f"{file}: {fault}", hint="copy it again from the logger")
+    frame = arrays.join_vectors(columns, file, required_columns)
     if counted.get(topic.msg_id) != len(frame):
         raise LogFormatError(
             f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)}"
@@ -97,17 +97,17 @@ def _count_messages(data: bytes, file: str) -> dict[int, int]:
 def _find_topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
     """The topic that the recipe names, or the only one."""
     name, _, instance = table.partition(":")
-    named = (
+    candidates = (
         [t for t in topics if t.name == name and (not instance or str(t.multi_id) == instance)]
         if table
         else topics
     )
-    if len(named) != 1:
-        there = (
+    if len(candidates) != 1:
+        topic_names = (
             ", ".join(sorted(f"{topic.name}:{topic.multi_id}" for topic in topics)[:12]) or "none"
         )
         raise LogFormatError(
             f"{file}: {f'no single topic {table!r}' if table else f'{len(topics)} topics'}",
-            hint=f"name one in [logs] table of the recipe; there are: {there}",
+            hint=f"name one in [logs] table of the recipe; there are: {topic_names}",
         )
-    return named[0], (() if table else (Guess(f"table = '{named[0].name}' (guessed)"),))
+    return candidates[0], (() if table else (Guess(f"table = '{candidates[0].name}' (guessed)"),))
