@@ -70,14 +70,14 @@ def width(structure: Structure) -> int:
 
 def render(export: FirmwareRun) -> bytes:
     """Bytes of a run's blob."""
-    program, identity, found = export.program, export.identity, shape(export.program)
+    program, identity, blob_shape = export.program, export.identity, shape(export.program)
     serial, rows = identity.serial.encode(), export.vectors
     if len(serial) > SERIAL_BYTES:
         raise OutputError(
             f"serial '{identity.serial}' has {len(serial)} bytes, a blob holds {SERIAL_BYTES}",
             hint="use --target c",
         )
-    numbers = [x for name, _ in found.tables for x in program.tables[name]]
+    numbers = [x for name, _ in blob_shape.tables for x in program.tables[name]]
     numbers += [
         program.format.nearest(Fraction(c_selftest.tolerance_of(export, output.name)))
         for output in program.structure.outputs
@@ -87,7 +87,7 @@ def render(export: FirmwareRun) -> bytes:
         numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]
         elapsed = [float(rows.elapsed_ms[k])] if rows.elapsed_ms else []
         numbers += [float(rows.updates[k]), *elapsed, float(status)]
-    text = "\n".join([*c_text.facts(export), "", *found.lines]) + "\n"
+    text = "\n".join([*c_text.facts(export), "", *blob_shape.lines]) + "\n"
     size = program.format.size
     content = struct.pack(f"<{len(numbers)}{CODES[8 * size]}", *numbers) + text.encode("ascii")
     head = HEADER.pack(
@@ -97,12 +97,12 @@ def render(export: FirmwareRun) -> bytes:
         HEADER.size + len(content) + 4,
         8 * size,
         FLAGS[identity.verdict],
-        found.digest,
+        blob_shape.digest,
         identity.revision,
         serial,
         bytes.fromhex(identity.run_sha256),
         identity.effective_from.encode("ascii"),
-        found.numbers,
+        blob_shape.numbers,
         len(rows.status),
     )
     return head + content + struct.pack("<I", zlib.crc32(head + content))
@@ -124,8 +124,8 @@ def verify(name: str, content: bytes) -> str:
         raise CoefficientError(
             f"{name}: its length or CRC is not that of its content", hint="export it again"
         )
-    program, stated = _read(content, bits, digest, count, rows, name)
-    vectors.require_recomputed(program, stated, name)
+    program, file_vectors = _read(content, bits, digest, count, rows, name)
+    vectors.require_recomputed(program, file_vectors, name)
     device = serial.rstrip(b"\0").decode()
     mark = c_text.MARKS[next((name for name, bits in FLAGS.items() if bits == flags), "rejected")]
     kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
@@ -168,11 +168,11 @@ def _read(
     status = tuple(map(int, columns[-1]))
     updates = tuple(map(int, columns[updates_at(structure)]))
     elapsed = tuple(map(int, columns[-2])) if structure.pace else ()
-    stated = vectors.Vectors(
+    file_vectors = vectors.Vectors(
         dict(zip(inputs, columns, strict=False)),  # a result may have the name of an input
         updates,
         dict(zip(outputs, columns[len(inputs) :], strict=False)),
         status,
         elapsed,
     )
-    return layout.read_program(lines[:-1], tables, name), stated
+    return layout.read_program(lines[:-1], tables, name), file_vectors

@@ -41,15 +41,15 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     """Bound of each output in its unit, two digits rounded up, for indications in their fitted
     range or up to the full scale; of a chain that sums, the largest error that one update may add.
     """
-    known = ranges.find_ranges(chain, usual=True, full=full)
+    value_ranges = ranges.find_ranges(chain, usual=True, full=full)
     driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
-    rest = {memory.name: 0.0 for memory in driven}
-    analysis = _Analysis(chain, program, known, rest).run()
+    zero_errors = {memory.name: 0.0 for memory in driven}
+    analysis = _Analysis(chain, program, value_ranges, zero_errors).run()
     start = analysis.inner
-    columns = [analysis.again(rest | {m.name: 1.0}).inner for m in driven]
+    columns = [analysis.again(zero_errors | {m.name: 1.0}).inner for m in driven]
     growth = [[column[m.source] - start[m.source] for column in columns] for m in driven]
-    settled = _settled(growth, [start[m.source] for m in driven])
-    states = {m.name: error for m, error in zip(driven, settled, strict=True)}
+    settled_errors = _settled(growth, [start[m.source] for m in driven])
+    states = {m.name: error for m, error in zip(driven, settled_errors, strict=True)}
     errors = analysis.again(states).errors
     return {
         output.name: _rounded_up(errors[output.source] * ALLOWANCE)
@@ -61,18 +61,20 @@ def find_gains(chain: Chain, program: Program) -> dict[str, dict[str, float]]:
     """Output → remembered value → largest derivative of the output by it, for values that a reset
     takes for 0.
     """
-    known = ranges.find_ranges(chain, usual=True)
+    value_ranges = ranges.find_ranges(chain, usual=True)
     driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
-    rest = {memory.name: 0.0 for memory in driven}
+    zero_errors = {memory.name: 0.0 for memory in driven}
     outputs = chain.structure.outputs
-    analysis = _Analysis(chain, program, known, rest).run()
-    found: dict[str, dict[str, float]] = {output.name: {} for output in outputs}
-    for memory in (one for one in driven if one.source in chain.ramped):
-        moved = analysis.again(rest | {memory.name: 1.0}).errors
+    analysis = _Analysis(chain, program, value_ranges, zero_errors).run()
+    gains: dict[str, dict[str, float]] = {output.name: {} for output in outputs}
+    for memory in driven:
+        if memory.source not in chain.ramped:
+            continue
+        shifted_errors = analysis.again(zero_errors | {memory.name: 1.0}).errors
         for output in outputs:
-            gain = moved[output.source] - analysis.errors[output.source]
-            found[output.name][memory.source] = gain
-    return found
+            gain = shifted_errors[output.source] - analysis.errors[output.source]
+            gains[output.name][memory.source] = gain
+    return gains
 
 
 def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[float]:
@@ -93,16 +95,16 @@ class _Analysis:
 
     chain: Chain
     program: Program
-    known: Mapping[str, Range]
+    value_ranges: Mapping[str, Range]
     states: Mapping[str, float]
     errors: dict[str, float] = field(default_factory=dict)
     inner: dict[str, float] = field(default_factory=dict)
     """Errors of filtered values by rounding alone, without the error of the map that drives them.
     """
     reaches: dict[str, float] = field(default_factory=dict)
-    offs: dict[str, list[float]] = field(default_factory=dict)
+    storage_error_cache: dict[str, list[float]] = field(default_factory=dict)
     parts: dict[Term, list[Range]] = field(default_factory=dict)
-    """What `reach`, `off` and `part` found: exact arithmetic is slow."""
+    """What `reach`, `storage_errors` and `part` found: exact arithmetic is slow."""
 
     def again(self, states: Mapping[str, float]) -> Self:
         """The same with other errors of remembered states."""
@@ -130,20 +132,22 @@ class _Analysis:
     def reach(self, name: str) -> float:
         """Largest magnitude of a value."""
         if name not in self.reaches:
-            self.reaches[name] = float(ranges.magnitude(self.known[name]))
+            self.reaches[name] = float(ranges.magnitude(self.value_ranges[name]))
         return self.reaches[name]
 
-    def off(self, table: str) -> list[float]:
+    def storage_errors(self, table: str) -> list[float]:
         """How far each number of a table is from the exact one."""
-        if table not in self.offs:
+        if table not in self.storage_error_cache:
             pairs = zip(self.chain.tables[table], self.program.tables[table], strict=True)
-            self.offs[table] = [float(abs(exact - Fraction(stored))) for exact, stored in pairs]
-        return self.offs[table]
+            self.storage_error_cache[table] = [
+                float(abs(exact - Fraction(stored))) for exact, stored in pairs
+            ]
+        return self.storage_error_cache[table]
 
     def part(self, entry: Term) -> list[Range]:
         """Ranges of a term: of its polynomial, then of each product with one more factor."""
         if entry not in self.parts:
-            self.parts[entry] = ranges.term(self.chain, entry, self.known)
+            self.parts[entry] = ranges.term(self.chain, entry, self.value_ranges)
         return self.parts[entry]
 
     def rounding(self, reach: float) -> float:
@@ -165,7 +169,7 @@ class _Analysis:
                 return errors.get(step.source, 0.0) if step.start == "same" else 0.0
             case Play():  # what it keeps it took from the source at some update
                 rounding = self.rounding(self.reach(step.name))
-                return errors[step.source] + max(self.off(step.table)) + rounding
+                return errors[step.source] + max(self.storage_errors(step.table)) + rounding
             case Quotient():
                 return self.quotient(step, errors)
             case Slope():
@@ -175,12 +179,12 @@ class _Analysis:
 
     def limit(self, step: Limit) -> float:
         """How far a limit is off, where its source reaches it."""
-        ends = zip(self.off(step.table), self.chain.tables[step.table], strict=True)
+        ends = zip(self.storage_errors(step.table), self.chain.tables[step.table], strict=True)
         return max((x for x, end in ends if abs(end) <= self.reach(step.source)), default=0.0)
 
     def map(self, step: Map, errors: Mapping[str, float]) -> float:
         """u: the difference, the reciprocal, the product, the limits."""
-        middle, inverse, *limits = self.off(step.table)
+        middle, inverse, *limits = self.storage_errors(step.table)
         reciprocal, reach = float(self.chain.tables[step.table][1]), self.reach(step.name)
         distance = reach / reciprocal
         difference = errors[step.source] + self.rounding(distance) + middle
@@ -205,10 +209,10 @@ class _Analysis:
         for factors, coefficients in shared.items():
             reaches = [self.reach(name) for name in factors]
             for k, name in enumerate(factors):
-                others = float(ranges.magnitude(ranges.total(coefficients)))
+                derivative = float(ranges.magnitude(ranges.total(coefficients)))
                 for j, reach in enumerate(reaches):
-                    others *= reach if j != k else 1.0
-                total += others * errors[name]
+                    derivative *= reach if j != k else 1.0
+                total += derivative * errors[name]
         return total
 
     def term(self, entry: Term, errors: Mapping[str, float]) -> float:
@@ -227,33 +231,33 @@ class _Analysis:
 
     def polynomial(self, entry: Term, errors: Mapping[str, float]) -> float:
         """Horner's scheme."""
-        off, c = self.off(entry.table), self.chain.tables[entry.table]
-        error, total = off[-1], float(abs(c[-1]))
+        stored, c = self.storage_errors(entry.table), self.chain.tables[entry.table]
+        error, total = stored[-1], float(abs(c[-1]))
         if not entry.over:
             return error
         u, e_u = self.reach(entry.over), errors[entry.over]
         for k in range(len(c) - 2, -1, -1):
-            error = error * u + total * e_u + self.rounding(total * u) + off[k]
+            error = error * u + total * e_u + self.rounding(total * u) + stored[k]
             total = total * u + float(abs(c[k]))
             error += self.rounding(total)
         return error
 
     def quotient(self, step: Quotient, errors: Mapping[str, float]) -> float:
         """Quotient."""
-        low, high = self.known[step.denominator]
-        least, reach = float(min(abs(low), abs(high))), self.reach(step.name)
+        low, high = self.value_ranges[step.denominator]
+        smallest_denominator, reach = float(min(abs(low), abs(high))), self.reach(step.name)
         error = (errors[step.numerator] + reach * errors[step.denominator]) / (
-            least - errors[step.denominator]
+            smallest_denominator - errors[step.denominator]
         )
         return error + self.rounding(reach)
 
     def slope(self, step: Slope, errors: Mapping[str, float]) -> float:
         """Weighted differences."""
         bounds = {**self.chain.limits, **self.chain.usual}
-        apart = float(ranges.difference(step, self.known, bounds))
+        difference = float(ranges.difference(step, self.value_ranges, bounds))
         weights = float(ranges.heaviest(self.chain, step))
-        off = max(self.off(step.table)) * (step.length - 1)
-        error = weights * 2.0 * errors[step.source] + off * apart
+        weight_error = max(self.storage_errors(step.table)) * (step.length - 1)
+        error = weights * 2.0 * errors[step.source] + weight_error * difference
         # a difference, a product and a sum of each weight, the partial sums no larger than all
         # together
-        return error + self.rounding(weights * apart) * (step.length + 1)
+        return error + self.rounding(weights * difference) * (step.length + 1)

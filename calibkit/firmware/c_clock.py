@@ -72,22 +72,28 @@ def render(export: FirmwareRun, home: Home, head: str, invalid: str) -> str:
         lines = ["state->updates = 0U;", *(f"state->{k} = {number.text(0.0)};" for k in pace.lags)]
         restart = _block("if (count > @P_LONGEST) {", lines)
     if pace.lags:
-        settled = f"if (state->updates <= (uint32_t){home.tables}{pace.table}[0]) {{"
-        starting = _block(settled, ["status |= @P_STARTING;"])
+        condition = f"if (state->updates <= (uint32_t){home.tables}{pace.table}[0]) {{"
+        starting = _block(condition, ["status |= @P_STARTING;"])
     update = UPDATE.replace("@head", head).replace("@invalid", invalid)
     update = update.replace("@passed", home.passed)
     update = update.replace("@restart", restart).replace("@starting", starting)
-    fields, outputs = ([one.name for one in side] for side in (structure.inputs, structure.outputs))
-    kept = _copied("state->before.", "state->last.", outputs)
-    update = update.replace("@kept", _indented(kept, 8)).replace("@began", _indented(kept, 12))
+    fields, outputs = (
+        [entry.name for entry in side] for side in (structure.inputs, structure.outputs)
+    )
+    copied_outputs = _copied("state->before.", "state->last.", outputs)
+    update = update.replace("@kept", _indented(copied_outputs, 8))
+    update = update.replace("@began", _indented(copied_outputs, 12))
     update = update.replace("@used", _indented(_copied("state->in.", "in->", fields), 8))
     update = update.replace("@out", _indented(_copied("out->", "state->last.", outputs), 4))
-    shown = []
+    interpolated = []
     for name in outputs:
         before, last = f"state->before.{name}", f"state->last.{name}"
-        shown.append(f"out->{name} = {before} + (({last} - {before}) * share);")
-    between = BETWEEN.replace("@type", number.c_type).replace("@outputs\n", _indented(shown, 4))
-    return "\n".join([_jumped(export, home, pace), _bridge(number, fields), update, between])
+        interpolated.append(f"out->{name} = {before} + (({last} - {before}) * share);")
+    between_function = BETWEEN.replace("@type", number.c_type)
+    between_function = between_function.replace("@outputs\n", _indented(interpolated, 4))
+    return "\n".join(
+        [_jumped(export, home, pace), _bridge(number, fields), update, between_function]
+    )
 
 
 def defines(export: FirmwareRun) -> str:

@@ -135,8 +135,8 @@ def called_helpers(body: str) -> list[str]:
     them.
     """
     text = body
-    called: set[str] = set()
-    while new := {name for name in HELPERS if f"@p_{name}(" in text} - called:
-        called |= new
+    helpers: set[str] = set()
+    while new := {name for name in HELPERS if f"@p_{name}(" in text} - helpers:
+        helpers |= new
         text = "".join(HELPERS[name] for name in new)
-    return [text.lstrip("\n") for name, text in HELPERS.items() if name in called]
+    return [text.lstrip("\n") for name, text in HELPERS.items() if name in helpers]

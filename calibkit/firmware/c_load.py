@@ -40,7 +40,7 @@ TAKE = {
 }
 
 
-def _members(export: FirmwareRun, found: Shape) -> dict[str, list[str]]:
+def _members(export: FirmwareRun, blob_shape: Shape) -> dict[str, list[str]]:
     """Table → what its numbers are called in C: fields of a map, entries of what the chain indexes,
     else one number.
     """
@@ -54,20 +54,20 @@ def _members(export: FirmwareRun, found: Shape) -> dict[str, list[str]]:
         elif isinstance(step, Sum):
             indexed |= {term.table for term in step.terms if term.table and term.over}
     members = {}
-    for name, length in found.tables:
+    for name, length in blob_shape.tables:
         ends = [f"[{k}]" for k in range(length)] if name in indexed else [""]
         members[name] = MAP_FIELDS if name in maps else ends
     return members
 
 
-def structs(export: FirmwareRun, found: Shape) -> str:
+def structs(export: FirmwareRun, blob_shape: Shape) -> str:
     """Types of the numbers of one blob, and of a unit with two slots for them."""
     lines = []
     if export.structure.maps:
         lines += ["typedef struct {", "    @real middle;", "    @real reciprocal;"]
         lines += ["    @real range[2];", "} @p_map;", ""]
     lines.append("typedef struct { /* the numbers of one blob, which @p_load writes */")
-    for name, ends in _members(export, found).items():
+    for name, ends in _members(export, blob_shape).items():
         if ends is MAP_FIELDS:
             lines.append(f"    @p_map {FIELD}{name};")
         else:
@@ -96,13 +96,14 @@ def numbers(export: FirmwareRun) -> str:
     return text.replace("@nan", nan)
 
 
-def functions(export: FirmwareRun, found: Shape) -> str:
+def functions(export: FirmwareRun, blob_shape: Shape) -> str:
     """Where things are in a blob, and the functions that decide about one."""
     structure, size = export.structure, export.program.format.size
     width = size * blob.width(structure)
+    tests_at = blob.HEADER.size + size * blob_shape.numbers
     places = [
-        f"#define @P_NUMBERS {found.numbers}U",
-        f"#define @P_TESTS_AT {blob.HEADER.size + size * found.numbers}U /* tolerances, vectors */",
+        f"#define @P_NUMBERS {blob_shape.numbers}U",
+        f"#define @P_TESTS_AT {tests_at}U /* tolerances, vectors */",
         f"#define @P_ROW {width}U /* bytes of a vector */",
         f"#define @P_MOST_ROWS {MOST_ROWS}U",
         f"#define @P_MOST_UPDATES {MOST_UPDATES}U",
@@ -110,7 +111,7 @@ def functions(export: FirmwareRun, found: Shape) -> str:
     ]
     head = c_load_text.HEAD
     for mark, text in {
-        "@layout": ", ".join(f"0x{byte:02x}U" for byte in found.digest),
+        "@layout": ", ".join(f"0x{byte:02x}U" for byte in blob_shape.digest),
         "@head": str(blob.HEADER.size),
         "@least": str(blob.HEADER.size + 4),
         "@magic": f"0x{int.from_bytes(blob.MAGIC, 'little'):08X}U",
@@ -120,13 +121,19 @@ def functions(export: FirmwareRun, found: Shape) -> str:
         "@serial": str(blob.SERIAL_BYTES),
     }.items():
         head = head.replace(mark, text)
-    parts = [_fill(export, found), _testable(export), _sane(export, found), _hold(export), head]
+    parts = [
+        _fill(export, blob_shape),
+        _testable(export),
+        _sane(export, blob_shape),
+        _hold(export),
+        head,
+    ]
     return "\n".join(["\n".join(places) + "\n", *parts])
 
 
-def _fill(export: FirmwareRun, found: Shape) -> str:
+def _fill(export: FirmwareRun, blob_shape: Shape) -> str:
     """Function that takes every number of a blob; it returns whether all are finite."""
-    size, members = export.program.format.size, _members(export, found)
+    size, members = export.program.format.size, _members(export, blob_shape)
     places = [f"n->{FIELD}{name}{end}" for name, ends in members.items() for end in ends]
     lines = [
         "static uint32_t @p_fill(@p_numbers *n, const uint8_t at[])",
@@ -144,13 +151,13 @@ def _fill(export: FirmwareRun, found: Shape) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _sane(export: FirmwareRun, found: Shape) -> str:
+def _sane(export: FirmwareRun, blob_shape: Shape) -> str:
     """Function that returns whether every range has a width, and the vectors can be run."""
     structure = export.structure
     ranges = [entry.table for entry in structure.inputs]
     ranges += [step.table for step in structure.steps if isinstance(step, Limit)]
     ranges += [
-        f"{name}.range" for name, ends in _members(export, found).items() if ends is MAP_FIELDS
+        f"{name}.range" for name, ends in _members(export, blob_shape).items() if ends is MAP_FIELDS
     ]
     checks = [f"(n->{FIELD}{name}[0] < n->{FIELD}{name}[1])" for name in dict.fromkeys(ranges)]
     if pace := structure.pace:
@@ -177,12 +184,12 @@ def _testable(export: FirmwareRun) -> str:
     """
     structure, size = export.structure, export.program.format.size
     outputs, width = len(structure.outputs), blob.width(structure)
-    whole = [(width - 1, "0x10000U")]
+    counts_and_limits = [(width - 1, "0x10000U")]
     if structure.has_memory:
-        whole += [(width - 2, "@P_MOST_COUNT")]
+        counts_and_limits += [(width - 2, "@P_MOST_COUNT")]
     read = [
-        f"        sane &= (@p_count(@p_number(&row[{size * place}]), {most}) < {most}) ? 1U : 0U;"
-        for place, most in whole
+        f"        sane &= (@p_count(@p_number(&row[{size * place}]), {limit}) < {limit}) ? 1U : 0U;"
+        for place, limit in counts_and_limits
     ]
     updates = f"@p_count(@p_number(&row[{size * blob.updates_at(structure)}]), @P_MOST_UPDATES)"
     lines = [

@@ -94,13 +94,13 @@ int32_t @p_selftest(const @p_unit *unit)
 
 def header(export: FirmwareRun) -> bytes:
     """Header of the loader."""
-    found, guard = blob.shape(export.program), f"{export.prefix.upper()}_H"
+    blob_shape, guard = blob.shape(export.program), f"{export.prefix.upper()}_H"
     reasons = [
         f"#define @P_{name} {number}U /* {meaning} */"
         for number, (name, meaning) in enumerate(c_load.REASONS)
     ]
     parts = [
-        c_text.comment(_title(export, found)),
+        c_text.comment(_title(export, blob_shape)),
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         c_header.statuses(export)
@@ -108,7 +108,7 @@ def header(export: FirmwareRun) -> bytes:
         " @P_INVALID) */\n",
         "/* what @p_load returns */\n" + "\n".join(reasons) + "\n",
         c_header.structs(export, ranges=False),
-        c_load.structs(export, found),
+        c_load.structs(export, blob_shape),
         LOAD,
         c_header.prototypes(export, UNIT),
         "#ifdef __cplusplus\n}\n#endif\n",
@@ -118,7 +118,7 @@ def header(export: FirmwareRun) -> bytes:
     return c_text.seal(c_text.fill_prefix(text, export.prefix)).encode("ascii")
 
 
-def _title(export: FirmwareRun, found: Shape) -> list[str]:
+def _title(export: FirmwareRun, blob_shape: Shape) -> list[str]:
     """Text at the top of both files; nothing in it belongs to one device."""
     structure = export.structure
     number = export.program.format.name
@@ -126,7 +126,7 @@ def _title(export: FirmwareRun, found: Shape) -> list[str]:
         f"{export.prefix}: {c_reader.LOADER}, correction chain as firmware; C99, no library",
         c_text.LICENCE,
         "",
-        f"layout        {found.digest.hex()}: a blob of any other is refused",
+        f"layout        {blob_shape.digest.hex()}: a blob of any other is refused",
         f"forms         {', '.join(structure.forms)}",
         f"number        {number}: {c_text.NUMBERS[number]}",
         c_text.ascii_only(f"formula       {structure.formula}"),
@@ -142,7 +142,7 @@ def source(export: FirmwareRun) -> bytes:
     """Source of the loader: what fills a unit, the chain, and wrappers that correct nothing
     before.
     """
-    found = blob.shape(export.program)
+    blob_shape = blob.shape(export.program)
     name = "updated" if export.structure.has_memory else "corrected"
     body = "\n".join(
         [
@@ -150,12 +150,12 @@ def source(export: FirmwareRun) -> bytes:
             c_helpers.NEAR,
             GETTERS,
             _wrapper(export, name),
-            c_load.functions(export, found),
+            c_load.functions(export, blob_shape),
             SELFTEST,
         ]
     )
     parts = [
-        c_text.comment([*_title(export, found), "", c_source.CONTRACT[False]]),
+        c_text.comment([*_title(export, blob_shape), "", c_source.CONTRACT[False]]),
         f'#include <stddef.h>\n\n#include "{export.prefix}.h"\n',
         c_load_text.BARRIER,
         c_source.FLOAT_GUARD,
@@ -163,7 +163,7 @@ def source(export: FirmwareRun) -> bytes:
         *c_helpers.called_helpers(body),
         c_load.numbers(export),
         body,
-        c_source.listing("The steps above:", found.lines),
+        c_source.listing("The steps above:", blob_shape.lines),
     ]
     return c_source.seal_source(parts, export).encode("ascii")
 

@@ -35,9 +35,9 @@ def verify_source(name: str, content: bytes) -> str:
     text = c_text.unseal(content, name)
     if LOADER in text[:200]:
         return "C source of a loader of blobs"
-    program, stated = _read(text, name)
-    vectors.require_recomputed(program, stated, name, of="coefficients")
-    count, number = len(stated.status), program.format.name
+    program, file_vectors = _read(text, name)
+    vectors.require_recomputed(program, file_vectors, name, source="coefficients")
+    count, number = len(file_vectors.status), program.format.name
     return (
         f"C source of {_search(DEVICE, text, name)}, {number}, {count} vectors"
         f" recomputed{_mark(text)}"
@@ -49,9 +49,11 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     prefix, lines = _search(INCLUDE, text, name), LINE.findall(text)
     bare = layout.read_program(lines, {}, name)
     tables = {}
-    for found in CONSTANT.finditer(COMMENT.sub("", text)):
-        table = found.group(1).removeprefix(f"{prefix}_")
-        numbers = tuple(_number(digits, bare.format) for digits in NUMBER.findall(found.group(2)))
+    for constant in CONSTANT.finditer(COMMENT.sub("", text)):
+        table = constant.group(1).removeprefix(f"{prefix}_")
+        numbers = tuple(
+            _number(digits, bare.format) for digits in NUMBER.findall(constant.group(2))
+        )
         tables[table] = numbers
     try:
         inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
@@ -59,14 +61,14 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         elapsed = tables.pop("test_elapsed", ())
     except KeyError as error:
         raise CoefficientError(f"{name}: no table {error}", hint="export it again") from None
-    stated = vectors.Vectors(
+    file_vectors = vectors.Vectors(
         _columns([entry.name for entry in bare.structure.inputs], inputs),
         tuple(map(int, updates)),
         _columns([output.name for output in bare.structure.outputs], outputs),
         tuple(map(int, status)),
         tuple(map(int, elapsed)),
     )
-    return layout.read_program(lines, tables, name), stated
+    return layout.read_program(lines, tables, name), file_vectors
 
 
 def _mark(text: str) -> str:
@@ -90,9 +92,9 @@ def _columns(names: list[str], flat: tuple[float, ...]) -> dict[str, tuple[float
 
 def _search(pattern: re.Pattern[str], text: str, name: str) -> str:
     """First group of a pattern, or CoefficientError."""
-    found = pattern.search(text)
-    if found is None:
+    match = pattern.search(text)
+    if match is None:
         raise CoefficientError(
             f"{name}: not a source that calibkit wrote", hint="verify takes calibkit's own files"
         )
-    return found.group(1)
+    return match.group(1)

@@ -91,8 +91,10 @@ def _tables(export: FirmwareRun) -> str:
         for entry in program.structure.inputs
     ]
     if pace := program.structure.pace:
-        what = f"updates until the lags have settled; farthest move of {pace.followed} an interval"
-        lines.append(_array(export, pace.table, what))
+        description = (
+            f"updates until the lags have settled; farthest move of {pace.followed} an interval"
+        )
+        lines.append(_array(export, pace.table, description))
     for step in program.structure.steps:
         lines += list(_step_tables(export, step))
     return "\n".join(lines) + "\n"
@@ -107,8 +109,8 @@ def _step_tables(export: FirmwareRun, step: Step) -> Iterator[str]:
             numbers = [*texts[:2], f"{{{texts[2]}, {texts[3]}}}"]
             yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
         case Limit() | Play():
-            what = "least and greatest" if isinstance(step, Limit) else "reach of"
-            yield _array(export, step.table, f"{what} {step.name}")
+            description = "least and greatest" if isinstance(step, Limit) else "reach of"
+            yield _array(export, step.table, f"{description} {step.name}")
         case Slope():
             yield _array(export, step.table, "a row for each number of values")
         case Select():
@@ -238,8 +240,10 @@ def _reset(export: FirmwareRun) -> str:
         lines += [f"        state->{slope.name}_history[i] = {zero};" for slope in structure.slopes]
         lines.append("    }")
     lines += [f"    state->{memory.source} = {zero};" for memory in structure.memories]
-    for kept in ("last", "before"):
-        lines += [f"    state->{kept}.{output.name} = {zero};" for output in structure.outputs]
+    for output_copy in ("last", "before"):
+        lines += [
+            f"    state->{output_copy}.{output.name} = {zero};" for output in structure.outputs
+        ]
     lines += [f"    state->in.{entry.name} = {zero};" for entry in structure.inputs]
     lines += ["    state->updates = 0U;", "    state->waited_ms = 0U;"]
     lines += ["}", ""]

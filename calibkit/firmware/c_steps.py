@@ -75,9 +75,9 @@ class Body:
             case Quotient():
                 return f"{step.numerator} / {step.denominator}"
             case Memory():
-                kept = f"state->{step.source}"
-                first = f"(state->updates == 0U) ? {step.source} : {kept}"
-                return first if step.start == "same" else kept
+                remembered = f"state->{step.source}"
+                first = f"(state->updates == 0U) ? {step.source} : {remembered}"
+                return first if step.start == "same" else remembered
             case Play():
                 return f"@p_played({step.kept}, {step.source}, {self.home.tables}{step.table})"
             case Slope():

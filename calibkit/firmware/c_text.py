@@ -64,15 +64,15 @@ def facts(export: FirmwareRun, *, bounds: bool = True) -> list[str]:
 
 def _bounds(export: FirmwareRun) -> list[str]:
     """Worst-case evaluation error of each output, one per line."""
-    each = " for each update" if export.structure.summing else ""
+    per_update = " for each update" if export.structure.summing else ""
     lines = []
     for output in export.structure.outputs:
         unit = "" if output.unit == "1" else f" {output.unit}"
         bound, full = (
-            exact.round_to(of[output.name], 2, up=True)
-            for of in (export.bounds, export.full_bounds)
+            exact.round_to(output_bounds[output.name], 2, up=True)
+            for output_bounds in (export.bounds, export.full_bounds)
         )
-        line = f"error bound   {output.name}: {bound:.1e}{unit}{each}"
+        line = f"error bound   {output.name}: {bound:.1e}{unit}{per_update}"
         if any(entry.beyond for entry in export.structure.inputs):
             line += f"; up to the full scale {full:.1e}{unit}"
         lines.append(line)
@@ -84,18 +84,18 @@ def _bounds(export: FirmwareRun) -> list[str]:
 
 def verdict_mark(lines: Iterable[str]) -> str:
     """What verify appends for a file whose facts, one per line, state the verdict on its run."""
-    stated = set(lines)
-    return next((mark for verdict, mark in MARKS.items() if VERDICTS[verdict] in stated), "")
+    facts = set(lines)
+    return next((mark for verdict, mark in MARKS.items() if VERDICTS[verdict] in facts), "")
 
 
 def list_verdicts(accepted: Mapping[str, bool | None]) -> str:
     """What verify appends for a file of several devices (serial → accepted, None: no verdict)."""
-    listed = (
+    serials_by_mark = (
         (mark, [serial for serial, value in accepted.items() if value is ACCEPTED[verdict]])
         for verdict, mark in MARKS.items()
         if mark
     )
-    return "".join(f"{mark}: {', '.join(serials)}" for mark, serials in listed if serials)
+    return "".join(f"{mark}: {', '.join(serials)}" for mark, serials in serials_by_mark if serials)
 
 
 def ascii_only(text: str) -> str:
@@ -144,13 +144,13 @@ def unseal(content: bytes, name: str) -> str:
         raise CoefficientError(
             f"{name}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
-    found = SEALED.search(text)
-    if found is None:
+    seal_line = SEALED.search(text)
+    if seal_line is None:
         raise CoefficientError(
             f"{name}: no digest in its last line", hint="it is not an export, or its end is missing"
         )
-    body = text[: found.start()]
-    if hashlib.sha256(body.encode()).hexdigest() != found.group(1):
+    body = text[: seal_line.start()]
+    if hashlib.sha256(body.encode()).hexdigest() != seal_line.group(1):
         raise CoefficientError(
             f"{name}: its digest is not that of its content", hint="it was changed after the export"
         )

@@ -209,12 +209,12 @@ class Structure:
     @property
     def flags(self) -> tuple[str, ...]:
         """Statuses in the order of their bits."""
-        named = [entry.beyond or entry.flag for entry in self.inputs]
+        names = [entry.beyond or entry.flag for entry in self.inputs]
         silent = Sum | Quotient | Memory | Play
-        named += [step.flag for step in self.steps if not isinstance(step, silent)]
-        named += [entry.flag for entry in self.inputs]
-        named += self.pace.flags if self.pace else ()
-        return tuple(dict.fromkeys(flag for flag in named if flag))
+        names += [step.flag for step in self.steps if not isinstance(step, silent)]
+        names += [entry.flag for entry in self.inputs]
+        names += self.pace.flags if self.pace else ()
+        return tuple(dict.fromkeys(flag for flag in names if flag))
 
     @property
     def has_memory(self) -> bool:

@@ -70,14 +70,14 @@ class Draft:
         return name
 
     def indication(
-        self, name: str, unit: str, meaning: str, fitted: Fraction, full: Fraction, beyond: str
+        self, name: str, unit: str, meaning: str, fitted: Fraction, full: Fraction, beyond_flag: str
     ) -> str:
         """Add an indication, which is handed on as it is: its largest fitted magnitude and its full
         scale.
         """
         full = max(fitted, full)
         table = self.table(f"{name}_range", (-fitted, fitted, -full, full))
-        self.inputs.append(Input(name, unit, meaning, table, "FULL_SCALE", beyond))
+        self.inputs.append(Input(name, unit, meaning, table, "FULL_SCALE", beyond_flag))
         return name
 
     def map(
@@ -122,25 +122,25 @@ class Draft:
         self,
         table: str,
         numbers: Sequence[Fraction],
-        over: str,
+        variable: str,
         *factors: str,
         sign: int = 1,
         order: int = 0,
     ) -> list[Term]:
-        """Term sign · polynomial(over) · factors: none where it vanishes, a plain number where it
-        does not vary; of a padded chain always the term, at least to the order.
+        """Term sign · polynomial(variable) · factors: none where it vanishes, a plain number where
+        it does not vary; of a padded chain always the term, at least to the order.
         """
-        found = exact.trimmed(numbers)
+        coefficients = exact.trimmed(numbers)
         if self.padded:
-            varies = any(step.name == over for step in self.steps)
+            varies = any(step.name == variable for step in self.steps)
             self.table(table, exact.padded(numbers, order) if varies else numbers[:1])
-            return [Term(table, over if varies else "", factors, sign)]
-        if not found:
+            return [Term(table, variable if varies else "", factors, sign)]
+        if not coefficients:
             return []
-        if found == (Fraction(1),) and factors:
+        if coefficients == (Fraction(1),) and factors:
             return [Term("", "", factors, sign)]
-        self.table(table, found)
-        return [Term(table, over if len(found) > 1 else "", factors, sign)]
+        self.table(table, coefficients)
+        return [Term(table, variable if len(coefficients) > 1 else "", factors, sign)]
 
     def output(
         self,
@@ -168,10 +168,10 @@ class Draft:
         """Add the steps of another draft, whose values and tables get a suffix; inputs are
         shared.
         """
-        own = {step.name for step in part.steps}
+        step_names = {step.name for step in part.steps}
 
         def named(name: str) -> str:
-            return f"{name}{suffix}" if name in own or name in part.tables else name
+            return f"{name}{suffix}" if name in step_names or name in part.tables else name
 
         self.steps += [_rename(step, named) for step in part.steps]
         self.tables |= {named(name): table for name, table in part.tables.items()}
@@ -182,8 +182,8 @@ class Draft:
             (self.ramped, part.ramped),
         ):
             for key, value in added.items():
-                name, dot, of = key.partition(".")
-                mine[f"{named(name)}{dot}{of}"] = value
+                name, dot, quantity = key.partition(".")
+                mine[f"{named(name)}{dot}{quantity}"] = value
 
     def chain(
         self,
@@ -216,10 +216,10 @@ class Draft:
         )
 
 
-def _rename(step: Step, named: Callable[[str], str]) -> Step:
+def _rename(step: Step, new_name: Callable[[str], str]) -> Step:
     """A step whose values and tables have other names."""
     changed: dict[str, Any] = {
-        field.name: named(value)
+        field.name: new_name(value)
         for field in fields(step)
         if field.name not in ("flag", "group", "start")
         and isinstance(value := getattr(step, field.name), str)
@@ -228,28 +228,29 @@ def _rename(step: Step, named: Callable[[str], str]) -> Step:
         changed["terms"] = tuple(
             replace(
                 term,
-                table=named(term.table),
-                over=named(term.over),
-                factors=tuple(map(named, term.factors)),
+                table=new_name(term.table),
+                over=new_name(term.over),
+                factors=tuple(map(new_name, term.factors)),
             )
             for term in step.terms
         )
     if isinstance(step, Select):
         changed["cases"] = tuple(
-            replace(case, value=named(case.value), table=named(case.table)) for case in step.cases
+            replace(case, value=new_name(case.value), table=new_name(case.table))
+            for case in step.cases
         )
     return replace(step, **changed)
 
 
-def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:
+def _used(steps: Sequence[Step], values: Sequence[str]) -> set[str]:
     """Names of inputs and steps that these values depend on, through remembered values too."""
-    known = {step.name: step for step in steps}
-    remaining, used = list(wanted), set()
+    steps_by_name = {step.name: step for step in steps}
+    remaining, used = list(values), set()
     while remaining:
         name = remaining.pop()
         if name not in used:
             used.add(name)
-            remaining += _sources(known[name]) if name in known else ()
+            remaining += _sources(steps_by_name[name]) if name in steps_by_name else ()
     return used
 
 

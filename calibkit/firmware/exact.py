@@ -43,19 +43,19 @@ def scale(polynomial: Sequence[Fraction], factor: Fraction) -> Poly:
 
 def product(a: Sequence[Fraction], b: Sequence[Fraction]) -> Poly:
     """Product of two polynomials."""
-    found = [Fraction(0)] * (len(a) + len(b) - 1)
+    coefficients = [Fraction(0)] * (len(a) + len(b) - 1)
     for i, x in enumerate(a):
         for j, y in enumerate(b):
-            found[i + j] += x * y
-    return tuple(found)
+            coefficients[i + j] += x * y
+    return tuple(coefficients)
 
 
 def mapped(raw: Sequence[Fraction], middle: Fraction, half: Fraction) -> Poly:
     """Polynomial in u = (x − middle)/half of one in x, by Horner's scheme on polynomials."""
-    found: Poly = (raw[-1],)
+    polynomial: Poly = (raw[-1],)
     for c in reversed(raw[:-1]):
-        found = add(product(found, (middle, half)), (c,))
-    return found
+        polynomial = add(product(polynomial, (middle, half)), (c,))
+    return polynomial
 
 
 def value(polynomial: Sequence[Fraction], x: Fraction) -> Fraction:
@@ -94,8 +94,8 @@ def round_to(x: float, digits: int, *, up: bool) -> float:
 
 def limits_text(low: float, high: float, digits: int = 4) -> str:
     """A range with so many digits, rounded outwards."""
-    least, most = round_to(low, digits, up=False), round_to(high, digits, up=True)
-    return f"{least:.{digits}g} to {most:.{digits}g}"
+    lower, upper = round_to(low, digits, up=False), round_to(high, digits, up=True)
+    return f"{lower:.{digits}g} to {upper:.{digits}g}"
 
 
 def span(low: float, high: float) -> tuple[Fraction, Fraction]:

@@ -34,8 +34,8 @@ class Format:
     def text(self, x: float) -> str:
         """C literal that reads back to the same number."""
         digits = f"{x:.9g}" if self.bits == 24 else f"{x:.17g}"
-        whole = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
-        return f"{whole}F" if self.bits == 24 else whole
+        literal = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
+        return f"{literal}F" if self.bits == 24 else literal
 
     @staticmethod
     def find(name: str) -> "Format":

@@ -51,8 +51,10 @@ def _input(entry: chain.Input) -> dict[str, str]:
     """Fields of an input; `beyond` stands where it is used, so that the layout of a chain that does
     not need it stays as it was.
     """
-    found = asdict(entry)
-    return found if entry.beyond else {name: found[name] for name in found if name != "beyond"}
+    entry_fields = asdict(entry)
+    if not entry.beyond:
+        del entry_fields["beyond"]
+    return entry_fields
 
 
 def _line(document: Mapping[str, Any]) -> str:
@@ -100,8 +102,8 @@ def read_program(
 
 def _pace(fields: dict[str, Any] | None) -> chain.Pace | None:
     """How time is kept, of its JSON object."""
-    listed = {name: tuple(fields[name]) for name in ("lags", "flags")} if fields else {}
-    return chain.Pace(**{**fields, **listed}) if fields else None
+    tuples = {name: tuple(fields[name]) for name in ("lags", "flags")} if fields else {}
+    return chain.Pace(**{**fields, **tuples}) if fields else None
 
 
 def _step(kind: str, fields: dict[str, Any]) -> chain.Step:

@@ -64,20 +64,23 @@ class _Lags:
     def find(cls, chain: Chain) -> Self:
         """Those of a chain, whose steps are sums of values with constant weights."""
         names = tuple(chain.ramped)
-        kept = {m.name: m.source for m in chain.structure.memories if m.source in names}
+        sources = {m.name: m.source for m in chain.structure.memories if m.source in names}
         decay, driven = np.zeros((len(names), len(names))), np.zeros(len(names))
         sums = {step.name: step for step in chain.structure.steps if isinstance(step, Sum)}
         for row, name in enumerate(names):
             for term in sums[name].terms:
                 weight = float(chain.tables[term.table][0]) if term.table else 1.0
                 (factor,) = term.factors
-                if factor in kept:
-                    decay[row, names.index(kept[factor])] += term.sign * weight
+                if factor in sources:
+                    decay[row, names.index(sources[factor])] += term.sign * weight
                 else:
                     driven[row] += term.sign * weight * float(chain.usual[factor])
         ramped = np.array([float(chain.ramped[name]) for name in names])
         by = bounds.find_gains(chain, program.quantise(chain, formats.FORMATS["f64"]))
-        gains = {output: np.array([one[name] for name in names]) for output, one in by.items()}
+        gains = {
+            output: np.array([output_gains[name] for name in names])
+            for output, output_gains in by.items()
+        }
         return cls(names, decay, driven, ramped, gains)
 
     def weigh(self, values: Array) -> dict[str, float]:
@@ -100,7 +103,7 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
     longest = max(1, int(longest_gap_s / h))
     lags = _Lags.find(chain)
     started = _errors_of_start(lags)
-    settled = len(started) - 1
+    settling_updates = len(started) - 1
     move = max(FASTEST * rate * Fraction(h) / 60, (high - low) / NOISE)
     structure = replace(chain.structure, pace=Pace(followed, longest, "pace", tuple(chain.ramped)))
     furthest = exact.round_to(float(move), 3, up=True)
@@ -113,16 +116,17 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
     ]
     if chain.structure.summing:
         timing[1] += "; a longer one is left out of the sum: anchor it"
-    if settled:
+    if settling_updates:
         highest = exact.round_to(float(rate), 3, up=False)
         worst = f"while the case moves by no more than {highest:.3g} degC/min"
         bridged = _errors_of_gap(lags, longest)
         timing[1] += f", wrong by up to {_listed(chain, bridged)} {worst}; a longer one is a start"
+        first, last = _listed(chain, started[0]), _listed(chain, started[-1])
         timing.append(
-            f"start         STARTING for {settled * h:g} s after a reset, which, {worst}, is wrong"
-            f" by up to {_listed(chain, started[0])} at first, {_listed(chain, started[-1])} then"
+            f"start         STARTING for {settling_updates * h:g} s after a reset, which, {worst},"
+            f" is wrong by up to {first} at first, {last} then"
         )
-    tables = {**chain.tables, "pace": (Fraction(settled), move)}
+    tables = {**chain.tables, "pace": (Fraction(settling_updates), move)}
     return replace(chain, structure=structure, tables=tables, timing=tuple(timing))
 
 
@@ -138,31 +142,33 @@ def _errors_of_start(lags: _Lags) -> list[Mapping[str, float]]:
     """Largest error of each output from the reset on, update by update until the lags have
     settled; none where there is no lag.
     """
-    kept = lags.ramped
-    found: list[Mapping[str, float]] = [lags.weigh(kept)]
-    while lags.names and any(error > SETTLED * found[0][name] for name, error in found[-1].items()):
-        if len(found) > MOST_UPDATES:
+    lag_errors = lags.ramped
+    errors_by_update: list[Mapping[str, float]] = [lags.weigh(lag_errors)]
+    while lags.names and any(
+        error > SETTLED * errors_by_update[0][name] for name, error in errors_by_update[-1].items()
+    ):
+        if len(errors_by_update) > MOST_UPDATES:
             raise OutputError(
                 f"the lags have not settled after {MOST_UPDATES} updates",
                 hint="fit with a longer interval_s",
             )
-        kept = lags.decay @ kept
-        found.append(lags.weigh(kept))
-    return found
+        lag_errors = lags.decay @ lag_errors
+        errors_by_update.append(lags.weigh(lag_errors))
+    return errors_by_update
 
 
 def _errors_of_gap(lags: _Lags, longest: int) -> Mapping[str, float]:
     """Largest error of each output behind a gap of so many intervals, where the case was anywhere
     between its ends that the largest fitted rate reaches: at most 2 R s (g − s)/g from the line.
     """
-    kept, most = np.zeros(len(lags.names)), np.zeros(len(lags.names))
-    away = [2.0 * k * (longest - k) / longest for k in range(longest + 1)]
-    for before, after in pairwise(away):
-        kept = lags.decay @ kept + lags.driven * (after - before) / FASTEST
-        most = np.maximum(most, np.abs(kept))
+    lag_errors, largest_errors = np.zeros(len(lags.names)), np.zeros(len(lags.names))
+    distances = [2.0 * k * (longest - k) / longest for k in range(longest + 1)]
+    for before, after in pairwise(distances):
+        lag_errors = lags.decay @ lag_errors + lags.driven * (after - before) / FASTEST
+        largest_errors = np.maximum(largest_errors, np.abs(lag_errors))
     # a lag forgets, so that its last error counts; a difference of two is bounded by either's
-    alone = np.count_nonzero(lags.decay, axis=1) == 1
-    return lags.weigh(np.where(alone, np.abs(kept), most.max(initial=0.0)))
+    is_single_lag = np.count_nonzero(lags.decay, axis=1) == 1
+    return lags.weigh(np.where(is_single_lag, np.abs(lag_errors), largest_errors.max(initial=0.0)))
 
 
 def by_the_clock(chain: Chain, trials: Trials) -> Trials:
@@ -177,13 +183,13 @@ def by_the_clock(chain: Chain, trials: Trials) -> Trials:
         low, high = (float(limit) for limit in chain.tables[f"{name}_range"])
         # the air moves half as far, a rate stays within its range
         pull = move if name == pace.followed else 0.5 * move
-        still = 0.0 if units[name] == "degC" else 0.1 * (high - low)
-        away = np.array([still or share * pull for share, _, _ in CLOCK])
-        added = vectors.coarsen(0.5 * (low + high) + away, 8.0 * move)
+        rate_offset = 0.0 if units[name] == "degC" else 0.1 * (high - low)
+        offsets = np.array([rate_offset or share * pull for share, _, _ in CLOCK])
+        added = vectors.coarsen(0.5 * (low + high) + offsets, 8.0 * move)
         inputs[name] = np.concatenate([column, added])
     calls = [(count, round(share * interval)) for _, count, share in CLOCK]
-    if settled := int(chain.tables[pace.table][0]):  # STARTING ends
+    if settling_updates := int(chain.tables[pace.table][0]):  # STARTING ends
         inputs = {name: np.append(column, [column[-1]] * 2) for name, column in inputs.items()}
-        calls += [(settled, 0), (1, interval)]
+        calls += [(settling_updates, 0), (1, interval)]
     updates, elapsed = zip(*calls, strict=True)
     return Trials(inputs, (*trials.updates, *updates), (*(0 for _ in trials.updates), *elapsed))

@@ -148,8 +148,8 @@ def _ardupilot_name(channel: _ParameterChannel, power: int) -> str:
 
 def _ardupilot_powers(channel: _ParameterChannel, values: Values) -> exact.Poly:
     """0, C1, C2, C3 in its unit."""
-    found = (Fraction(values[_ardupilot_name(channel, k)]) for k in range(1, DEGREE + 1))
-    return (Fraction(0), *(c / ARDUPILOT_SCALE for c in found))
+    coefficients = (Fraction(values[_ardupilot_name(channel, k)]) for k in range(1, DEGREE + 1))
+    return (Fraction(0), *(c / ARDUPILOT_SCALE for c in coefficients))
 
 
 PX4 = _Pilot(
@@ -205,7 +205,7 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
     """
     thermal = _thermal(export, pilot)
     lines = pilot.lines(thermal)
-    stated = {}
+    error_texts = {}
     for name, (printed, rounded, span) in _errors(thermal, _values(lines), pilot).items():
         if not (error := printed + rounded) <= LARGEST_ERROR * span:
             raise OutputError(
@@ -213,13 +213,13 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
                 f" {span:.1e}",
                 hint="export it with --target c",
             )
-        stated[name] = f"{exact.round_to(error, 2, up=True):.1e}"
+        error_texts[name] = f"{exact.round_to(error, 2, up=True):.1e}"
     proof = {
         "pilot": pilot.name,
         "middle": str(thermal.middle),
         "half": str(thermal.half),
         "channels": {
-            c.name: {"u": [str(x) for x in c.over_u], "bound": stated[c.name]}
+            c.name: {"u": [str(x) for x in c.over_u], "bound": error_texts[c.name]}
             for c in thermal.channels
         },
     }
@@ -233,7 +233,7 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
         *(
             f"error bound   {name}: {error} {UNIT[name.partition('_')[0]]}, after printing, in"
             " single precision, from TMIN to TMAX"
-            for name, error in stated.items()
+            for name, error in error_texts.items()
         ),
         json.dumps(proof, sort_keys=True),
     ]
@@ -259,20 +259,20 @@ def _thermal(export: FirmwareRun, pilot: _Pilot) -> _Thermal:
             hint="export it with --target c or blob, or fit bias_temperature over temp_case_degc",
         )
     middle, reciprocal, low, high = tables[structure.maps[0].table]
-    about, half = pilot.reference or _single(middle), 1 / reciprocal
+    reference, half = pilot.reference or _single(middle), 1 / reciprocal
     channels = []
     for column, polynomial in over_u.items():
         channel = _channel(column, polynomial, pilot.title)
-        powers = exact.mapped(channel.over_u, (about - middle) * reciprocal, reciprocal)
+        powers = exact.mapped(channel.over_u, (reference - middle) * reciprocal, reciprocal)
         channels.append(replace(channel, powers=powers))
     limits = _outwards(middle + half * low, -np.inf), _outwards(middle + half * high, np.inf)
-    return _Thermal(tuple(channels), about, limits, middle, half)
+    return _Thermal(tuple(channels), reference, limits, middle, half)
 
 
 def _channel(column: str, over_u: exact.Poly, title: str) -> _ParameterChannel:
     """One axis in the autopilot's unit."""
-    found = CHANNEL.fullmatch(column)
-    if found is None:
+    match = CHANNEL.fullmatch(column)
+    if match is None:
         raise OutputError(
             f"{title}: '{column}' is no gyro or accelerometer of an axis x, y or z",
             hint="map it in [columns]",
@@ -282,7 +282,7 @@ def _channel(column: str, over_u: exact.Poly, title: str) -> _ParameterChannel:
             f"{title}: {column} has degree {len(over_u) - 1}, at most {DEGREE} can be held",
             hint="fit it with order = 3 or less",
         )
-    sensor, axis = found.groups()
+    sensor, axis = match.groups()
     return _ParameterChannel(sensor, axis, exact.scale(over_u, SI[sensor]))
 
 
@@ -293,9 +293,11 @@ def _single(value: Fraction) -> Fraction:
 
 def _outwards(limit: Fraction, to: float) -> float:
     """Nearest number of single precision that is not within a limit."""
-    found = _single(limit)
-    inside = found > limit if to < 0 else found < limit
-    return float(np.nextafter(np.float32(float(found)), np.float32(to))) if inside else float(found)
+    nearest = _single(limit)
+    inside = nearest > limit if to < 0 else nearest < limit
+    if inside:
+        return float(np.nextafter(np.float32(float(nearest)), np.float32(to)))
+    return float(nearest)
 
 
 def _text(value: Fraction) -> str:
@@ -305,12 +307,12 @@ def _text(value: Fraction) -> str:
 
 def _values(lines: Sequence[str]) -> dict[str, float]:
     """Parameter → value, as printed."""
-    found = {}
+    values = {}
     for line in lines:
         fields = line.split("\t")
         name, value = (fields[2], fields[3]) if len(fields) > 1 else line.split(",")
-        found[name] = float(value)
-    return found
+        values[name] = float(value)
+    return values
 
 
 def _errors(
@@ -326,13 +328,13 @@ def _errors(
     first, sides = (1, 2) if pilot.relative else (0, 1)
     errors = {}
     for channel in thermal.channels:
-        about = pilot.reference or Fraction(values[f"{_px4_stem(channel)}_TREF"])
+        reference = pilot.reference or Fraction(values[f"{_px4_stem(channel)}_TREF"])
         printed = pilot.powers(channel, values)
-        over_u = exact.mapped(printed, thermal.middle - about, thermal.half)
-        apart = exact.add(over_u, exact.scale(channel.over_u, Fraction(-1)))[first:]
-        furthest = max(abs(low - about), abs(high - about))
+        over_u = exact.mapped(printed, thermal.middle - reference, thermal.half)
+        difference = exact.add(over_u, exact.scale(channel.over_u, Fraction(-1)))[first:]
+        furthest = max(abs(low - reference), abs(high - reference))
         errors[channel.name] = (
-            float(sides * _largest(apart, widest) * widest**first),
+            float(sides * _largest(difference, widest) * widest**first),
             float(sides * ROUNDINGS * _largest(printed, furthest) + UNDERFLOW),
             float(np.ptp(np.polynomial.polynomial.polyval(u, [*map(float, channel.over_u)]))),
         )
@@ -350,11 +352,11 @@ def verify(name: str, content: bytes) -> str:
     """
     lines = c_text.unseal(content, name).splitlines()
     try:
-        stated = json.loads(next(line[2:] for line in lines if line.startswith("# {")))
+        proof = json.loads(next(line[2:] for line in lines if line.startswith("# {")))
         values = _values([line for line in lines if not line.startswith("#")])
-        errors = _errors(_stated(stated, values), values, PILOTS[stated["pilot"]])
+        errors = _errors(_stated(proof, values), values, PILOTS[proof["pilot"]])
         for channel, (printed, rounded, _) in errors.items():
-            bound = float(stated["channels"][channel]["bound"])
+            bound = float(proof["channels"][channel]["bound"])
             if not printed + rounded <= bound + 1e-300:
                 raise CoefficientError(
                     f"{name}: {channel.replace('_', ' ')} is off", hint="export it again"
@@ -365,18 +367,18 @@ def verify(name: str, content: bytes) -> str:
         ) from None
     device = next((line[16:] for line in lines if line.startswith("# device")), "a unit")
     mark = c_text.verdict_mark(line[2:] for line in lines if line.startswith("#"))
-    return f"{stated['pilot']} parameters of {device}, {len(errors)} channels recomputed{mark}"
+    return f"{proof['pilot']} parameters of {device}, {len(errors)} channels recomputed{mark}"
 
 
-def _stated(stated: Mapping[str, Any], values: Values) -> _Thermal:
+def _stated(proof: Mapping[str, Any], values: Values) -> _Thermal:
     """Channels, range and map that a file states."""
     channels = []
-    for name, entry in stated["channels"].items():
+    for name, entry in proof["channels"].items():
         sensor, _, axis = name.partition("_")
         channels.append(_ParameterChannel(sensor, axis, tuple(Fraction(x) for x in entry["u"])))
     low, high = (
         next(value for key, value in values.items() if key.endswith(end))
         for end in ("TMIN", "TMAX")
     )
-    middle, half = Fraction(stated["middle"]), Fraction(stated["half"])
+    middle, half = Fraction(proof["middle"]), Fraction(proof["half"])
     return _Thermal(tuple(channels), Fraction(0), (low, high), middle, half)

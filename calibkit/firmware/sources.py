@@ -24,7 +24,7 @@ def _quoted(name: str) -> str:
     """A column's name as it is safe in a C comment: printable ASCII, anything else by its number,
     in hexadecimal.
     """
-    return f"'{UNSAFE.sub(lambda found: _escaped(ord(found.group())), name)}'"
+    return f"'{UNSAFE.sub(lambda unsafe: _escaped(ord(unsafe.group())), name)}'"
 
 
 def _escaped(code: int) -> str:
@@ -40,16 +40,18 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
     """One line per quantity that a chain takes or corrects: its unit, and how the recipe made it
     from a column of the logs.
     """
-    taken = {entry.name: entry.unit for entry in chain.structure.inputs}
+    input_units = {entry.name: entry.unit for entry in chain.structure.inputs}
     return (
         *(
             f"input         {name} [{unit}] ="
             f" {chain.derived.get(name) or _right_hand_side(spec, name)}"
-            for name, unit in taken.items()
+            for name, unit in input_units.items()
         ),
         *(
             f"indication    {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"
-            for name in [entry.column for entry in chain.corrections if entry.column not in taken]
+            for name in [
+                entry.column for entry in chain.corrections if entry.column not in input_units
+            ]
         ),
         *(f"convention    {convention}" for convention in conventions),
         (
@@ -79,36 +81,40 @@ def _converted(spec: Recipe, name: str, column: ColumnMapping | None, source: st
     """
     target = units.column_unit(name)
     sign, scale, offset = (column.sign, column.scale, column.offset) if column else (1, 1.0, 0.0)
-    stated = ", ".join(
+    recipe_text = ", ".join(
         [
             f"sign = {sign:+d}",
             *([f"scale = {scale:.12g}"] if scale != 1.0 else []),
             *([f"offset = {offset:.12g}"] if offset else []),
         ]
     )
-    own = (column.unit or units.unit_in_header(column.source)) if column else ""
+    log_unit = (column.unit or units.unit_in_header(column.source)) if column else ""
     inner = f"{scale:.12g} * {source}" if scale != 1.0 else source
     inner = f"({inner} {'-' if offset < 0 else '+'} {abs(offset):.12g})" if offset else inner
-    if column and (column.accumulated or own == "1/sample"):
+    if column and (column.accumulated or log_unit == "1/sample"):
         kind = ", its counts since the row before" if column.accumulated else ", counts per sample"
         per = (
             f"{column.interval_s:.12g} s"
             if column.interval_s is not None
             else "s since the row before"
         )
-        return f"{'-' if sign < 0 else ''}{inner}{kind}, / ({per}) (recipe: {stated})"
-    if not own:
+        return f"{'-' if sign < 0 else ''}{inner}{kind}, / ({per}) (recipe: {recipe_text})"
+    factor_text = "-1 * " if sign < 0 else ""
+    if not log_unit:
         unstated = f"in {target}, or in the unit that its header states"
-        return f"{'-1 * ' if sign < 0 else ''}{inner}, {unstated} (recipe: {stated})"
+        return f"{factor_text}{inner}, {unstated} (recipe: {recipe_text})"
     try:
         ends = units.convert(
-            np.array([offset, scale + offset]), own, target, gravity_mps2=spec.site.gravity_mps2
+            np.array([offset, scale + offset]),
+            log_unit,
+            target,
+            gravity_mps2=spec.site.gravity_mps2,
         )
     except RecipeError:  # local g, which the recipe knows by latitude alone
-        return f"{'-1 * ' if sign < 0 else ''}{inner}, converted from {own} (recipe: {stated})"
+        return f"{factor_text}{inner}, converted from {log_unit} (recipe: {recipe_text})"
     constant, factor = sign * float(ends[0]), sign * float(ends[1] - ends[0])
     added = f" {'-' if constant < 0 else '+'} {abs(constant):.10g}" if constant else ""
-    return f"{factor:.10g} * {source} [{own}]{added} (recipe: {stated})"
+    return f"{factor:.10g} * {source} [{log_unit}]{added} (recipe: {recipe_text})"
 
 
 def required_record(records: Mapping[str, Record], name: str, spec: Recipe) -> Record:

@@ -101,8 +101,8 @@ def verify(name: str, content: bytes) -> str:
         )
     for number, row in enumerate(rows, start=1):
         place = f"{name}: row {number}"
-        stated = row.pop(PROOF[-1])
-        if None in row or None in row.values() or _digest(row) != stated:
+        digest = row.pop(PROOF[-1])
+        if None in row or None in row.values() or _digest(row) != digest:
             raise CoefficientError(
                 f"{place}: its digest is not that of its content", hint="export it again"
             )
@@ -121,12 +121,12 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
         tables[table] = tuple(map(float, texts))
     program = layout.read_program(lines, tables, place)
     try:
-        stated = json.loads(row["vectors"])
+        file_vectors = json.loads(row["vectors"])
         inputs, outputs = (
-            {key: tuple(column) for key, column in stated[side].items()}
+            {key: tuple(column) for key, column in file_vectors[side].items()}
             for side in ("inputs", "outputs")
         )
-        counts = (tuple(stated.get(name, ())) for name in ("updates", "status", "elapsed_ms"))
+        counts = (tuple(file_vectors.get(name, ())) for name in ("updates", "status", "elapsed_ms"))
         updates, status, elapsed = counts
         rows = vectors.Vectors(inputs, updates, outputs, status, elapsed)
         vectors.require_recomputed(program, rows, place)

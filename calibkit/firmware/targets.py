@@ -34,11 +34,11 @@ class _Target:
     """A kind of export: its number formats, the files of one device, the files of all devices."""
 
     numbers: tuple[str, ...]
-    own: Callable[[FirmwareRun, int], dict[str, bytes]]
+    device_files: Callable[[FirmwareRun, int], dict[str, bytes]]
     """Export and address → ending of a file's name and its content."""
     shared: Callable[[Sequence[FirmwareRun]], dict[str, bytes]]
     """Exports → name of a file and its content."""
-    several: bool = True
+    takes_several: bool = True
     placed: bool = False
     """Whether its records state where in memory they go."""
 
@@ -72,7 +72,7 @@ TARGETS: Mapping[str, _Target] = {
             ".c": c_source.render(export).encode("ascii"),
         },
         _none,
-        several=False,
+        takes_several=False,
     ),
     "blob": _Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
     "hex": _Target(
@@ -143,12 +143,12 @@ def require_layout(exports: Sequence[FirmwareRun], pinned: FirmwareRun) -> None:
         lengths = {name: len(numbers) for name, numbers in export.program.tables.items()}
         return export.structure, lengths
 
-    wanted, of = layout(pinned), pinned.identity
+    pinned_layout, pinned_forms = layout(pinned), ", ".join(pinned.structure.forms)
     for export in exports:
-        if layout(export) != wanted:
+        if layout(export) != pinned_layout:
             raise OutputError(
                 f"{export.identity.serial} ({', '.join(export.structure.forms)}) is not laid out as"
-                f" {of.serial} revision {of.revision} ({', '.join(pinned.structure.forms)})",
+                f" {pinned.identity.serial} revision {pinned.identity.revision} ({pinned_forms})",
                 hint="fit it with the model of that run, or export a loader of its own",
             )
 
@@ -157,7 +157,7 @@ def files(target: _Target, exports: Sequence[FirmwareRun], address: int) -> dict
     """Files of one run, or of several with a manifest; OutputError for runs that one set of files
     cannot hold.
     """
-    if len(exports) > 1 and not target.several:
+    if len(exports) > 1 and not target.takes_several:
         raise OutputError(
             f"{len(exports)} runs: this target takes one",
             hint="export them one by one, or as a blob",
@@ -169,18 +169,23 @@ def files(target: _Target, exports: Sequence[FirmwareRun], address: int) -> dict
         )
     prefix, shared = exports[0].prefix, target.shared(exports)
     stems = [prefix] if len(exports) == 1 else [f"{prefix}_{serial}" for serial in serials]
-    own = [
-        {f"{stem}{ending}": content for ending, content in target.own(export, address).items()}
+    device_files = [
+        {
+            f"{stem}{ending}": content
+            for ending, content in target.device_files(export, address).items()
+        }
         for stem, export in zip(stems, exports, strict=True)
     ]
-    files = shared | {name: content for part in own for name, content in part.items()}
+    files = shared | {name: content for part in device_files for name, content in part.items()}
     if len(exports) > 1:
-        files[f"{prefix}_manifest.json"] = _manifest(exports, own, shared)
+        files[f"{prefix}_manifest.json"] = _manifest(exports, device_files, shared)
     return files
 
 
 def _manifest(
-    exports: Sequence[FirmwareRun], own: Sequence[Mapping[str, bytes]], shared: Mapping[str, bytes]
+    exports: Sequence[FirmwareRun],
+    device_files: Sequence[Mapping[str, bytes]],
+    shared: Mapping[str, bytes],
 ) -> bytes:
     """What was delivered: every device with its run and its files, every file with its digest."""
     document: dict[str, Any] = {
@@ -197,7 +202,7 @@ def _manifest(
                 "accepted": ACCEPTED[export.identity.verdict],
                 "files": store.list_files(files),
             }
-            for export, files in zip(exports, own, strict=True)
+            for export, files in zip(exports, device_files, strict=True)
         ],
     }
     return sealed.seal(document).encode()

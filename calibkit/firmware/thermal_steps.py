@@ -167,13 +167,13 @@ def _follow_inner(
     # a model without an inner lag has no gradient: a padded chain follows one and weighs it by 0
     tau_i = number_or_zero(model, LAGS[1]) or tau
     b = exact.exp(-h / tau_i)
-    carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
-    moved = (tau_i * (1 - b) - tau * carried) / h
+    lag_weight = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
+    move_weight = (tau_i * (1 - b) - tau * lag_weight) / h
     draft.steps.append(Memory("fall_before", "fall", "zero"))
     draft.sum(
         "fall",
-        draft.polynomial("fall_move", (moved,), "", "move"),
-        draft.polynomial("fall_lag", (carried,), "", "lag_before"),
+        draft.polynomial("fall_move", (move_weight,), "", "move"),
+        draft.polynomial("fall_lag", (lag_weight,), "", "lag_before"),
         draft.polynomial("fall_decay", (1 - b,), "", "fall_before", sign=-1),
         factor("fall_before"),
     )
@@ -201,28 +201,30 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, mapped: Mapped) -> Non
     """
     _limited_temperature(draft, model, "x", mapped)
     half = mapped[1]
-    length, least = _window(h, Fraction(model.value("window")))
+    length, fewest = _window(h, Fraction(model.value("window")))
 
     def slope(name: str, source: str, column: str, unit: Fraction) -> None:
         table = draft.table(
             f"case_{name}_weights",
-            exact.scale(_weights(h, length, least), unit / largest(model, column)),
+            exact.scale(_weights(h, length, fewest), unit / largest(model, column)),
         )
-        draft.steps.append(Slope(f"case_{name}", source, table, length, least, "STARTING"))
+        draft.steps.append(Slope(f"case_{name}", source, table, length, fewest, "STARTING"))
         _limited(draft, model, name, f"case_{name}", column, "RATE_CLAMPED")
 
     rate, gradient, gradient_rate = (draft.padded or uses(model, name) for name in DRIVERS[1:])
     if rate:
         fastest = FASTEST * largest(model, RATE)
-        moved = fastest * length * h / 60 / half
-        draft.usual["case_rate.difference"] = min(span_of_case(draft), moved)
+        largest_move = fastest * length * h / 60 / half
+        draft.usual["case_rate.difference"] = min(span_of_case(draft), largest_move)
         slope("rate", "x", RATE, half)
     if gradient or gradient_rate:
         scale = largest(model, GRADIENT)
         low, high = map(Fraction, followed(model))
         reach = (low - AIR_APART_DEGC, high + AIR_APART_DEGC)
-        needed = uses(model, GRADIENT) or uses(model, GRADIENT_RATE)
-        draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED", "" if needed else UNWEIGHED)
+        weighs_gradient = uses(model, GRADIENT) or uses(model, GRADIENT_RATE)
+        draft.input(
+            AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED", "" if weighs_gradient else UNWEIGHED
+        )
         draft.sum("apart", factor(CASE), factor(AIR, -1))
         wide = Fraction(2) if uses(model, GRADIENT) else (reach[1] - reach[0]) / scale
         table = draft.table("wide_gradient_map", (Fraction(0), 1 / scale, -wide, wide))
@@ -242,7 +244,7 @@ def _window(h: Fraction, window: Fraction) -> tuple[int, int]:
     return length, max(LEAST_SAMPLES, int(half_window))
 
 
-def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
+def _weights(h: Fraction, length: int, fewest: int) -> exact.Poly:
     """Rows of exact weights [1/min] of v_i − v_0, i = 1 … length − 1: slope of the least-squares
     parabola at its newest sample.
 
@@ -250,7 +252,7 @@ def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
     A = (1, x, x²).
     """
     rows: list[Fraction] = []
-    for m in range(least, length + 1):
+    for m in range(fewest, length + 1):
         design = [(Fraction(1), Fraction(-i), Fraction(i * i)) for i in range(m)]
         normal = [
             [sum((row[j] * row[k] for row in design), Fraction(0)) for k in range(3)]
@@ -278,9 +280,9 @@ def follow_lag(draft: Draft, name: str, h: Fraction, tau: Fraction, fastest: Fra
         factor(f"{name}_before"),
     )
     # behind a case that crosses all of its range at that pace
-    width, behind = span_of_case(draft), fastest * tau
-    draft.ramped[name] = behind / FASTEST
-    bound_memory(draft, name, width, behind * (1 - exact.exp(-width / behind)))
+    width, largest_lag = span_of_case(draft), fastest * tau
+    draft.ramped[name] = largest_lag / FASTEST
+    bound_memory(draft, name, width, largest_lag * (1 - exact.exp(-width / largest_lag)))
 
 
 def bound_memory(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:

@@ -43,7 +43,7 @@ class State:
     histories: Mapping[str, Words]
     """Last values of each slope's source, the newest first."""
     updates: Words
-    held: Mapping[str, Words]
+    last_outputs: Mapping[str, Words]
     """Last outputs, which an invalid input leaves as they were."""
     before: Mapping[str, Words]
     """Outputs of the update before."""
@@ -109,7 +109,9 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
             name: np.where(bad, np.nan, words).astype(words.dtype) for name, words in fresh.items()
         }
         return TwinResult(outputs, status, None)
-    outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
+    outputs = {
+        name: np.where(bad, state.last_outputs[name], words) for name, words in fresh.items()
+    }
     after = replace(
         state,
         values={
@@ -120,7 +122,7 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
             name: np.where(bad, state.histories[name], rows) for name, rows in run.histories.items()
         },
         updates=np.where(bad, state.updates, state.updates + 1),
-        held=outputs,
+        last_outputs=outputs,
     )
     return TwinResult(outputs, status, after)
 
@@ -151,11 +153,11 @@ class _Run:
         """Numbers of a table in the type of the lanes."""
         return [dtype(self.program)(x) for x in self.program.tables[table]]
 
-    def flag(self, name: str, where: Words, group: str) -> None:
+    def flag(self, name: str, lanes: Words, group: str) -> None:
         """Raise a status on some lanes."""
         if not name:
             return
-        raised = np.where(where, self.bits[name], 0)
+        raised = np.where(lanes, self.bits[name], 0)
         if group:
             self.sides[group] = self.sides.get(group, np.zeros_like(self.status)) | raised
         else:
@@ -234,31 +236,33 @@ class _Run:
     def memory(self, step: Memory) -> Words:
         """Value of the update before."""
         assert self.state is not None  # noqa: S101 (a chain with memory is called with its state)
-        kept = self.state.values[step.name]
+        remembered = self.state.values[step.name]
         return (
-            np.where(self.state.updates == 0, self.values[step.source], kept)
+            np.where(self.state.updates == 0, self.values[step.source], remembered)
             if step.start == "same"
-            else kept
+            else remembered
         )
 
     def play(self, step: Play) -> Words:
         """What is kept, brought to within the distances of the source."""
         low, high = self.numbers(step.table)
-        x, kept = self.values[step.source], self.values[step.kept]
-        return self.limited(kept, x + low, x + high, "", "")
+        x, previous = self.values[step.source], self.values[step.kept]
+        return self.limited(previous, x + low, x + high, "", "")
 
     def slope(self, step: Slope) -> Words:
         """Rate over the values that are kept."""
         assert self.state is not None  # noqa: S101 (as above)
-        kept = np.vstack([self.values[step.source][None, :], self.state.histories[step.name][:-1]])
-        self.histories[step.name] = kept
+        history = np.vstack(
+            [self.values[step.source][None, :], self.state.histories[step.name][:-1]]
+        )
+        self.histories[step.name] = history
         count = np.minimum(self.state.updates + 1, step.length)
         self.flag(step.flag, count < step.least, "")
         weights = np.array(self.numbers(step.table)).reshape(-1, step.length - 1)
         row = weights[np.maximum(count - step.least, 0)]
-        total = np.zeros_like(kept[0])
+        total = np.zeros_like(history[0])
         for i in range(1, step.length):
-            product = row[:, i - 1] * (kept[i] - kept[0])
+            product = row[:, i - 1] * (history[i] - history[0])
             total = np.where(i < count, total + product, total)
         return np.asarray(np.where(count < step.least, np.zeros_like(total), total))
 
@@ -270,10 +274,10 @@ class _Run:
         for case in step.cases:
             (threshold,) = self.numbers(case.table)
             up, down = source >= threshold, source <= -threshold
-            here = undecided & {1: up, -1: down, 0: up | down}[case.side]
-            total = np.where(here, self.values[case.value], total)
+            lanes = undecided & {1: up, -1: down, 0: up | down}[case.side]
+            total = np.where(lanes, self.values[case.value], total)
             side = self.sides.get(case.group, np.zeros_like(self.status))
-            self.status = self.status | np.where(here, side, 0)
-            undecided = undecided & ~here
+            self.status = self.status | np.where(lanes, side, 0)
+            undecided = undecided & ~lanes
         self.flag(step.flag, undecided, "")
         return total

@@ -70,31 +70,31 @@ def tolerances(
 
 def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
     """Inputs of TRIED calls anywhere within their ranges."""
-    rng, found = np.random.default_rng(2), {}
+    rng, columns = np.random.default_rng(2), {}
     for entry in chain.structure.inputs:
         low, high = (float(limit) for limit in chain.tables[entry.table][:2])
         values = coarsen(rng.uniform(low, high, TRIED), (high - low) / 2.0)
-        found[entry.name] = values.astype(twin.dtype(program))
-    return found
+        columns[entry.name] = values.astype(twin.dtype(program))
+    return columns
 
 
 def find_unnoticed(
-    program: Program, words: Mapping[str, twin.Words], allowed: Mapping[str, float]
+    program: Program, words: Mapping[str, twin.Words], tolerances: Mapping[str, float]
 ) -> set[Coefficient]:
     """Coefficients whose change moves no output by more than is allowed, at any of the inputs."""
-    listed = {t.table for s in program.structure.steps if isinstance(s, Sum) for t in s.terms}
+    tables = {t.table for s in program.structure.steps if isinstance(s, Sum) for t in s.terms}
     return {
         (table, place)
-        for table in listed - {""}
+        for table in tables - {""}
         for place in range(len(program.tables[table]))
-        if _moves(program, words, allowed, (table, place)).max() <= 1.0
+        if _moves(program, words, tolerances, (table, place)).max() <= 1.0
     }
 
 
 def _moves(
     program: Program,
     words: Mapping[str, twin.Words],
-    allowed: Mapping[str, float],
+    tolerances: Mapping[str, float],
     coefficient: Coefficient,
 ) -> Array:
     """By how much [n] a coefficient that is doubled, or a 0 that is not, moves an output, over what
@@ -104,8 +104,8 @@ def _moves(
     numbers = list(program.tables[table])
     numbers[place] = 2.0 * numbers[place] or FOR_ZERO
     changed = replace(program, tables={**program.tables, table: tuple(numbers)})
-    right, wrong = (twin.call(one, words).outputs for one in (program, changed))
-    shares = [np.abs(wrong[o] - right[o]) / max(allowed[o], LEAST) for o in right]
+    right, wrong = (twin.call(variant, words).outputs for variant in (program, changed))
+    shares = [np.abs(wrong[o] - right[o]) / max(tolerances[o], LEAST) for o in right]
     return np.asarray(np.max(shares, axis=0), dtype=np.float64)
 
 
@@ -113,20 +113,21 @@ def _with_every_coefficient(
     chain: Chain,
     program: Program,
     words: dict[str, twin.Words],
-    allowed: Mapping[str, float],
+    tolerances: Mapping[str, float],
 ) -> dict[str, twin.Words]:
     """Inputs of which some have given way to candidates that notice what none did."""
-    missed, others = find_unnoticed(program, words, allowed), candidates(chain, program)
+    missed = find_unnoticed(program, words, tolerances)
+    candidate_inputs = candidates(chain, program)
     for coefficient in sorted(missed):
-        moves = _moves(program, others, allowed, coefficient)
+        moves = _moves(program, candidate_inputs, tolerances, coefficient)
         best = int(np.argmax(moves))
         for row in range(INSIDE) if moves[best] > 1.0 else ():
-            tried = {name: column.copy() for name, column in words.items()}
-            for name, column in tried.items():
-                column[row] = others[name][best]
-            left = find_unnoticed(program, tried, allowed)
+            trial = {name: column.copy() for name, column in words.items()}
+            for name, column in trial.items():
+                column[row] = candidate_inputs[name][best]
+            left = find_unnoticed(program, trial, tolerances)
             if left <= missed - {coefficient}:
-                words, missed = tried, left
+                words, missed = trial, left
                 break
     return words
 
@@ -141,23 +142,27 @@ def _recomputed(
     columns = {name: np.array(words, dtype=twin.dtype(program)) for name, words in inputs.items()}
     if program.structure.has_memory:  # a sum begins anew: its error bound grows with the updates
         anew = program.structure.summing
-        found = list(twin_clock.run_in_turn(program, columns, updates, elapsed_ms, anew=anew))
+        results = list(twin_clock.run_in_turn(program, columns, updates, elapsed_ms, anew=anew))
     else:
-        found = [twin.call(program, columns)]
+        results = [twin.call(program, columns)]
     outputs = {
-        output.name: tuple(np.concatenate([r.outputs[output.name] for r in found]).tolist())
+        output.name: tuple(np.concatenate([r.outputs[output.name] for r in results]).tolist())
         for output in program.structure.outputs
     }
-    status = tuple(np.concatenate([result.status for result in found]).tolist())
+    status = tuple(np.concatenate([result.status for result in results]).tolist())
     return Vectors(dict(inputs), updates, outputs, status, elapsed_ms)
 
 
-def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "numbers") -> None:
+def require_recomputed(
+    program: Program, file_vectors: Vectors, name: str, source: str = "numbers"
+) -> None:
     """CoefficientError for a file whose vectors are not those that its numbers give."""
-    again = _recomputed(program, stated.inputs, stated.updates, stated.elapsed_ms)
-    if (again.outputs, again.status) != (stated.outputs, stated.status):
+    recomputed = _recomputed(
+        program, file_vectors.inputs, file_vectors.updates, file_vectors.elapsed_ms
+    )
+    if (recomputed.outputs, recomputed.status) != (file_vectors.outputs, file_vectors.status):
         raise CoefficientError(
-            f"{name}: its vectors are not those of its {of}", hint="export it again"
+            f"{name}: its vectors are not those of its {source}", hint="export it again"
         )
 
 
@@ -165,7 +170,7 @@ def _spread_trials(chain: Chain) -> Trials:
     """Inputs over their ranges, each in an order of its own so that no two are proportional, then
     beyond them, and each indication by itself beyond its fitted range.
     """
-    inputs, found = chain.structure.inputs, {}
+    inputs, columns = chain.structure.inputs, {}
     ends = [(k, end) for k, entry in enumerate(inputs) if entry.beyond for end in range(2)]
     steps = (np.arange(INSIDE) * 2 + 1) / INSIDE - 1.0
     for number, entry in enumerate(inputs):
@@ -176,14 +181,14 @@ def _spread_trials(chain: Chain) -> Trials:
         limited = not entry.beyond and bool(entry.flag or number == 0)
         places = np.concatenate([reach * steps[order], PLACES[0 if limited else 1]])
         values = coarsen(middle + half * places, half)
-        alone = [
+        excesses = [
             coarsen(np.array([1.02 * limits[end]]), limits[1])[0]
             if owner == number
             else values[INSIDE + end]
             for owner, end in ends
         ]
-        found[entry.name] = np.concatenate([values, alone])
-    return Trials(found, (1,) * (INSIDE + len(PLACES[0]) + len(ends)))
+        columns[entry.name] = np.concatenate([values, excesses])
+    return Trials(columns, (1,) * (INSIDE + len(PLACES[0]) + len(ends)))
 
 
 def coarsen(values: Array, half: float) -> Array:
