@@ -125,21 +125,21 @@ def find_copied_rows(log: Log, columns: Sequence[str]) -> list[Finding]:
     # runs of rows whose originals follow each other too
     starts = np.flatnonzero(np.diff(original - rows, prepend=1) != 0)
     runs = [run for run in np.split(rows, starts[1:]) if run.size >= _FEWEST_COPIED]
-    again = np.concatenate([np.empty(0, np.int64), *(run[copied[run]] for run in runs)])
-    if not again.size:
+    copied_rows = np.concatenate([np.empty(0, np.int64), *(run[copied[run]] for run in runs)])
+    if not copied_rows.size:
         return []
-    row = int(again[0])
+    row = int(copied_rows[0])
     return [
         Finding(
             log.place(row),
-            f"{again.size} rows from here on hold the same numbers as the rows from"
+            f"{copied_rows.size} rows from here on hold the same numbers as the rows from"
             f" {log.place(int(original[row]))} on",
             expected="each measurement once, and repeats that differ by their noise",
             advice="leave the copies out, or repeats in which rounding hides the noise:"
-            f" {log.advise_exclude(again)}",
+            f" {log.advise_exclude(copied_rows)}",
             name="copied_rows",
             line=log.line(row),
-            figure=float(again.size),
+            figure=float(copied_rows.size),
         )
     ]
 

@@ -25,8 +25,8 @@ def find_gravity(path: Path) -> str:
         elif format_name in _TEXTS:
             complete_lines = head[: head.rfind(b"\n") + 1] or head
             # UTF-16 has two bytes per character: the cut behind b"\n" may have left half of one
-            even = complete_lines[: len(complete_lines) // 2 * 2]
-            text = encodings.decode(even, path.name, "auto")[0]
+            whole_characters = complete_lines[: len(complete_lines) // 2 * 2]
+            text = encodings.decode(whole_characters, path.name, "auto")[0]
         else:
             return ""
     except LogFormatError:
