@@ -228,7 +228,7 @@ def test_weights_that_grow_with_the_temperature_of_their_layer_are_followed():
 def test_a_term_is_added_where_the_logs_have_what_it_describes(kind, name):
     """Hysteresis of 0.2 °/h, a bump of 0.25 °/h, a warm-up of 0.2 °/h: each is found first."""
     _, found = fitted(203, kind)
-    assert found.tested[-1].candidate.name.startswith(name)
+    assert found.tested[-1].name.startswith(name)
     assert (len(found.tested) == 1) == (kind == "plain")
 
 

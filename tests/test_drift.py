@@ -331,8 +331,13 @@ def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
     """A model that improves every left-out rate but makes a fitted ramp worse than raw is not
     chosen.
     """
-    raw = np.array([1.0, 1.0])
-    good = gradient_choice.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 0.4]))
-    spoilt = gradient_choice.LeftOutRates(raw, np.array([0.5, 0.5]), (), 1, np.array([0.4, 1.2]))
-    small = gradient_choice.LeftOutRates(raw, np.array([0.95, 0.95]), (), 1, np.array([0.4, 0.4]))
+
+    def tested(left_out, fitted):
+        errors, raw = (
+            tuple(size * np.array([1.0, -1.0]) for _ in range(2)) for size in (left_out, 1.0)
+        )
+        squares = np.square(fitted)
+        return gradient_choice.LeftOutRates("1", errors, raw, order=1, fitted=squares)
+
+    good, spoilt, small = tested(0.5, (0.4, 0.4)), tested(0.5, (0.4, 1.2)), tested(0.95, (0.4, 0.4))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

@@ -20,7 +20,7 @@ from calibkit.instruments.fog_thermal.numeric import (
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
     _best_of,
-    _LeftOut,
+    _helps,
     choose,
 )
 from calibkit.numeric import flicker, intervals
@@ -32,7 +32,7 @@ from calibkit.numeric.thermal import (
     uncertainty,
 )
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.left_out import Candidate
+from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors
 from calibkit.numeric.thermal.noise import Noise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
@@ -139,20 +139,14 @@ def test_the_stated_uncertainty_of_the_compensated_rate_covers_the_truth(logs, c
 
 def test_every_candidate_is_in_the_table_with_every_ramp(choice):
     """Ten candidates, eight ramps each, raw beside compensated; the reason names the winner."""
-    assert [result.candidate for result in choice.tested] == list(CANDIDATES)
+    assert [result.name for result in choice.tested] == [one.name for one in CANDIDATES]
     assert choice.refused == ()
     for result in choice.tested:
-        assert (
-            len(result.ramps)
-            == result.raw.size
-            == result.compensated.size
-            == len(result.errors)
-            == 8
-        )
-        assert result.raw == pytest.approx(choice.tested[0].raw)
-    assert choice.chosen.candidate.name in choice.reason
+        assert len(result.errors) == len(result.raw) == 8
+        assert result.raw_squares == pytest.approx(choice.tested[0].raw_squares)
+    assert choice.chosen.name in choice.reason
     best = min(choice.tested, key=lambda result: result.pooled)
-    assert fit_choose.choose({0: choice.chosen.compensated**2, 1: best.compensated**2}) == 0
+    assert fit_choose.choose({0: choice.chosen.squares, 1: best.squares}) == 0
 
 
 def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):
@@ -169,7 +163,7 @@ def test_a_gyro_without_drift_gets_no_drift_term(seed):
     assert found.model is None
     assert found.chosen is None
     assert "no drift term" in found.reason
-    assert {one.candidate.name for one in found.tested} >= {one.name for one in CANDIDATES}
+    assert {one.name for one in found.tested} >= {one.name for one in CANDIDATES}
 
 
 def test_two_ramps_are_too_few_to_choose():
@@ -205,8 +199,9 @@ def test_ramps_of_one_file_are_left_out_one_by_one(logs):
         ]
         whole.append(ThermalLog(f"cycle {number}", np.concatenate([up.time, after]), *joined, part))
     found = choose(whole, CANDIDATES[3:4])
-    assert found.tested[0].ramps == tuple(f"cycle {n}:{k}" for n in range(4) for k in (1, 2))
-    assert found.tested[0].helps
+    names = tuple(f"cycle {n}:{k}" for n in range(4) for k in (1, 2))
+    assert pooled_fit.Stack.of_logs(whole).ramp_names == names
+    assert _helps(found.tested[0])
 
 
 # the leave-one-out figures
@@ -245,7 +240,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         fit = np.linalg.lstsq(design, target)[0][7:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
         expected = np.std(left_out.figure_means(left, sound[rows], 10))
-        assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
+        assert found.squares[ramp] == pytest.approx(expected**2, rel=2e-6)
 
 
 def test_figure_means_leave_out_spikes_and_the_rest():
@@ -260,29 +255,22 @@ def test_figure_means_leave_out_spikes_and_the_rest():
 
 
 def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
-    """Return left-out figures of some candidate."""
-    zeros = tuple(np.zeros(3) for _ in raw)
-    return _LeftOut(
-        np.array(raw),
-        np.array(compensated),
-        zeros,
-        CANDIDATES[0],
-        ("a", "b", "c"),
-        parameters,
-        endless,
-    )
+    """Return left-out errors of some candidate, of a size on each ramp."""
+    sides = np.array([1.0, -1.0, 1.0, -1.0])
+    errors, without = ([size * sides for size in sizes] for sizes in (compensated, raw))
+    return LeftOutErrors("level T", tuple(errors), tuple(without), parameters, endless)
 
 
 def test_a_model_that_makes_one_ramp_worse_does_not_help():
     """However good it is on the others; one percent is how well a figure repeats."""
-    assert result((0.01, 0.01, 0.2)).helps
-    assert not result((0.01, 0.01, 0.21)).helps
+    assert _helps(result((0.01, 0.01, 0.2)))
+    assert not _helps(result((0.01, 0.01, 0.21)))
 
 
 def test_a_model_that_is_hardly_better_than_raw_does_not_help():
     """The pooled error must be clearly below raw."""
-    assert result((0.18, 0.18, 0.18)).helps
-    assert not result((0.195, 0.195, 0.195)).helps
+    assert _helps(result((0.18, 0.18, 0.18)))
+    assert not _helps(result((0.195, 0.195, 0.195)))
 
 
 NEAR, BEST = (0.11, 0.09, 0.1), (0.099, 0.0995, 0.096)
@@ -304,7 +292,9 @@ def test_a_ramp_that_is_worse_within_its_noise_rejects_no_model():
     """A tenth more than raw on one ramp rejects a model; not where chance makes as much."""
     worse = result((0.05, 0.05, 0.22))
     assert _best_of([worse]) is None
-    assert _best_of([replace(worse, chance=np.full(3, 0.5 * (0.22**2 - 0.2**2)))]) == 0
+    apart = 0.22**2 - 0.2**2
+    uneven = np.sqrt(0.22**2 + apart * np.array([1.0, -1.0, 1.0, -1.0]))
+    assert _best_of([replace(worse, errors=(*worse.errors[:2], uneven))]) == 0
 
 
 def test_a_lag_without_end_is_only_taken_where_it_is_better_than_the_noise():
@@ -320,13 +310,12 @@ def test_ramps_of_one_direction_ask_for_a_bank():
     """Only its priors hold for the direction that nothing tests; where it does not help, the best
     of the others is taken.
     """
-    bank = thermal_choice.CANDIDATES[-1]
-    tested = [result(BEST, parameters=4), replace(result(NEAR, parameters=7), candidate=bank)]
+    bank = thermal_choice.CANDIDATES[-1].name
+    tested = [result(BEST, parameters=4), replace(result(NEAR, parameters=7), name=bank)]
     assert _best_of(tested) == 0
     assert _best_of(tested, one_sided=True) == 1
-    assert (
-        _best_of([tested[0], replace(tested[1], compensated=np.full(3, 0.3))], one_sided=True) == 0
-    )
+    spoilt = replace(tested[1], errors=result((0.3,) * 3).errors)
+    assert _best_of([tested[0], spoilt], one_sided=True) == 0
 
 
 # uncertainty

@@ -49,23 +49,23 @@ class Blocks:
     @classmethod
     def of(
         cls,
-        design: Callable[[slice], Array],
-        indication: Array,
-        abscissa: Array,
-        bounds: Sequence[tuple[int, int]],
+        designs: Sequence[Callable[[slice], Array]],
+        rows: Sequence[tuple[Array, Array]],
+        valid: tuple[float, float],
     ) -> "Blocks":
-        """Means over the rows of logs, each from its first row to before its last: `bounds`."""
-        low, high = chunks.extremes(abscissa)
+        """Means over the rows of logs, given by the design of a slice of its rows and by its
+        abscissa and indication [n]; `valid` is the range of the abscissa in all of them.
+        """
         means, counts = [], []
-        for first, stop in bounds:
-            own, count = _means(design, indication, first, stop)
-            lowest, highest = chunks.extremes(abscissa[first:stop])
-            if highest - lowest < STILL * (high - low):
+        for design, (abscissa, indication) in zip(designs, rows, strict=True):
+            own, count = _means(design, indication)
+            lowest, highest = chunks.extremes(abscissa)
+            if highest - lowest < STILL * (valid[1] - valid[0]):
                 own[:, :-1] = np.average(own[:, :-1], axis=0, weights=count)
             means.append(own)
             counts.append(count)
         whole = np.concatenate(means)
-        log = np.repeat(np.arange(len(bounds)), [len(own) for own in means])
+        log = np.repeat(np.arange(len(rows)), [len(own) for own in means])
         return cls(whole[:, :-1], whole[:, -1], np.concatenate(counts), log)
 
     @property
@@ -121,21 +121,19 @@ def fit(
     return fit_with(replace(flicker, size=size))
 
 
-def _means(
-    design: Callable[[slice], Array], indication: Array, first: int, stop: int
-) -> tuple[Array, Array]:
+def _means(design: Callable[[slice], Array], indication: Array) -> tuple[Array, Array]:
     """Means [m, p + 1] of design and indication over blocks of rows of one log, and the number of
     rows [m] of each.
     """
-    size = -(-(stop - first) // BLOCKS)
+    size = -(-indication.size // BLOCKS)
     parts = []
-    for start, end in chunks.ranges(stop - first, size * max(chunks.ROWS // size, 1)):
-        rows = slice(first + start, first + end)
+    for start, end in chunks.ranges(indication.size, size * max(chunks.ROWS // size, 1)):
+        rows = slice(start, end)
         stacked = np.column_stack([design(rows), indication[rows]])
         parts.append(np.add.reduceat(stacked, np.arange(0, end - start, size), axis=0))
         chunks.release(indication)
     count = np.full(sum(map(len, parts)), float(size))
-    count[-1] = stop - first - size * (count.size - 1)
+    count[-1] = indication.size - size * (count.size - 1)
     return np.concatenate(parts) / count[:, None], count
 
 

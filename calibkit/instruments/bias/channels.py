@@ -67,7 +67,7 @@ class FittedChannel:
     @property
     def varies(self) -> bool:
         """Whether the model has a term beside the constant."""
-        return self.choice.chosen.candidate is not choice.CONSTANT
+        return self.choice.chosen is not self.choice.constant
 
 
 def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -> Evaluation:
@@ -115,7 +115,7 @@ def fit_channel(
     withheld = None
     if not fitted.all():
         withheld = rms(both[0][~fitted]), rms(both[1][~fitted])
-    no_term = (NO_TERM,) if chosen.chosen.candidate is choice.CONSTANT else ()
+    no_term = (NO_TERM,) if chosen.chosen is chosen.constant else ()
     flags = (*chosen.model.flags, *no_term, *_flag_turn_on_drift(name, chosen, power_ons))
     return FittedChannel(
         chosen,
@@ -212,7 +212,7 @@ def result(
         rms_of = {f"rms_before.{channel.name}": channel.before}
         rms_of[f"rms_after.{channel.name}"] = channel.after
         for tested in channel.choice.tested:
-            rms_of[f"left_out_rms.{channel.name}.{tested.candidate.name}"] = tested.pooled
+            rms_of[f"left_out_rms.{channel.name}.{tested.name}"] = tested.pooled
         if channel.withheld is not None:
             for when, value in zip(("before", "after"), channel.withheld, strict=True):
                 rms_of[f"withheld_rms_{when}.{channel.name}"] = value

@@ -10,7 +10,6 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.fit.choose import choose as choose_simplest
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.evaluate import evaluate_terms
@@ -18,8 +17,10 @@ from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     STATIC,
     Candidate,
+    LeftOutErrors,
     figure_means,
     leave_out,
+    simplest,
     solve,
 )
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack
@@ -47,44 +48,19 @@ CANDIDATES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Tested:
-    """Candidate with its errors on left-out stretches."""
-
-    candidate: Candidate
-    errors: tuple[Array, ...]
-    """Figure means of each stretch, left out of the fit; the turn-on bias is that of the rest of
-    the power-on, or the stretch's own where it has no other.
-    """
-    of_pairs: tuple[Array, ...]
-    """The same of pairs of stretches, left out together: what a model misses is seen better by
+class Choice:
+    """Errors of all candidates on stretches and on pairs of them, left out together, why others
+    could not be fitted, the chosen model and its test. What a model misses is seen better by
     leaving out more, what tells models apart by leaving out less.
     """
-    parameters: int
-    endless: bool = False
-    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
 
-    @property
-    def squares(self) -> Array:
-        """Mean squares [stretches and pairs] of the errors."""
-        return np.array([np.mean(error**2) for error in (*self.errors, *self.of_pairs)])
-
-    @property
-    def pooled(self) -> float:
-        """Root of the mean over the stretches of the mean squares."""
-        return float(np.sqrt(np.mean(self.squares)))
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """Errors of all candidates, why others could not be fitted, the chosen model and its test."""
-
-    tested: tuple[Tested, ...]
+    tested: tuple[LeftOutErrors, ...]
     refused: tuple[str, ...]
-    chosen: Tested
+    chosen: LeftOutErrors
     model: ThermalModel
 
     @property
-    def constant(self) -> Tested:
+    def constant(self) -> LeftOutErrors:
         """Test of the bias without any term of temperature."""
         return self.tested[0]
 
@@ -101,41 +77,36 @@ def choose(
     basis = fits.level_basis(stacked)
     solved, refused = solve((CONSTANT, *candidates), basis)
     cuts = [(cut, leave_out(cut, basis.rows)) for cut in (stacked, pairs)]
-    tested = [_test(one, fit, cuts, figure_blocks) for one, fit in solved]
+    errors = [_left_out(fit, cuts, figure_blocks) for _, fit in solved]
+    tested = [
+        LeftOutErrors(one.name, left, errors[0], fit.parameters, fit.endless)
+        for (one, fit), left in zip(solved, errors, strict=True)
+    ]
     if len(tested) == 1:
         raise FitError(
             f"no model can be fitted: {'; '.join(refused)}",
             hint="log the instrument while its temperature changes",
         )
-    chosen = _best_of(tested)
+    helping = (k for k, one in enumerate(tested) if k and one.pooled <= CLEARLY * one.pooled_raw)
+    chosen = simplest(tested, (0, *helping))
     model = fits.finish(solved[chosen][1])
-    model = _with_model_error(model, tested[chosen], pairs, figure_blocks)
+    of_pairs = errors[chosen][len(stacked.ramps) :]
+    model = _with_model_error(model, of_pairs, pairs, figure_blocks)
     return Choice(tuple(tested), tuple(refused), tested[chosen], model)
 
 
-def _best_of(tested: Sequence[Tested]) -> int:
-    """Index of the chosen candidate; 0, the constant, unless another is clearly better."""
-    helping = [k for k, one in enumerate(tested) if k and one.pooled <= CLEARLY * tested[0].pooled]
-    helping.sort(key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
-    return choose_simplest({k: tested[k].squares for k in (0, *helping)})
-
-
-def _test(
-    candidate: Candidate,
-    solution: fits.Solution,
-    cuts: Sequence[tuple[Stack, tuple[Rows, ...]]],
-    figure_blocks: int,
-) -> Tested:
-    """Errors of a candidate on each stretch and each pair of them, fitted to all others."""
+def _left_out(
+    solution: fits.Solution, cuts: Sequence[tuple[Stack, tuple[Rows, ...]]], figure_blocks: int
+) -> tuple[Array, ...]:
+    """Errors of a candidate on each stretch, then on each pair of them, fitted to all others; the
+    turn-on bias is that of the rest of the power-on, or the stretch's own where it has no other.
+    """
     sound = solution.rows.sound
-    errors, of_pairs = (
-        tuple(
-            _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
-            for number, drift in enumerate(solution.leave_out(without))
-        )
+    return tuple(
+        _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
         for stacked, without in cuts
+        for number, drift in enumerate(solution.leave_out(without))
     )
-    return Tested(candidate, errors, of_pairs, solution.parameters, solution.endless)
 
 
 def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks: int) -> Array:
@@ -152,14 +123,14 @@ def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks
 
 
 def _with_model_error(
-    model: ThermalModel, tested: Tested, stacked: Stack, figure_blocks: int
+    model: ThermalModel, of_pairs: Sequence[Array], stacked: Stack, figure_blocks: int
 ) -> ThermalModel:
     """Model with what lasts in its errors on left-out stretches beyond noise and coefficients: at
     rest or while the temperature changes, whichever is larger.
     """
     still = model.nearest_fitted(0.0)
     stretches: list[tuple[Array, list[Array], Mask]] = []
-    errors = iter(tested.of_pairs)
+    errors = iter(of_pairs)
     for log in stacked.logs:
         along = evaluate_terms(model, log.time, log.case, log.env, still, log.starts).sensitivities
         parts = uncertainty.explain_parts(model, log, along, figure_blocks, of_rest=True)

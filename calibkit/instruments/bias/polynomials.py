@@ -8,7 +8,6 @@ every log, so that the degrees of freedom of p0 are those of the logs, never tho
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -56,6 +55,8 @@ POINTS = 9
 """Abscissae at which the degrees of freedom of the bias are found, for those of p0."""
 
 Allocate = Callable[[int], Array]
+Rows = Sequence[tuple[Array, Array]]
+"""Abscissa and indication [n] of each log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,17 +70,6 @@ class ChannelFit:
     flags: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _Rows:
-    """Rows of all logs, one after the other."""
-
-    abscissa: Array
-    indication: Array
-    bounds: tuple[tuple[int, int], ...]
-    """First row of each log and row after its last."""
-    allocate: Allocate
-
-
 def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[ChannelFit]:
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
     rows of all logs, each of which has a turn-on bias of its own.
@@ -88,30 +78,17 @@ def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[ChannelF
     white. Few cold rows leave few degrees of freedom.
     """
     allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
-    # the rows that are fitted: a file has more where some are excluded or lack a value
-    ends = np.cumsum([0, *(len(log.frame) for log in logs)]).tolist()
-    bounds = tuple(pairwise(ends))
-
-    def column_of_all(column: str) -> Array:
-        parts = [values(log.frame, column) for log in logs]
-        if len(parts) == 1:
-            return parts[0]
-        whole = allocate(ends[-1])
-        for part, (first, _) in zip(parts, bounds, strict=True):
-            for start, stop in chunks.ranges_along(part):
-                whole[first + start : first + stop] = part[start:stop]
-                chunks.release(whole)
-        return whole
-
-    abscissa = column_of_all(spec.abscissa)
     channels = []
     for entry in spec.bias:
-        rows = _Rows(abscissa, column_of_all(entry.indication), bounds, allocate)
-        channels.append(_fit_channel(entry, spec.abscissa, rows, errors))
+        columns = spec.abscissa, entry.indication
+        rows = [(values(log.frame, columns[0]), values(log.frame, columns[1])) for log in logs]
+        channels.append(_fit_channel(entry, spec.abscissa, rows, errors, allocate))
     return channels
 
 
-def _fit_channel(entry: Bias, abscissa: str, rows: _Rows, errors: Errors) -> ChannelFit:
+def _fit_channel(
+    entry: Bias, abscissa: str, rows: Rows, errors: Errors, allocate: Allocate
+) -> ChannelFit:
     """One channel's polynomial over the abscissa of that name.
 
     Where logs have no error in common, as one log alone, the coefficients are those of ordinary
@@ -120,11 +97,14 @@ def _fit_channel(entry: Bias, abscissa: str, rows: _Rows, errors: Errors) -> Cha
     """
     unit, count = units.column_unit(entry.indication), entry.order + 1
     names = [f"p{k}" for k in range(count)]
-    design, to_raw = polynomial.mapped_powers(rows.abscissa, entry.order)
-    blocks = Blocks.of(design, rows.indication, rows.abscissa, rows.bounds)
+    low, high = zip(*(chunks.extremes(x) for x, _ in rows), strict=True)
+    valid = min(low), max(high)
+    designs = [polynomial.mapped_powers(x, entry.order, valid) for x, _ in rows]
+    to_raw = designs[0][1]
+    blocks = Blocks.of([design for design, _ in designs], rows, valid)
     turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
     offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
-    many_logs = len(rows.bounds) > 1
+    many_logs = len(rows) > 1
     if many_logs:
         offered += blocks.wander(turned, unit)
     stated = state_sizes(errors, offered)
@@ -132,33 +112,32 @@ def _fit_channel(entry: Bias, abscissa: str, rows: _Rows, errors: Errors) -> Cha
     if shared and shared[0].size is None:
         _require_levels_apart(shared[0], turned.rows(blocks.design), names)
     estimate = bias_blocks.fit(blocks, turned, unit, shared, names)
-    coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows.bounds)), estimate.mixed
+    coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows)), estimate.mixed
     if shared:
         turn_on = estimate.mixed[0].errors[:, 0]
     else:
         coefficients = fold.linear(
-            design, rows.indication, names=names, allocate=rows.allocate
+            designs[0][0], rows[0][1], names=names, allocate=allocate
         ).coefficients
         estimate = estimate.linear(_least_squares(blocks, turned), turned.rows(blocks.indication))
         estimate = estimate.widened_by([error for error in stated if error.size is not None])
     if not many_logs:  # the rows of one log show nothing of its turn-on bias: it is as stated
         sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in stated)
-    valid = chunks.extremes(rows.abscissa)
     at = np.vander(np.linspace(*valid, POINTS), count, increasing=True)
     along = np.vstack([np.eye(count), at]) @ np.asarray(to_raw, dtype=np.float64)
     covariance, dof = estimate.covariance, estimate.dof_along(along)
     wanders = any(size.error.effect in COURSES for size in estimate.mixed)
-    if wanders and len(rows.bounds) >= LEAST_LOGS:
+    if wanders and len(rows) >= LEAST_LOGS:
         covariance, dof = between_logs(estimate, turned.rows(blocks.design), blocks.log, along)
     raw, covariance = polynomial.in_raw_powers(coefficients, covariance, to_raw)
     dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
-    means, residual_rms, over_noise = _bin_means(rows, turn_on, raw)
+    means, residual_rms, over_noise = _bin_means(rows, valid, turn_on, raw)
     per = units.column_unit(abscissa)
     model = POLYNOMIAL.write(
         entry.indication,
         [(f"p{k}", p, power_unit(unit, per, k)) for k, p in enumerate(raw.tolist())],
         covariance,
-        dof=rows.indication.size - raw.size,
+        dof=sum(y.size for _, y in rows) - raw.size,
         effective_dof=dof[:count],
         residual_rms=residual_rms,
         residual_unit=unit,
@@ -329,8 +308,8 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     low, high = chunks.extremes(x)
     if order == 0 or low == high:
         return {}
-    rows = _Rows(x, values(log.frame, model.name), ((0, x.size),), log.allocate)
-    of_log = _fit_channel(Bias(indication=model.name, order=order), abscissa, rows, Errors()).model
+    entry, rows = Bias(indication=model.name, order=order), [(x, values(log.frame, model.name))]
+    of_log = _fit_channel(entry, abscissa, rows, Errors(), log.allocate).model
     # the rows that it corrects, about their mean: of all powers but the level, which cancels
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
     along = powers - powers.mean(axis=0)
@@ -369,16 +348,17 @@ def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:
     return np.einsum("ti,tj->ij", errors, errors) if errors else np.zeros((p.size, p.size))
 
 
-def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Array], float, float]:
+def _bin_means(
+    rows: Rows, valid: tuple[float, float], level: Array, raw: Array
+) -> tuple[tuple[Array, Array], float, float]:
     """Means of abscissa and indication [bins] over equal steps of the abscissa, empty steps left
     out, rms of the residuals, and the same over their noise; of indications less the level of
     their log.
     """
-    edges = np.linspace(*chunks.extremes(rows.abscissa), BINS + 1)
+    edges = np.linspace(*valid, BINS + 1)
     count, sums, square = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS)), 0.0
     within = []
-    for (first, end), shift in zip(rows.bounds, level, strict=True):
-        x_of, y_of = rows.abscissa[first:end], rows.indication[first:end]
+    for (x_of, y_of), shift in zip(rows, level, strict=True):
         for start, stop in chunks.ranges_along(x_of, y_of):
             x, y = x_of[start:stop], y_of[start:stop] - shift
             index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
@@ -389,5 +369,5 @@ def _bin_means(rows: _Rows, level: Array, raw: Array) -> tuple[tuple[Array, Arra
             within.append(dispersion.variances_within(residual, y))
     full = count > 0
     means = sums[0][full] / count[full], sums[1][full] / count[full]
-    rms = float(np.sqrt(square / rows.indication.size))
+    rms = float(np.sqrt(square / count.sum()))
     return means, rms, dispersion.over_noise(rms, within)

@@ -28,7 +28,7 @@ def fit_summary(
         models.append(
             (
                 channel.name,
-                chosen.candidate.name,
+                chosen.name,
                 ", ".join(f"{lag:.0f}" for lag in model.lags),
                 number(before),
                 number(after),
@@ -36,7 +36,7 @@ def fit_summary(
                 unit,
             )
         )
-        terms = chosen.candidate.name if channel.varies else "no drift term needed"
+        terms = chosen.name if channel.varies else "no drift term needed"
         drifts.append(
             f"{channel.name}: drift in a power-on (rms) {before:.3g} {unit} before,"
             f" {after:.3g} {unit} after ({terms})."
@@ -70,7 +70,7 @@ def _tabulate_left_out(channels: Sequence[FittedChannel]) -> Table:
     rows: dict[str, list[str]] = {}
     for k, channel in enumerate(channels):
         for tested in channel.choice.tested:
-            row = rows.setdefault(tested.candidate.name, [""] * len(channels))
+            row = rows.setdefault(tested.name, [""] * len(channels))
             chosen = " *" if tested is channel.choice.chosen else ""
             row[k] = f"{number(tested.pooled, 3)}{chosen}"
     return Table(

@@ -16,6 +16,7 @@ from calibkit.instruments.fog_thermal.gradient_choice import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
 from calibkit.numeric.thermal.left_out import blocks_per_figure
@@ -63,10 +64,10 @@ class Export:
             raw = levels.tested[0].pooled_raw
             figures.append(Figure("raw_drift_rms.ramps", raw, "deg/h", 0.0))
         for tested in levels.tested:
-            name = f"leave_one_ramp_out_rms.{tested.candidate.name}"
+            name = f"leave_one_ramp_out_rms.{tested.name}"
             figures.append(Figure(name, tested.pooled, "deg/h", 0.0))
         if levels.chosen is not None:
-            left_out = levels.chosen.split
+            left_out = split_noise(levels.chosen.errors)
             figures += [
                 Figure("left_out_noise_rms", left_out.noise, "deg/h", 0.0),
                 Figure("left_out_drift_rms", left_out.left, "deg/h", left_out.left_uncertainty),
@@ -140,7 +141,7 @@ def decide(
                 f"uncertainties of {', '.join(thermal.entangled)} hold together, through the"
                 " covariance, not singly"
             )
-        return Export(model, levels.chosen.candidate.name, share_levels, tuple(flags))
+        return Export(model, levels.chosen.name, share_levels, tuple(flags))
     reasons = [flag for side in choices for flag in side.flags]
     if rates:
         return Export(model, "gradient_rate", share_rates, tuple(reasons))
@@ -172,9 +173,11 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     ]
     if not tested:
         return None
-    left = np.concatenate([result.compensated for result in tested])
-    raw = np.concatenate([result.raw for result in tested])
-    return float(np.sqrt(np.sum(left**2) / np.sum(raw**2)))
+    left, raw = (
+        sum(np.sum(part) for part in parts)
+        for parts in zip(*((r.squares, r.raw_squares) for r in tested), strict=True)
+    )
+    return float(np.sqrt(left / raw))
 
 
 def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

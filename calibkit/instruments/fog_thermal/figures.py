@@ -45,7 +45,7 @@ class DriftLog:
 
 
 @dataclass(frozen=True, slots=True)
-class Tested:
+class Shown:
     """Drift rms on ramps left out of the fit of one model, raw and after compensation [°/h]."""
 
     name: str
@@ -70,7 +70,7 @@ class DriftReport:
     logs: tuple[DriftLog, ...]
     ramps: tuple[published.RampFit, ...]
     polynomials: tuple[published.RatePolynomial, ...]
-    tested: tuple[Tested, ...]
+    tested: tuple[Shown, ...]
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
     """Hysteresis curves and their labels."""
@@ -199,7 +199,7 @@ def _coefficients_page(report: DriftReport) -> Figure:
     return figure
 
 
-def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
+def _tested(ax: Axes, tested: Sequence[Shown]) -> None:
     """Panel of each tested model's share of the raw drift on left-out ramps; raw is 1."""
     shown = sorted(tested, key=lambda entry: -entry.share)
     ax.barh(

@@ -15,10 +15,10 @@ from calibkit.coefficients import StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import drift_figures, published
-from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, LeftOutRamps
+from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE
 from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
 from calibkit.instruments.fog_thermal.recipe import Drift
-from calibkit.numeric.thermal.left_out import blocks_per_figure
+from calibkit.numeric.thermal.left_out import LeftOutErrors, blocks_per_figure
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""
@@ -45,10 +45,10 @@ class FittedRamp:
         return raw.between(max(before, default=0), min(after, default=raw.time.size))
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOutRates(LeftOutRamps):
-    """Drift rms [ramps, °/h] of the ramps' logs for one order: `compensated` by a model fitted
-    without the ramp's rate, `fitted` by the model fitted to all rates.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeftOutRates(LeftOutErrors):
+    """Errors of one order on the logs of rates that were left out, and mean squares [ramps] of what
+    the model fitted to all rates leaves.
     """
 
     order: int
@@ -62,8 +62,9 @@ class LeftOutRates(LeftOutRamps):
         If the slowest or the fastest rate is left out, the model holds or clamps it; only the fit
         to all rates shows the effect of the model there.
         """
-        worst = np.maximum(self.compensated, self.fitted)
-        return self.pooled <= MARGIN * self.pooled_raw and bool(np.all(worst <= WORSE * self.raw))
+        worst = np.maximum(self.squares, self.fitted)
+        unharmed = bool(np.all(worst <= WORSE**2 * self.raw_squares))
+        return self.pooled <= MARGIN * self.pooled_raw and unharmed
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +135,13 @@ def left_out_rates(
 
     def compensated(polynomial: published.RatePolynomial, log: published.Blocks) -> Array:
         delta = published.increments([polynomial], log.gradient, log.rate).delta
-        return drift_figures.figure_means(log.indication - published.recursive(delta), group)
+        return means(log.indication - published.recursive(delta))
 
-    raw = np.array([drift_figures.drift_rms(log.indication, group) for log in logs])
+    def means(output: Array) -> Array:
+        about = drift_figures.figure_means(output, group)
+        return np.asarray(about - about.mean())
+
+    raw = tuple(means(log.indication) for log in logs)
     tested = []
     for order in range(len(rates) - 1):
         errors = [np.zeros(0)] * len(ramps)
@@ -146,9 +151,9 @@ def left_out_rates(
             for i in left_out:
                 errors[i] = compensated(polynomial, logs[i])
         all_rates = published.fit_over_rates(ramps, order, side)
-        fitted = np.array([np.std(compensated(all_rates, log)) for log in logs])
-        left = np.array([np.std(error) for error in errors])
-        tested.append(LeftOutRates(raw, left, tuple(errors), order, fitted))
+        fitted = np.array([np.mean(compensated(all_rates, log) ** 2) for log in logs])
+        name = f"gradient_rate {side}, order {order}"
+        tested.append(LeftOutRates(name, tuple(errors), raw, order=order, fitted=fitted))
     return tested
 
 

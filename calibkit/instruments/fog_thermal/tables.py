@@ -9,9 +9,10 @@ from calibkit.arrays import Array
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
-from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
+from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Shown
 from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
 from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -34,7 +35,7 @@ def drift_report(
     compensated: Sequence[LogFigures],
     ramps: Sequence[FittedRamp],
     choices: Sequence[SideChoice],
-    tested: Sequence[Tested],
+    tested: Sequence[Shown],
     model: DriftModel,
     hysteresis: tuple[tuple[str, Hysteresis], ...],
 ) -> DriftReport:
@@ -66,33 +67,28 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
 
 def list_tested(
     choices: Sequence[SideChoice], levels: ThermalChoice, export: Export
-) -> tuple[Tested, ...]:
+) -> tuple[Shown, ...]:
     """Results of all models tested on left-out ramps or rates; each order of the published scheme
     is listed.
     """
-    named = [
-        (
-            f"gradient_rate {choice.side}, order {result.order}",
-            result,
-            bool(export.model.polynomials)
-            and choice.chosen is not None
-            and choice.chosen.order == result.order,
-        )
-        for choice in choices
-        for result in choice.tested
-    ] + [
-        (result.candidate.name, result, export.name == result.candidate.name)
-        for result in levels.tested
-    ]
-    splits = [result.split for _, result, _ in named]
+    exported = {export.name} | {
+        f"gradient_rate {side.side}, order {side.chosen.order}"
+        for side in choices
+        if side.chosen is not None and export.model.polynomials
+    }
+    tested = [*(result for side in choices for result in side.tested), *levels.tested]
+    splits = [split_noise(result.errors) for result in tested]
     noise = min((split.noise for split in splits), default=0.0)
     return tuple(
-        Tested(name, result.pooled_raw, result.pooled, split.at_most(noise), exported)
-        for (name, result, exported), split in zip(named, splits, strict=True)
+        Shown(
+            *(result.name, result.pooled_raw, result.pooled, split.at_most(noise)),
+            result.name in exported,
+        )
+        for result, split in zip(tested, splits, strict=True)
     )
 
 
-def tabulate_tested(results: Sequence[Tested]) -> Table:
+def tabulate_tested(results: Sequence[Shown]) -> Table:
     """Table of the drift rms of tested models on left-out ramps."""
     shares = tuple(
         (
@@ -218,7 +214,7 @@ def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ())
 def summarize_fit(
     prepared: Sequence[PreparedLog],
     compensated: Sequence[LogFigures],
-    tested: Sequence[Tested],
+    tested: Sequence[Shown],
     levels: ThermalChoice,
     export: Export,
     stated: Sequence[Mapping[str, Any]],
@@ -266,7 +262,7 @@ def _compare_drift(where: str, raw: float, left: float, noise: float) -> str:
     )
 
 
-def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[Tested]) -> str:
+def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[Shown]) -> str:
     """How many models were tested on left-out ramps, and why this one was chosen."""
     count = f"of {len(tested)} models tested on left-out ramps"
     if levels.chosen is None or export.model.thermal is None:

@@ -31,16 +31,17 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
 
 
 def mapped_powers(
-    abscissa: Array, order: int
+    abscissa: Array, order: int, span: tuple[float, float] | None = None
 ) -> tuple[Callable[[slice], Array], NDArray[np.longdouble]]:
     """Columns [m, order + 1] of a slice of an abscissa [n] mapped to [−1, 1], and the way back as
-    `to_raw_powers`.
+    `to_raw_powers`. It is mapped from its own span, or from a wider one.
 
     Raises
     ------
     FitError : the abscissa is constant, as that of a static record.
     """
-    middle, half = middle_and_half(abscissa)
+    low, high = span or chunks.extremes(abscissa)
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
     if half == 0.0 and order > 0:
         raise FitError(
             f"the abscissa is constant at {middle:g}", hint="a polynomial needs it to vary"

@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.fit.choose import choose as choose_simplest
 from calibkit.numeric.thermal.fits import LevelBasis, Solution, lagged_basis
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 
@@ -36,6 +37,53 @@ class Candidate:
     name: str
     form: Literal["level", "lagged", "bank"]
     terms: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutErrors:
+    """Model with its errors on parts of the logs (ramps, rates, stretches) that were left out of
+    its fit.
+    """
+
+    name: str
+    errors: tuple[Array, ...]
+    """Figure means [m] of what the model leaves of each part."""
+    raw: tuple[Array, ...]
+    """The same without a model."""
+    parameters: int = 0
+    """Number of what the logs determine freely."""
+    endless: bool = False
+    """Whether a lag lies at its upper bound, so that it does not describe a real lag."""
+
+    @property
+    def squares(self) -> Array:
+        """Mean squares [parts] of the errors."""
+        return np.array([np.mean(error**2) for error in self.errors])
+
+    @property
+    def raw_squares(self) -> Array:
+        """The same without a model."""
+        return np.array([np.mean(error**2) for error in self.raw])
+
+    @property
+    def pooled(self) -> float:
+        """Root of the mean over the parts of the mean squares."""
+        return float(np.sqrt(np.mean(self.squares)))
+
+    @property
+    def pooled_raw(self) -> float:
+        """The same without a model."""
+        return float(np.sqrt(np.mean(self.raw_squares)))
+
+
+def simplest(tested: Sequence[LeftOutErrors], among: Iterable[int]) -> int:
+    """Number of the simplest of some models that is as good as the best within one standard error;
+    one with a lag at its upper bound counts as less simple than any other.
+    """
+    ordered = sorted(
+        among, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled)
+    )
+    return choose_simplest({k: tested[k].squares for k in ordered})
 
 
 def solve(

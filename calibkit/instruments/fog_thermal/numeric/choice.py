@@ -4,27 +4,32 @@ ramps that were left out of the fit.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.fit.choose import choose as choose_simplest
 from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, LeftOutRamps
+from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, split_noise
 from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     FIGURE_BLOCKS,
     STATIC,
     Candidate,
+    LeftOutErrors,
     leave_out,
     left_out_errors,
+    simplest,
     solve,
 )
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
 
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
+
+BANK = "bank of lags"
 LIKELY = 0.5
 """Probability from which a term that is not modelled is flagged."""
 LEAST_RAMPS = 3
@@ -41,7 +46,7 @@ CANDIDATES = (
     Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
     Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
     Candidate("lagged, all terms", "lagged", fits.LAGGED_TERMS),
-    Candidate("bank of lags", "bank", ()),
+    Candidate(BANK, "bank", ()),
 )
 
 
@@ -61,28 +66,15 @@ class _Fitted:
         return fits.finish(self.solution)
 
 
-@dataclass(frozen=True, slots=True)
-class _LeftOut(LeftOutRamps):
-    """Errors of a candidate on each ramp when this ramp was left out of the fit: drift rms of 100 s
-    means, the ramp's mean removed.
+def _helps(one: LeftOutErrors) -> bool:
+    """Whether the pooled error on left-out ramps is clearly below raw and no left-out ramp became
+    worse by more than its noise: the standard error of compensated² − raw².
     """
-
-    candidate: Candidate
-    ramps: tuple[str, ...]
-    parameters: int
-    endless: bool
-    chance: float | Array = 0.0
-    """[ramps], standard error of compensated² − raw² by the noise of each ramp [(°/h)²]."""
-
-    @property
-    def helps(self) -> bool:
-        """Whether the pooled error on left-out ramps is clearly below raw and no left-out ramp
-        became worse by more than its noise.
-        """
-        limit = (WORSE * self.raw) ** 2 + 2.0 * self.chance
-        return self.pooled <= CLEARLY * self.pooled_raw and bool(
-            np.all(self.compensated**2 <= limit)
-        )
+    chance = [
+        np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(one.errors, one.raw, strict=True)
+    ]
+    limit = WORSE**2 * one.raw_squares + 2.0 * np.array(chance)
+    return one.pooled <= CLEARLY * one.pooled_raw and bool(np.all(one.squares <= limit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +83,9 @@ class ThermalChoice:
     the choice.
     """
 
-    tested: tuple[_LeftOut, ...]
+    tested: tuple[LeftOutErrors, ...]
     refused: tuple[str, ...]
-    chosen: _LeftOut | None
+    chosen: LeftOutErrors | None
     model: OnLevels | None
     reason: str
 
@@ -147,7 +139,9 @@ def choose(
     tested = tuple(_left_out(one, stacked, without, figure_blocks, last_bank) for one in fitted)
     best = _best_of(tested, one_sided=one_sided)
     if best is None:
-        return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
+        return ThermalChoice(
+            tested, refused, None, None, _nothing_helps(tested, stacked.ramp_names, refused)
+        )
     model = fitted[best].finish()
     along = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [evaluation.sensitivities for evaluation in along]
@@ -170,24 +164,20 @@ def choose(
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
 
 
-def _best_of(tested: Sequence[_LeftOut], *, one_sided: bool = False) -> int | None:
+def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int | None:
     """Index of the candidate to export, None if none helps: the one with the fewest parameters
     among those as good as the best within the noise.
 
-    A candidate with a lag at its upper bound counts as less simple than any other. Where all ramps
-    go one way, a bank is taken if it helps: the priors of its terms hold for the other way, where
-    nothing tests the others.
+    Where all ramps go one way, a bank is taken if it helps: the priors of its terms hold for the
+    other way, where nothing tests the others.
     """
-    helping = [k for k, result in enumerate(tested) if result.helps]
+    helping = [k for k, one in enumerate(tested) if _helps(one)]
     # a further term of a bank has been tested when it was added: the last bank stands for all
-    banks = [k for k in helping if tested[k].candidate.form == "bank"]
+    banks = [k for k in helping if tested[k].name.startswith(BANK)]
     helping = [k for k in helping if k not in banks[:-1]]
-    if one_sided:
-        helping = [k for k in helping if tested[k].candidate.form == "bank"] or helping
-    if not helping:
-        return None
-    helping.sort(key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled))
-    return choose_simplest({k: tested[k].compensated ** 2 for k in helping})
+    if one_sided and banks:
+        helping = banks[-1:]
+    return simplest(tested, helping) if helping else None
 
 
 def _one_sided(stacked: Stack) -> bool:
@@ -197,32 +187,34 @@ def _one_sided(stacked: Stack) -> bool:
     return bool(np.all(np.sign(changes) == np.sign(changes[0])))
 
 
-def _why(chosen: _LeftOut, tested: Sequence[_LeftOut]) -> str:
-    least = min((one for one in tested if one.helps), key=lambda one: one.pooled)
+def _why(chosen: LeftOutErrors, tested: Sequence[LeftOutErrors]) -> str:
+    least = min((one for one in tested if _helps(one)), key=lambda one: one.pooled)
     left = (
         f"{chosen.pooled:.3g} deg/h on left-out ramps against {chosen.pooled_raw:.3g} deg/h raw and"
-        f" {chosen.split.noise:.3g} deg/h of noise alone"
+        f" {split_noise(chosen.errors).noise:.3g} deg/h of noise alone"
     )
     if least is chosen:
-        return f"{chosen.candidate.name}: {left}, the smallest error of the candidates"
+        return f"{chosen.name}: {left}, the smallest error of the candidates"
     return (
-        f"{chosen.candidate.name}: {left}, the simplest model within the noise of the best on"
-        f" left-out ramps ({least.candidate.name}, {least.pooled:.3g} deg/h)"
+        f"{chosen.name}: {left}, the simplest model within the noise of the best on"
+        f" left-out ramps ({least.name}, {least.pooled:.3g} deg/h)"
     )
 
 
-def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
+def _nothing_helps(
+    tested: Sequence[LeftOutErrors], ramps: Sequence[str], refused: Sequence[str]
+) -> str:
     if not tested:
         return f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
     least = min(tested, key=lambda result: result.pooled)
     worse = [
         name
-        for name, a, b in zip(least.ramps, least.compensated, least.raw, strict=True)
-        if a > WORSE * b
+        for name, a, b in zip(ramps, least.squares, least.raw_squares, strict=True)
+        if a > WORSE**2 * b
     ]
     made = f" and makes {', '.join(worse)} worse" if worse else ""
     return (
-        f"the best candidate ({least.candidate.name}) leaves {least.pooled:.3g} deg/h on left-out"
+        f"the best candidate ({least.name}) leaves {least.pooled:.3g} deg/h on left-out"
         f" ramps against {least.pooled_raw:.3g} deg/h raw{made}: no drift term"
     )
 
@@ -233,7 +225,7 @@ def _left_out(
     without: Sequence[Rows],
     figure_blocks: int,
     last_bank: bank_fit.Solution | None,
-) -> _LeftOut:
+) -> LeftOutErrors:
     """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
     ramps. The bank, if there is one, knows how unsettled logs start.
     """
@@ -246,14 +238,4 @@ def _left_out(
     if last_bank is not None:
         predicted = last_bank.with_own_start(predicted)
     errors = left_out_errors(predicted, stacked, sound, figure_blocks)
-    both = zip(errors, raw, strict=True)
-    return _LeftOut(
-        candidate=fitted.candidate,
-        ramps=stacked.ramp_names,
-        raw=np.array([np.std(values) for values in raw]),
-        compensated=np.array([np.std(values) for values in errors]),
-        errors=errors,
-        parameters=solution.parameters,
-        endless=solution.endless,
-        chance=np.array([np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in both]),
-    )
+    return LeftOutErrors(fitted.candidate.name, errors, raw, solution.parameters, solution.endless)

@@ -14,7 +14,6 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.numeric import chunks
-from calibkit.numeric.dispersion import rms
 
 INJECTED_RATE_DPH = 7.5
 """Constant rate that the rate-gain check adds to the indication [°/h]."""
@@ -24,31 +23,6 @@ repeats to about a percent.
 """
 LONGEST_LAG = 3
 """Means apart of which products show drift: a drift lasts longer."""
-
-
-@dataclass(frozen=True, slots=True)
-class LeftOutRamps:
-    """Drift rms [ramps, °/h] of ramps that were left out of the fit, raw and compensated."""
-
-    raw: Array
-    compensated: Array
-    errors: tuple[Array, ...]
-    """Compensated means of each ramp [°/h]."""
-
-    @property
-    def split(self) -> "NoiseSplit":
-        """Noise and drift in the pooled figure after compensation."""
-        return split_noise(self.errors)
-
-    @property
-    def pooled_raw(self) -> float:
-        """Root mean square of the raw figures [°/h]."""
-        return rms(self.raw)
-
-    @property
-    def pooled(self) -> float:
-        """Root mean square of the compensated figures [°/h]."""
-        return rms(self.compensated)
 
 
 def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
