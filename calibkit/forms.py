@@ -80,10 +80,10 @@ class Form:
         unit.
         """
         value = fit.of(lambda p: p)
-        named = zip(coefficients, value.value.tolist(), strict=True)
+        values_by_name = zip(coefficients, value.value.tolist(), strict=True)
         return self.write(
             name,
-            [(coefficient, number, unit) for (coefficient, unit), number in named],
+            [(coefficient, number, unit) for (coefficient, unit), number in values_by_name],
             fit.total_covariance,
             dof=fit.dof,
             residual_rms=residual_rms,

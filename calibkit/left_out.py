@@ -27,16 +27,16 @@ class LeftOut:
 
 def dumps(facts: Iterable[LeftOut]) -> list[dict[str, Any]]:
     """Facts as JSON objects of run.json."""
-    return [asdict(one) for one in facts]
+    return [asdict(fact) for fact in facts]
 
 
 def loads(entries: Iterable[Mapping[str, Any]], name: str) -> tuple[LeftOut, ...]:
     """Facts of a run.json; CoefficientError for what is none."""
     try:
-        found = tuple(LeftOut(**entry) for entry in entries)
+        stated_facts = tuple(LeftOut(**entry) for entry in entries)
     except TypeError:
         raise CoefficientError(f"{name}: left_out is no list of facts", hint="fit again") from None
-    for one in found:
-        if one.what not in get_args(Kind) or one.cause not in get_args(Cause):
-            raise CoefficientError(f"{name}: left_out: {one!r:.80}", hint="fit again")
-    return found
+    for fact in stated_facts:
+        if fact.what not in get_args(Kind) or fact.cause not in get_args(Cause):
+            raise CoefficientError(f"{name}: left_out: {fact!r:.80}", hint="fit again")
+    return stated_facts

@@ -109,8 +109,12 @@ def _values(results: Iterable[StageResult]) -> dict[str, tuple[float, float]]:
 def dumps(sensitivities: Iterable[Sensitivity]) -> list[dict[str, Any]]:
     """Sensitivities as JSON objects of run.json."""
     return [
-        {"input": each.input, "error": each.kind, "derivatives": dict(each.derivatives)}
-        for each in sensitivities
+        {
+            "input": sensitivity.input,
+            "error": sensitivity.kind,
+            "derivatives": dict(sensitivity.derivatives),
+        }
+        for sensitivity in sensitivities
     ]
 
 

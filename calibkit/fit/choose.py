@@ -22,9 +22,9 @@ def choose(squares: Mapping[int, Array]) -> int:
     standard error too: there one bad group does not decide alone.
     """
     best = min(squares, key=lambda number: float(np.mean(squares[number])))
-    least = np.maximum(squares[best], np.finfo(np.float64).tiny)
+    floor = np.maximum(squares[best], np.finfo(np.float64).tiny)
     for number, square in squares.items():
-        ratio = np.maximum(square, np.finfo(np.float64).tiny) / least
+        ratio = np.maximum(square, np.finfo(np.float64).tiny) / floor
         if _is_chance(square - squares[best]) and _is_chance(np.log(ratio)):
             return number
     return best

@@ -175,8 +175,8 @@ class MixedSolution:
             # errors first: without the columns behind them P is V⁻¹
             columns = np.roll(block.columns, -int(np.count_nonzero(block.columns < p)))
             errors = int(np.count_nonzero(columns >= p))
-            below = np.eye(errors, columns.size)
-            Q, S = np.linalg.qr(np.vstack([T[np.ix_(block.rows, columns)], below]))
+            unit_rows = np.eye(errors, columns.size)
+            Q, S = np.linalg.qr(np.vstack([T[np.ix_(block.rows, columns)], unit_rows]))
             B, inverse = Q[: block.rows.size], np.linalg.inv(S)
             self.bases.append((block.rows, B, errors))
             self.inverse[np.ix_(columns, columns)] = inverse @ inverse.T
@@ -347,18 +347,18 @@ def _ascend(now: MixedSolution) -> MixedSolution:
     rows, prior_variances = now.rows, now.prior_variances
     parts = len(rows.shares)
     # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
-    alone = np.zeros(len(now.variances), dtype=np.bool_)
+    only_noise = np.zeros(len(now.variances), dtype=np.bool_)
     only = np.sum(rows.shares > 0.0, axis=0) == 1
-    alone[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
-    alone[0] = True
-    floor = np.where(alone & prior_variances.free, prior_variances.least, 0.0)
+    only_noise[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
+    only_noise[0] = True
+    floor = np.where(only_noise & prior_variances.free, prior_variances.least, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
         adjustable = prior_variances.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, adjustable) @ np.where(adjustable, score, 0.0)
         falling = 0.1 * now.variances
         lowest = np.maximum(
-            np.where(alone | (prior_variances.prior_dof > 0.0), falling, 0.0), floor
+            np.where(only_noise | (prior_variances.prior_dof > 0.0), falling, 0.0), floor
         )
         for halving in range(HALVINGS):
             trial = np.maximum(now.variances + step * 0.5**halving, lowest)
@@ -388,9 +388,9 @@ def _inverse(information: Array, free: Mask) -> Array:
     diagonal = np.diag(information)
     free = free & (diagonal > 0.0)
     size = np.sqrt(np.where(free, diagonal, 1.0))
-    both = free & free[:, None]
-    scaled = np.where(both, information / np.outer(size, size), np.eye(len(size)))
+    free_pairs = free & free[:, None]
+    scaled = np.where(free_pairs, information / np.outer(size, size), np.eye(len(size)))
     values, vectors = np.linalg.eigh(scaled)
     determined = values > RANK * values[-1]
     vectors = vectors[:, determined] / size[:, None]
-    return np.where(both, vectors / values[determined] @ vectors.T, 0.0)
+    return np.where(free_pairs, vectors / values[determined] @ vectors.T, 0.0)

@@ -59,8 +59,8 @@ class Shared:
         """Whether no level has two residuals: the error is a part of their noise."""
         if self.level.ndim > 1:
             return False
-        seen = self.level[self.level >= 0]
-        return seen.size > 0 and int(np.bincount(seen).max()) == 1
+        levels_of_rows = self.level[self.level >= 0]
+        return levels_of_rows.size > 0 and int(np.bincount(levels_of_rows).max()) == 1
 
     def design(self, rows: Integers) -> Array:
         """Z [m, levels · k] of m residuals, the k errors of a level side by side."""

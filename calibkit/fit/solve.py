@@ -172,15 +172,15 @@ class Fit:
 
     def part(self, places: Sequence[int] | Integers | slice) -> "Fit":
         """The fit of some of the parameters."""
-        kept = np.arange(len(self.parameters))[places]
+        indices = np.arange(len(self.parameters))[places]
         return replace(
             self,
-            parameters=self.parameters[kept],
-            covariance=self.covariance[np.ix_(kept, kept)],
-            slopes=self.slopes[:, kept[:, None], kept],
-            gain=self.gain[kept],
-            bounds=self.bounds[kept],
-            members=tuple(member.part(kept) for member in self.members),
+            parameters=self.parameters[indices],
+            covariance=self.covariance[np.ix_(indices, indices)],
+            slopes=self.slopes[:, indices[:, None], indices],
+            gain=self.gain[indices],
+            bounds=self.bounds[indices],
+            members=tuple(member.part(indices) for member in self.members),
         )
 
     def linear(self, P: Array, y: Array) -> "Fit":
@@ -205,7 +205,7 @@ class Fit:
 
     def bounded_by(self, errors: Sequence[Shared]) -> "Fit":
         """The fit whose U holds errors of a stated largest size, which are no part of the noise."""
-        columns = [_product(self.gain, one) * one.size for one in errors if one.size]
+        columns = [_product(self.gain, error) * error.size for error in errors if error.size]
         return replace(self, bounds=np.hstack([self.bounds, *columns]))
 
     def widened_by(self, errors: Sequence[Shared]) -> "Fit":
@@ -237,7 +237,7 @@ class Fit:
         if not sizes:
             return weighted
         q = sum(size.error.levels * size.error.width for size in sizes)
-        across, inner = np.zeros((q, F.shape[1])), np.eye(q)
+        ZRF, inner = np.zeros((q, F.shape[1])), np.eye(q)
 
         def loadings(rows: Integers) -> Array:
             return np.hstack([size.error.design(rows) * size.value for size in sizes])
@@ -245,10 +245,10 @@ class Fit:
         rows = np.flatnonzero(self.used)
         for chunk in _chunks(rows):
             Z = loadings(chunk)
-            across += Z.T @ weighted[chunk]
+            ZRF += Z.T @ weighted[chunk]
             inner += Z.T @ (Z / R[chunk])
         # V⁻¹ = R⁻¹ - R⁻¹ Z (I + Zᵀ R⁻¹ Z)⁻¹ Zᵀ R⁻¹ (Woodbury 1950)
-        shares = np.linalg.solve(inner, across)
+        shares = np.linalg.solve(inner, ZRF)
         for chunk in _chunks(rows):
             weighted[chunk] -= loadings(chunk) @ shares / R[chunk]
         return weighted
@@ -356,14 +356,14 @@ def _take_optional(
             variance, fall = likelihood.first_step(solution, Z)
             if fall < ASKED_FOR / HESITANT:
                 continue
-            found = linear_form.maximise([*active, g], np.append(solution.variances, variance))
+            with_error = linear_form.maximise([*active, g], np.append(solution.variances, variance))
             # An error that takes most of the residuals that show the noise leaves little of them by
             # chance: of six degrees of freedom three are left, and -2 log L falls by more than
             # ASKED_FOR once in 90 tries. The limit grows by the ratio of the degrees of freedom,
             # which is 1 for many rows.
-            fall = solution.deviance - found.deviance
-            if fall * found.noise_degrees >= ASKED_FOR * solution.noise_degrees:
-                wider[g] = found
+            fall = solution.deviance - with_error.deviance
+            if fall * with_error.noise_degrees >= ASKED_FOR * solution.noise_degrees:
+                wider[g] = with_error
         if not wider:
             return solution
         best = min(wider, key=lambda g: wider[g].deviance)
@@ -432,8 +432,8 @@ def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> 
     # (Jᵀ V⁻¹ J)⁻¹ = G V Gᵀ, 0 for a parameter that is not fitted
     inverse = np.tensordot(fit.variances, fit.slopes, 1)
     changes = []
-    for moved in shifted:
-        dJ, dr = _jacobian(moved, p) - J, (moved(p) - residual(p)).ravel()
+    for shifted_rows in shifted:
+        dJ, dr = _jacobian(shifted_rows, p) - J, (shifted_rows(p) - residual(p)).ravel()
         changes.append(np.asarray(-(fit.gain @ dr + inverse @ (dJ.T @ Vr)), dtype=np.float64))
     return changes
 
@@ -482,14 +482,14 @@ class _Linearised:
     def maximise(self, active: Sequence[int], near_variances: Array | None = None) -> MixedSolution:
         """Most likely sizes with some of the mixed errors."""
         parts = len(self.rows.shares)
-        chosen = np.array([*range(parts), *(parts + g for g in active)], dtype=np.intp)
+        variance_indices = np.array([*range(parts), *(parts + g for g in active)], dtype=np.intp)
         prior_variances = replace(
             self.prior_variances,
-            square=self.prior_variances.square[chosen],
-            dof=self.prior_variances.dof[chosen],
-            largest=self.prior_variances.largest[chosen],
+            square=self.prior_variances.square[variance_indices],
+            dof=self.prior_variances.dof[variance_indices],
+            largest=self.prior_variances.largest[variance_indices],
         )
-        if near_variances is not None and len(near_variances) == len(chosen):
+        if near_variances is not None and len(near_variances) == len(variance_indices):
             near_variances = np.minimum(near_variances, prior_variances.largest)
         else:  # a start of other sizes is none
             near_variances = None
@@ -572,7 +572,7 @@ class _Problem:
                 hint="add data or lower the order",
             )
         J_rows, Z, y_rows, shares, counts = self._triangles(J, y, fitted_rows)
-        plain = least_squares.linear(J_rows, y_rows, names=self.names)
+        least_squares_fit = least_squares.linear(J_rows, y_rows, names=self.names)
         Q, basis = np.zeros_like(J_rows), np.zeros((len(p), len(p)))
         for block in likelihood.blocks(np.hstack([J_rows, Z])):
             columns = block.columns[block.columns < len(p)]
@@ -584,11 +584,11 @@ class _Problem:
         rows = MixedRows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
         # the target of a linear equation: y = target - J p
         largest = float(np.max(np.abs(y + J @ p)[fitted_rows]))
-        least = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
-        exact = float(np.sum(plain.residuals**2)) / (count - len(p)) <= least
+        least_variance = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
+        exact = float(np.sum(least_squares_fit.residuals**2)) / (count - len(p)) <= least_variance
         degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
-        prior_variances = self._known_variances(degrees, least, noise_known=noise_known)
-        return _Linearised(J, y, basis, rows, prior_variances, degrees, plain.condition)
+        prior_variances = self._known_variances(degrees, least_variance, noise_known=noise_known)
+        return _Linearised(J, y, basis, rows, prior_variances, degrees, least_squares_fit.condition)
 
     def _triangles(
         self, J: Array, y: Array, fitted_rows: Mask
@@ -605,9 +605,9 @@ class _Problem:
                 triangle = np.vstack([triangle.reshape(-1, block.shape[1]), block])
                 felt = np.any(triangle != 0.0, axis=0)
                 if len(triangle) > np.sum(felt):
-                    turned = np.zeros((int(np.sum(felt)), triangle.shape[1]))
-                    turned[:, felt] = np.linalg.qr(triangle[:, felt], mode="r")
-                    triangle = turned
+                    triangle_of_felt = np.zeros((int(np.sum(felt)), triangle.shape[1]))
+                    triangle_of_felt[:, felt] = np.linalg.qr(triangle[:, felt], mode="r")
+                    triangle = triangle_of_felt
             count = np.ones(len(triangle))
             noise_alone = len(rows) - len(triangle)
             if noise_alone:  # zero in J, Z and y: one row stands for all of them
@@ -616,8 +616,14 @@ class _Problem:
             triangles.append(triangle)
             counts.append(count)
             shares.append(np.repeat(of_pattern[:, None], len(triangle), axis=1))
-        whole = np.concatenate(triangles)
-        return whole[:, :p], whole[:, p:-1], whole[:, -1], np.hstack(shares), np.concatenate(counts)
+        stacked = np.concatenate(triangles)
+        return (
+            stacked[:, :p],
+            stacked[:, p:-1],
+            stacked[:, -1],
+            np.hstack(shares),
+            np.concatenate(counts),
+        )
 
     def _loadings(self, rows: Integers) -> Array:
         """Z [m, q] of all mixed errors in some rows, in units of `relative`; 0 in priors."""
@@ -629,7 +635,7 @@ class _Problem:
         return Z
 
     def _known_variances(
-        self, degrees: Sequence[int], least: float, *, noise_known: bool
+        self, degrees: Sequence[int], least_variance: float, *, noise_known: bool
     ) -> KnownVariances:
         """What is known of the variances. Where the rows tell nothing of an error, its size is as
         stated, with the degrees of freedom that are stated, and 0 if it is not.
@@ -647,7 +653,7 @@ class _Problem:
                 prior_variances.append((error.size, error.size_dof if error.size else np.inf))
         size, dof = np.array(prior_variances).T
         limits = [np.inf] * len(self.shares) + [error.largest for error in self.mixed]
-        return KnownVariances(size**2, dof, np.array(limits) ** 2, least)
+        return KnownVariances(size**2, dof, np.array(limits) ** 2, least_variance)
 
     def errors_of_levels(self, solution: MixedSolution, active: Sequence[int]) -> dict[int, Array]:
         """Shared errors b [levels · k], as the rows show them, of each mixed error that is kept."""
@@ -695,8 +701,8 @@ class _Problem:
         if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
             return change
         Z = solution.rows.Z * solution.root
-        across = Z.T @ (Z / solution.R[:, None])
-        across[np.diag_indices_from(across)] += 1.0
+        ZRZ = Z.T @ (Z / solution.R[:, None])
+        ZRZ[np.diag_indices_from(ZRZ)] += 1.0
 
         def misfit(r: Array) -> float:
             # rᵀ R⁻¹ r - gᵀ (I + Zᵀ R⁻¹ Z)⁻¹ g, g = Zᵀ R⁻¹ r (Woodbury 1950)
@@ -704,7 +710,7 @@ class _Problem:
             of_rows = (weighted[: self.n] / self.relative)[:, None]
             by_level = [self.mixed[g].gathered(of_rows) for g in active]
             g = np.concatenate([np.empty((0, 1)), *by_level])[:, 0] * solution.root
-            return float(r @ weighted - g @ np.linalg.solve(across, g))
+            return float(r @ weighted - g @ np.linalg.solve(ZRZ, g))
 
         before = misfit(-linear_form.y)
         for _ in range(HALVINGS):
@@ -741,11 +747,13 @@ class _Problem:
         u = np.sqrt(np.maximum(np.diag(variance_covariance)[first:], 0.0))
         # u of a standard deviation from that of its square; near 0 the square alone tells
         size_u = np.where(theta > u, u / (2.0 * np.sqrt(np.where(theta > 0, theta, 1.0))), u**0.5)
-        found = [(error, error.levels, np.empty((0, error.width))) for error in self.noises]
+        errors_of_sizes = [
+            (error, error.levels, np.empty((0, error.width))) for error in self.noises
+        ]
         for g, b in self.errors_of_levels(solution, active).items():
             error = self.mixed[g]
-            found.append((error, linear_form.degrees[g], b.reshape(error.levels, -1)))
-        sizes = zip(found, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)
+            errors_of_sizes.append((error, linear_form.degrees[g], b.reshape(error.levels, -1)))
+        sizes = zip(errors_of_sizes, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)
         parameters = self.start.copy()
         parameters[self.free] = p
         fit = Fit(

@@ -129,8 +129,8 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     suspects = []
     for part in before_steps:
         rows = np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
-        away = from_median(values, rows)
-        suspects.append(rows[away > max(SPIKE / 2.0 * usual, floor)])
+        departure = from_median(values, rows)
+        suspects.append(rows[departure > max(SPIKE / 2.0 * usual, floor)])
         chunks.release(values)
     rows = np.unique(np.concatenate(suspects))
     # the noise of the block of a row, then that of the rows around it

@@ -115,9 +115,9 @@ def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
     distance2 = float(
         np.sum((vectors[:, determined].T @ (difference / u)) ** 2 / values[determined])
     )
-    known = math.isinf(dof)
+    is_known = math.isinf(dof)
     chance = (
-        special.chdtrc(rank, distance2) if known else special.fdtrc(rank, dof, distance2 / rank)
+        special.chdtrc(rank, distance2) if is_known else special.fdtrc(rank, dof, distance2 / rank)
     )
     return Joint(distance2, rank, float(chance))
 

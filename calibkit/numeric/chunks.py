@@ -68,11 +68,11 @@ def take_rows(values: Array, rows: Integers) -> Array:
     """
     if _mapped_file(values) is None:
         return values[rows]
-    taken, flat = np.empty(rows.size), rows.ravel()
+    rows_taken, flat = np.empty(rows.size), rows.ravel()
     for part in np.split(np.arange(flat.size), np.flatnonzero(np.diff(flat // ROWS)) + 1):
-        taken[part] = values[flat[part]]
+        rows_taken[part] = values[flat[part]]
         release(values)
-    return taken.reshape(rows.shape)
+    return rows_taken.reshape(rows.shape)
 
 
 def release(*columns: NDArray[np.generic]) -> None:
@@ -144,19 +144,21 @@ def block_means(values: Array, rows: int) -> Array:
     return np.concatenate(means) if means else np.zeros(0)
 
 
-def count(values: Array, chosen: Callable[[Array], Mask]) -> int:
+def count(values: Array, condition: Callable[[Array], Mask]) -> int:
     """Number of values of a column [n] for which `chosen` is true."""
-    return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in ranges_along(values))
+    return sum(int(np.count_nonzero(condition(values[a:b]))) for a, b in ranges_along(values))
 
 
-def rows_where(values: Array, chosen: Callable[[Array], Mask], *, step: bool = False) -> Integers:
+def rows_where(
+    values: Array, condition: Callable[[Array], Mask], *, step: bool = False
+) -> Integers:
     """Rows [m] of a column [n] for whose values `chosen` is true; with `step`, for whose steps to
     the next row it is.
     """
     rows = []
     for start, stop in ranges_along(values):
         part = np.diff(values[start : stop + 1]) if step else values[start:stop]
-        rows.append(np.flatnonzero(chosen(part)) + start)
+        rows.append(np.flatnonzero(condition(part)) + start)
     return np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
 
 
@@ -168,13 +170,13 @@ def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
     return np.flatnonzero(changed)
 
 
-def find_runs(size: int, chosen: Callable[[int, int], Mask]) -> Integers:
+def find_runs(size: int, condition: Callable[[int, int], Mask]) -> Integers:
     """First row and row after the last [m, 2] of each run of chosen rows among `size`; `chosen`
     returns the mask of one chunk.
     """
     edges, inside = [np.zeros(0, dtype=np.int64)], False
     for start, stop in ranges(size):
-        mask = chosen(start, stop)
+        mask = condition(start, stop)
         edges.append(changed_rows(mask, inside) + start)
         inside = bool(mask[-1])
     last = [np.array([size])] if inside else []

@@ -85,10 +85,12 @@ class Control:
         limit = _limit(len(values))
         if uncertainties is not None and np.any(uncertainties > 0.0):
             degrees = np.full(len(values), np.inf) if dof is None else dof
-            middle, between, z = _between(values, uncertainties, degrees, sigma)
-            usual = math.hypot(float(np.median(uncertainties)), between)
+            middle, scatter_between, z = _between(values, uncertainties, degrees, sigma)
+            usual = math.hypot(float(np.median(uncertainties)), scatter_between)
             # the precise values alone tell how much the values differ
-            precise = 1.0 / np.maximum(np.hypot(uncertainties, between), ROUNDING * sigma) ** 2
+            precise = (
+                1.0 / np.maximum(np.hypot(uncertainties, scatter_between), ROUNDING * sigma) ** 2
+            )
             count = int(precise.sum() ** 2 / np.sum(precise**2))
             if count < MOST_PRECISE * len(values):
                 limit = WIDER * max(limit, _limit(max(count, FEWEST)))
@@ -118,8 +120,8 @@ def _between(
     low, high = 0.0, largest
     order, usual = np.argsort(values), float(np.median(uncertainties))
     for _ in range(BISECTIONS):
-        between = (low + high) / 2.0
-        own_sigma = np.maximum(np.hypot(uncertainties, between), ROUNDING * largest)
+        scatter_between = (low + high) / 2.0
+        own_sigma = np.maximum(np.hypot(uncertainties, scatter_between), ROUNDING * largest)
         weights = np.cumsum(1.0 / own_sigma[order])
         centre = float(values[order[np.searchsorted(weights, weights[-1] / 2.0)]])
         # of an uncertainty from few values, a small one is small by chance
@@ -127,8 +129,8 @@ def _between(
             own_sigma / np.maximum(uncertainties, max(usual, ROUNDING * largest)), 1.0
         )
         z = _normal_deviates((values - centre) / own_sigma, dof * raised**4)
-        low, high = (between, high) if mad_sigma(z) > 1.0 else (low, between)
-    return centre, between, z
+        low, high = (scatter_between, high) if mad_sigma(z) > 1.0 else (low, scatter_between)
+    return centre, scatter_between, z
 
 
 def _normal_deviates(ratios: Array, dof: Array) -> Array:

@@ -84,8 +84,8 @@ def find_dwells(
             lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
         )
         # quantised indications can stand still to the last bit, whose noise is the least at rest
-        enough = at_rest * np.sqrt(12.0)
-        steps = [order_statistics.smallest_step(axis, enough=enough) for axis in indication.T]
+        least_noise = at_rest * np.sqrt(12.0)
+        steps = [order_statistics.smallest_step(axis, enough=least_noise) for axis in indication.T]
         last_bit = min((step for step in steps if step > 0.0), default=0.0)
         threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
     runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= threshold)

@@ -40,8 +40,8 @@ def along_axis(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: A
     ω_e (sin α sin el + cos α cos el cos az): vertical_rate for an axis that points up.
     """
     alpha, el, az = (np.radians(angle) for angle in (latitude_deg, elevation_deg, azimuth_deg))
-    along = np.sin(alpha) * np.sin(el) + np.cos(alpha) * np.cos(el) * np.cos(az)
-    return np.asarray(EARTH_RATE_DPH * along, dtype=np.float64)
+    cos_angle = np.sin(alpha) * np.sin(el) + np.cos(alpha) * np.cos(el) * np.cos(az)
+    return np.asarray(EARTH_RATE_DPH * cos_angle, dtype=np.float64)
 
 
 def along_axis_slopes(latitude_deg: float, elevation_deg: float, azimuth_deg: float) -> Array:

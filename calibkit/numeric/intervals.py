@@ -75,9 +75,9 @@ class Intervals:
                 open_parts, complete = [], complete + 1
             last = int(np.searchsorted(ends, row + part.size, side="right"))
             for k in range(complete, last, together):
-                held = slice(k, min(k + together, last))
-                rows = part[self.first[k] - row : ends[held.stop - 1] - row]
-                sums[held] = np.add.reduceat(rows, self.first[held] - self.first[k])
+                group_slice = slice(k, min(k + together, last))
+                rows = part[self.first[k] - row : ends[group_slice.stop - 1] - row]
+                sums[group_slice] = np.add.reduceat(rows, self.first[group_slice] - self.first[k])
                 chunks.release(part)
             complete = last
             if complete < sums.size:
@@ -89,8 +89,8 @@ class Intervals:
     def last(self, values: Array) -> Array:
         """Last of the values [rows] of each interval: [m]."""
         ends = np.empty(self.first.size)
-        for held, _ in self.groups():
-            ends[held] = values[self.first[held] + self.count[held] - 1]
+        for group_slice, _ in self.groups():
+            ends[group_slice] = values[self.first[group_slice] + self.count[group_slice] - 1]
             chunks.release(values)
         return ends
 

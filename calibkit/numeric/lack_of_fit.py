@@ -40,15 +40,15 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
             continue
         values = residuals[rows]
         mean = np.bincount(level, values) / count
-        within = float(np.sum((values - mean[level]) ** 2)) / spare
-        between = float(np.sum(count * (mean - values.mean()) ** 2)) / (count.size - 1)
+        variance_within = float(np.sum((values - mean[level]) ** 2)) / spare
+        variance_between = float(np.sum(count * (mean - values.mean()) ** 2)) / (count.size - 1)
         # the group of the largest mean beyond what its noise explains
         worst = int(np.argmax(np.abs(mean) * np.sqrt(count)))
         found = LackOfFit(name, int(labels[rows][level == worst][0]), float(mean[worst]))
-        if within > 0.0:
-            chance = float(fdtrc(count.size - 1, spare, between / within))
+        if variance_within > 0.0:
+            chance = float(fdtrc(count.size - 1, spare, variance_between / variance_within))
         else:
-            chance = 1.0 if between == 0.0 else 0.0
+            chance = 1.0 if variance_between == 0.0 else 0.0
         tested.append((chance, found))
     tested.sort(key=lambda one: one[0])
     kept = []

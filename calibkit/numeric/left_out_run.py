@@ -46,16 +46,18 @@ def find(temp_degc: Array, values: Array, u: Array) -> Iterator[LeftOutRun]:
 
     highest = _order(temp_degc, np.ones(values.size, dtype=np.bool_))
     for run in range(values.size):
-        rest = np.arange(values.size) != run
-        order = _order(temp_degc, rest)
+        other_runs = np.arange(values.size) != run
+        order = _order(temp_degc, other_runs)
         if order < min(max(highest, 0), 1):
             continue
         design = _powers(temp_degc, order)
-        coefficients, variance, dof = _fit(design[rest], values[rest], u[rest])
-        leverage = design[run] @ np.linalg.pinv(design[rest].T @ design[rest]) @ design[run]
-        off = float(values[run] - design[run] @ coefficients)
-        if fdtrc(1, dof, off**2 / (variance * (1.0 + leverage))) < CHANCE / values.size:
-            yield LeftOutRun(run, off, order == highest)
+        coefficients, variance, dof = _fit(design[other_runs], values[other_runs], u[other_runs])
+        leverage = (
+            design[run] @ np.linalg.pinv(design[other_runs].T @ design[other_runs]) @ design[run]
+        )
+        departure = float(values[run] - design[run] @ coefficients)
+        if fdtrc(1, dof, departure**2 / (variance * (1.0 + leverage))) < CHANCE / values.size:
+            yield LeftOutRun(run, departure, order == highest)
 
 
 def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
@@ -66,25 +68,25 @@ def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
 
     count = values.size
     in_degf = np.concatenate([np.eye(count, dtype=np.bool_), np.tri(count, dtype=np.bool_).T[1:-1]])
-    every = np.ones(count, dtype=np.bool_)
-    order = _order(temp_degc, every)
+    all_runs = np.ones(count, dtype=np.bool_)
+    order = _order(temp_degc, all_runs)
     if order < 1:
-        return ~every
+        return ~all_runs
     _, variance, dof = _fit(_powers(temp_degc, order), values, u)
     chances = []
-    for chosen in in_degf:
-        degc = np.where(chosen, (temp_degc - 32.0) / 1.8, temp_degc)
-        least = min(order, _order(degc, every))
-        _, left, spare = _fit(_powers(degc, least), values, u)
+    for degf_runs in in_degf:
+        degc = np.where(degf_runs, (temp_degc - 32.0) / 1.8, temp_degc)
+        common_order = min(order, _order(degc, all_runs))
+        _, left, spare = _fit(_powers(degc, common_order), values, u)
         chances.append(float(fdtrc(dof, spare, variance / left)))
     best = int(np.argmin(chances))
     return np.asarray(in_degf[best] & (chances[best] < DEGF_CHANCE / len(chances)), dtype=np.bool_)
 
 
-def _order(temp_degc: Array, chosen: Mask) -> int:
+def _order(temp_degc: Array, runs: Mask) -> int:
     """Highest order that some runs carry, with degrees of freedom to spare; -1 for none."""
-    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temp_degc[chosen])) > LEVEL_DEGC))
-    spare = int(np.count_nonzero(chosen)) - 1 - SPARE
+    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temp_degc[runs])) > LEVEL_DEGC))
+    spare = int(np.count_nonzero(runs)) - 1 - SPARE
     return max(min(polynomial.HIGHEST_ORDER, levels - 1, spare), -1)
 
 
@@ -99,5 +101,5 @@ def _fit(design: Array, values: Array, u: Array) -> tuple[Array, float, int]:
     coefficients = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     dof = values.size - design.shape[1]
     scatter = float(np.sum((values - design @ coefficients) ** 2)) / dof
-    least = float(np.mean(u**2) + (EXACT * np.max(np.abs(values))) ** 2)
-    return coefficients, max(scatter, least), dof
+    noise_variance = float(np.mean(u**2) + (EXACT * np.max(np.abs(values))) ** 2)
+    return coefficients, max(scatter, noise_variance), dof

@@ -82,8 +82,8 @@ def _keep_settled(
             # variance
             level.append(3.5 * float(np.median(inner)) - 2.5 * float(np.median(outer)))
             variance += (3.5**2 + 2.5**2) * np.pi / 2.0 * noise**2 / inner.size
-        least = max(STAYS * abs(sudden), STAYS_SIGMA * float(np.sqrt(variance)))
-        stays[k] = (level[1] - level[0]) * np.sign(sudden) > least
+        least_change = max(STAYS * abs(sudden), STAYS_SIGMA * float(np.sqrt(variance)))
+        stays[k] = (level[1] - level[0]) * np.sign(sudden) > least_change
     return rows[stays], change[stays]
 
 
@@ -91,12 +91,12 @@ def _peaks(row: Integers, change: Array, spacing: int) -> tuple[Integers, Array]
     """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
     groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
     tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
-    kept: list[int] = []
+    change_rows: list[int] = []
     for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
-        if all(abs(int(row[k] - row[j])) >= spacing for j in kept):
-            kept.append(k)
-    kept.sort(key=lambda k: int(row[k]))
-    return row[kept], change[kept]
+        if all(abs(int(row[k] - row[j])) >= spacing for j in change_rows):
+            change_rows.append(k)
+    change_rows.sort(key=lambda k: int(row[k]))
+    return row[change_rows], change[change_rows]
 
 
 def start_up(values: Array) -> int:

@@ -193,13 +193,13 @@ def _steady(log: Log) -> list[Finding]:
     if CASE not in log.frame.columns:
         return []
     low, high = chunks.extremes_of_present(values(log.frame, CASE))
-    moved = high - low
-    if not moved > STEADY_DEGC:
+    span_degc = high - low
+    if not span_degc > STEADY_DEGC:
         return []
     return [
         Finding(
             f"{log.file}: column '{CASE}'",
-            f"the case moved by {moved:.1f} °C",
+            f"the case moved by {span_degc:.1f} °C",
             f"at most {STEADY_DEGC:g} °C in a record of noise",
             "hold the temperature, or read the longer averaging times as drift",
             severity="warn",
@@ -246,13 +246,13 @@ def require_even_grid(log: Log) -> int:
     time = values(log.frame, "time_s")
     usual, steps, worst, largest, shortest = log.steps.usual, 0, 0, -1.0, 1.0
     for a, b in chunks.ranges_along(time):
-        off = np.diff(time[a : b + 1]) / usual
-        whole = np.round(off)
-        off = np.abs(off - whole)
-        if off.size and off.max() > largest:
-            worst, largest = a + int(np.argmax(off)), float(off.max())
-        shortest = min(shortest, float(whole.min(initial=1.0)))
-        steps += int(whole.sum())
+        off_grid = np.diff(time[a : b + 1]) / usual
+        steps_of_chunk = np.round(off_grid)
+        off_grid = np.abs(off_grid - steps_of_chunk)
+        if off_grid.size and off_grid.max() > largest:
+            worst, largest = a + int(np.argmax(off_grid)), float(off_grid.max())
+        shortest = min(shortest, float(steps_of_chunk.min(initial=1.0)))
+        steps += int(steps_of_chunk.sum())
     if largest > OFF_GRID or shortest < 1.0 or steps > time.size + MOST_MISSING:
         step = float(time[worst + 1] - time[worst])
         raise FitError(

@@ -91,8 +91,8 @@ def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
     laws = {law.name: law for law in noise.record.sensor.laws}
     for term in noise.terms.terms:
         law = laws[term.name]
-        alone = term.value / law.scale * tau ** (law.exponent / 2.0)
-        ax.plot(tau, alone, color=MUTED, ls="--", lw=0.8)
+        of_term = term.value / law.scale * tau ** (law.exponent / 2.0)
+        ax.plot(tau, of_term, color=MUTED, ls="--", lw=0.8)
         labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")
     ax.set_xscale("log")
     ax.set_yscale("log")

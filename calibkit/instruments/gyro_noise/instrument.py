@@ -82,7 +82,7 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     return figures, [
         *(f"{log.file}: {note}" for note in log.notes),
         *(str(finding) for finding in findings if finding.flagged),
-        *(flag for one in figures for flag in one.flags),
+        *(flag for noise in figures for flag in noise.flags),
     ]
 
 
@@ -185,10 +185,10 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     """
     accelerations = [name for name in evidence.columns if re.fullmatch(ACCELERATION, name)]
     columns = [*evidence.gyros("dph"), *accelerations]
-    alone = evidence.second_logger and not evidence.columns.keys() & set(TEMPERATURES)
-    several = len(evidence.group.files) > 1 or bool(evidence.columns.keys() & REFERENCES)
-    moved = evidence.turned or (bool(accelerations) and several)
-    if "time_s" not in evidence.columns or not columns or alone or moved:
+    without_temperature = evidence.second_logger and not evidence.columns.keys() & set(TEMPERATURES)
+    has_positions = len(evidence.group.files) > 1 or bool(evidence.columns.keys() & REFERENCES)
+    was_turned = evidence.turned or (bool(accelerations) and has_positions)
+    if "time_s" not in evidence.columns or not columns or without_temperature or was_turned:
         return None
     keys = {} if columns == ["gyro_dph"] else {"columns": json.dumps(columns)}
     reason = "sensors at rest at a steady temperature"
@@ -218,8 +218,8 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     columns = ("time_s", *spec.noise.columns)
     # whether a sensor stood still, any gravity tells
     site = spec.site.model_copy(update={"gravity_mps2": STANDARD_GRAVITY_MPS2})
-    near = spec.model_copy(update={"site": site})
-    frame = ingest.read_log(near, folder / file, file, columns, TEMPERATURES).frame
+    with_gravity = spec.model_copy(update={"site": site})
+    frame = ingest.read_log(with_gravity, folder / file, file, columns, TEMPERATURES).frame
     if len(frame) < spec.noise.min_rows:
         return False
     for name in spec.noise.columns:
@@ -231,5 +231,5 @@ def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
     logged = [values(frame, name) for name in TEMPERATURES if name in frame.columns]
     long = float(np.ptp(values(frame, "time_s"))) >= LONG_S
     return not logged or (
-        long and all(float(np.ptp(one)) <= deviations.STEADY_DEGC for one in logged)
+        long and all(float(np.ptp(temperature)) <= deviations.STEADY_DEGC for temperature in logged)
     )

@@ -104,10 +104,10 @@ class RecordBench(Bench):
 def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
     """What the search needs; UsageError for what cannot be planned."""
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    others = [column for column in spec.noise.columns if find_sensor(column) is not GYRO]
-    if others:
+    accelerometers = [column for column in spec.noise.columns if find_sensor(column) is not GYRO]
+    if accelerometers:
         raise UsageError(
-            f"a plan is for gyros; there is {', '.join(others)}",
+            f"a plan is for gyros; there is {', '.join(accelerometers)}",
             hint="plan records of gyros alone",
         )
     # the largest of all gyros and logs of an earlier run
@@ -147,8 +147,8 @@ def simulate_plan(
     spec: GyroNoiseRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Log of gyros with the noise terms that the plan assumes."""
-    rng, known = np.random.default_rng(seed), _assumed_terms(assumed)
-    terms = dict.fromkeys(TERMS, 0.0) | known
+    rng, assumed_terms = np.random.default_rng(seed), _assumed_terms(assumed)
+    terms = dict.fromkeys(TERMS, 0.0) | assumed_terms
     (record,) = schedule.recorded("soak")
     samples = round(record.duration_s / INTERVAL_S)
     rates = {
@@ -157,7 +157,7 @@ def simulate_plan(
         + noise.rate_random_walk(terms[RATE_WALK], samples, rng, interval_s=INTERVAL_S)
         for column in spec.noise.columns
     }
-    drawn = {term_name(name, LOG): value for name, value in known.items()}
+    drawn = {term_name(name, LOG): value for name, value in assumed_terms.items()}
     logs = {record.log: {"time_s": INTERVAL_S * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
     return Campaign(logs, decimals, {"coefficients": {"gyro_noise": drawn}})

@@ -48,11 +48,11 @@ def campaign(seed: int, *, hours: float = 6.0) -> Campaign:
     )
     indication = noise.pulses(rate, terms["resolution_dph"])
     start, length = int(rng.integers(count // 4, count // 2)), int(rng.integers(*GAP_S))
-    kept = np.ones(count, dtype=bool)
-    kept[start : start + length] = False
+    recorded = np.ones(count, dtype=bool)
+    recorded[start : start + length] = False
     columns: dict[str, NDArray[Any]] = {
-        "time_s": np.arange(count, dtype=np.int64)[kept],
-        "gyro_dph": indication[kept],
+        "time_s": np.arange(count, dtype=np.int64)[recorded],
+        "gyro_dph": indication[recorded],
     }
     units = {
         "N": "deg/sqrt(h)",

@@ -61,12 +61,12 @@ def tables(records: Sequence[NoiseFigures]) -> tuple[Table, ...]:
     for noise in records:
         name, sensor = noise.record.name, noise.record.sensor
         rows.append((name, sensor.mean.replace("_", " "), number(noise.mean, 6), "", sensor.unit))
-        shown = {
+        cells_of_terms = {
             term.name: (number(term.value), number(term.standard_uncertainty, 2))
             for term in noise.terms.terms
         }
         for law in sensor.laws:
-            cells = shown.get(law.name, ("not observable", ""))
+            cells = cells_of_terms.get(law.name, ("not observable", ""))
             rows.append((name, f"{law.name} {law.symbol}", *cells, law.unit))
         rows += [
             (
@@ -114,10 +114,10 @@ def summarize_noise(records: Sequence[NoiseFigures]) -> Overview:
         )
         for entry in first.stability
     ]
-    shown = "; ".join(f"{term.name} {term}" for term in terms)
-    shown = shown or "no term of noise is determined by the Allan deviation"
+    terms_text = "; ".join(f"{term.name} {term}" for term in terms)
+    terms_text = terms_text or "no term of noise is determined by the Allan deviation"
     hours = first.record.samples * first.record.interval_s / SECONDS_PER_HOUR
-    sentence = f"Noise of {first.record.name} over {hours:.3g} h at rest: {shown}."
+    sentence = f"Noise of {first.record.name} over {hours:.3g} h at rest: {terms_text}."
     determined = replace(table, rows=tuple(row for row in table.rows if row[3]))
     return Overview(sentence, (), (*terms, *stable)[:4], determined)
 
@@ -135,8 +135,8 @@ def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:
     }
     if curve.noise:
         columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
-    what = f"{curve.estimator} deviation [{unit_mark(noise.record.sensor.unit)}]"
-    title = f"{noise.record.name}: {what} with {100.0 * curve.probability:g} % limits"
+    quantity = f"{curve.estimator} deviation [{unit_mark(noise.record.sensor.unit)}]"
+    title = f"{noise.record.name}: {quantity} with {100.0 * curve.probability:g} % limits"
     return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 

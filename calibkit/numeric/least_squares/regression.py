@@ -113,8 +113,8 @@ def regress(
 
     def left(p: Array) -> Array:
         """Model less response [n], huge where the model is not finite."""
-        off = values(p) - response
-        return np.where(np.isfinite(off), np.clip(off, -huge, huge), huge)
+        misfit = values(p) - response
+        return np.where(np.isfinite(misfit), np.clip(misfit, -huge, huge), huge)
 
     def slopes(p: Array) -> Array:
         """Derivatives [n, p] of the model, by differences on both sides."""

@@ -150,9 +150,14 @@ def _search_s_estimate(
     drawn = np.zeros((SETS, drawn_numbers.size))
     order = np.argsort(rng.random((SETS, drawn_numbers.size)), axis=1)
     np.put_along_axis(drawn, order[:, :columns], 1.0, axis=1)
-    plain = np.asarray(np.linalg.lstsq(basis, target, rcond=None)[0][None, :], dtype=np.float64)
+    least_squares_start = np.asarray(
+        np.linalg.lstsq(basis, target, rcond=None)[0][None, :], dtype=np.float64
+    )
     candidates = np.concatenate(
-        [plain, _fit_sets(drawn_rows, drawn_products, drawn_target, plain, drawn)]
+        [
+            least_squares_start,
+            _fit_sets(drawn_rows, drawn_products, drawn_target, least_squares_start, drawn),
+        ]
     )
     typical = np.median(np.abs(drawn_target - candidates @ drawn_rows.T), axis=1)
     candidates = candidates[np.argsort(typical, kind="stable")[:FOLLOWED]]

@@ -141,8 +141,8 @@ def overlapping(
     gaps = Gaps.find(rate)
     runs = gaps.lengths_between()
     if tau_s is None:
-        wanted = averaging_factors(rate.size, spacing=spacing, points=points)
-        factors = wanted[2 * wanted <= runs.max()]
+        factors_asked = averaging_factors(rate.size, spacing=spacing, points=points)
+        factors = factors_asked[2 * factors_asked <= runs.max()]
     else:
         factors = _factors_of(tau_s, interval_s, int(runs.max()))
     if factors.size == 0:
@@ -270,11 +270,11 @@ def require_record(given: ArrayLike, interval_s: float) -> Array:
 
 def _factors_of(tau_s: ArrayLike, interval_s: float, longest: int) -> Integers:
     """Averaging factors [m] of the averaging times asked for, ascending, or a refusal."""
-    wanted = np.sort(np.asarray(tau_s, dtype=np.float64), axis=None)
-    factors = np.round(wanted / interval_s).astype(np.int64)
+    wanted_tau_s = np.sort(np.asarray(tau_s, dtype=np.float64), axis=None)
+    factors = np.round(wanted_tau_s / interval_s).astype(np.int64)
     if factors.size == 0 or factors[0] < 1 or 2 * factors[-1] > longest:
         raise FitError(
-            f"averaging times {wanted.tolist()} s, possible are {interval_s:g} s to"
+            f"averaging times {wanted_tau_s.tolist()} s, possible are {interval_s:g} s to"
             f" {longest // 2 * interval_s:g} s",
             hint="two whole averages must fit between gaps",
         )

@@ -139,11 +139,11 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     _require_curve(curve)
     attempt, flags = _attempt(curve, 0), []
     if attempt.surprising:
-        most = min(curve.tau_s.size // 2, curve.tau_s.size - FEWEST_TIMES)
-        for first in range(1, most + 1):
+        most_left_out = min(curve.tau_s.size // 2, curve.tau_s.size - FEWEST_TIMES)
+        for first in range(1, most_left_out + 1):
             if not _attempt(curve, first).surprising:
                 # the first that passes is still bent, by less than the noise
-                attempt = _attempt(curve, min(first + MARGIN, most))
+                attempt = _attempt(curve, min(first + MARGIN, most_left_out))
                 flags.append(
                     f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise"
                     " terms do not describe them"
@@ -155,14 +155,14 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     elif attempt.surprising:
         scale = np.sqrt(attempt.misfit)
         flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
-    shown = (attempt.coefficients > 0.0) & (not failed)
-    for j in np.flatnonzero(shown).tolist():
-        shown[j] = _chance(attempt.record, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
-    reasons = _reasons(attempt, shown, failed=failed)
+    observable = (attempt.coefficients > 0.0) & (not failed)
+    for j in np.flatnonzero(observable).tolist():
+        observable[j] = _chance(attempt.record, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
+    reasons = _reasons(attempt, observable, failed=failed)
     terms: list[NoiseTerm] = []
     absent: list[_NotObservable] = []
     for j, law in enumerate(laws):
-        if not shown[j]:
+        if not observable[j]:
             absent.append(_NotObservable(law.name, law.symbol, reasons[j]))
             continue
         value = law.scale * float(np.sqrt(attempt.coefficients[j]))
@@ -174,21 +174,21 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, tuple(flags))
 
 
-def _reasons(attempt: _Attempt, shown: Mask, *, failed: bool) -> list[str]:
+def _reasons(attempt: _Attempt, observable: Mask, *, failed: bool) -> list[str]:
     """Why each of the five terms would not be observable, given which are."""
     if failed:
         return ["the five noise terms do not describe the curve"] * len(LAWS)
-    if attempt.surprising or not shown.any():
+    if attempt.surprising or not observable.any():
         return ["the other terms can stand in for it within the noise"] * len(LAWS)
     # each of these explains alone what the reported terms leave
-    absent = np.flatnonzero(~shown).tolist()
-    candidates = [j for j in absent if _chance(attempt.record, j, shown) < SIGNIFICANCE]
+    absent = np.flatnonzero(~observable).tolist()
+    candidates = [j for j in absent if _chance(attempt.record, j, observable) < SIGNIFICANCE]
     names = " or ".join(LAWS[j].symbol for j in candidates)
-    which = "which" if len(candidates) > 1 else "it from others together"
+    undecided = "which" if len(candidates) > 1 else "it from others together"
     reasons = ["beside the reported terms the curve shows none of it above the noise"] * len(LAWS)
     for j in candidates:
         reasons[j] = (
-            f"beside the reported terms the curve shows {names}; the record cannot tell {which}"
+            f"beside the reported terms the curve shows {names}; the record cannot tell {undecided}"
         )
     return reasons
 
@@ -308,32 +308,32 @@ def _covariance(record: _AllanRecord, coefficients: Array) -> Array:
     return covariance + ramp
 
 
-def _fitted(record: _AllanRecord, allowed: Mask) -> tuple[Array, Array, Array]:
+def _fitted(record: _AllanRecord, free_terms: Mask) -> tuple[Array, Array, Array]:
     """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
     [m, m].
     """
     design, variance = record.design, record.variance
     spread = record.start + (MODEL_ERROR * variance) ** 2
-    coefficients = non_negative(design, variance, spread, allowed)
+    coefficients = non_negative(design, variance, spread, free_terms)
     covariance = _covariance(record, coefficients)
     for _ in range(ITERATIONS):
         spread = np.diag(covariance) + (MODEL_ERROR * (design @ coefficients)) ** 2
-        last, coefficients = coefficients, non_negative(design, variance, spread, allowed)
+        last, coefficients = coefficients, non_negative(design, variance, spread, free_terms)
         covariance = _covariance(record, coefficients)
         if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
             break
     return coefficients, spread, covariance
 
 
-def non_negative(design: Array, variance: Array, spread: Array, allowed: Mask) -> Array:
+def non_negative(design: Array, variance: Array, spread: Array, free_terms: Mask) -> Array:
     """Weighted least squares with non-negative coefficients [5], zero where not allowed (Lawson &
     Hanson 1974).
     """
     from scipy.optimize import nnls
 
-    weighted, scale, weight = _weighted(design, spread, allowed)
+    weighted, scale, weight = _weighted(design, spread, free_terms)
     coefficients = np.zeros(design.shape[1])
-    coefficients[allowed] = nnls(weighted, variance * weight)[0] / scale
+    coefficients[free_terms] = nnls(weighted, variance * weight)[0] / scale
     return coefficients
 
 
@@ -353,13 +353,13 @@ def _weighted(design: Array, spread: Array, active: Mask) -> tuple[Array, Array,
     return weighted / scale, scale, weight
 
 
-def _chance(record: _AllanRecord, term: int, others: Mask) -> float:
+def _chance(record: _AllanRecord, term: int, other_terms: Mask) -> float:
     """Probability that a record of the other terms alone, refitted, shows as much of this term as
     the record does.
     """
     from scipy.special import gammaincc, ndtr
 
-    coefficients, spread, covariance = _fitted(record, others)
+    coefficients, spread, covariance = _fitted(record, other_terms)
     active = coefficients > 0.0
     active[term] = True
     row = _operator(record.design, spread, active)[int(np.sum(active[:term]))]

@@ -58,8 +58,8 @@ def identify_noise(total: Array, gaps: Gaps, factors: Integers) -> tuple[Noise, 
         means = np.diff(chunks.take_slice(total, part)) / factor
         closed = gaps.closed_to(int(factor))
         begins = np.arange(part.start, part.stop - 1, part.step)
-        behind = np.searchsorted(closed[:, 0], begins, side="right")
-        means[behind > np.searchsorted(closed[:, 1], begins, side="right")] = np.nan
+        gaps_begun = np.searchsorted(closed[:, 0], begins, side="right")
+        means[gaps_begun > np.searchsorted(closed[:, 1], begins, side="right")] = np.nan
         if int(np.sum(~np.isnan(means))) >= ENOUGH_MEANS:
             kinds.append(_lag_one_type(means))
         else:
@@ -147,17 +147,17 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     """
     # numbers of whole pairs of averages in the runs that have any, and how often each occurs
     whole_pairs = (runs - 2 * factor + 1)[runs >= 2 * factor]
-    lengths, many = np.unique(whole_pairs.astype(np.float64), return_counts=True)
+    lengths, runs_of_length = np.unique(whole_pairs.astype(np.float64), return_counts=True)
     if noise in ("quantization", "flicker_phase_noise"):
         lags = factor * np.arange(3.0)
         weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
-        shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ many
-        of_phase_noise = float((lengths @ many) ** 2 / shared)
+        shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ runs_of_length
+        of_phase_noise = float((lengths @ runs_of_length) ** 2 / shared)
         return min(of_phase_noise, equivalent_dof(factor, runs, "angle_random_walk"))
-    pairs = float(lengths @ many)
+    pairs = float(lengths @ runs_of_length)
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
-    shared = np.maximum(lengths - lags[:, None], 0.0) @ many
+    shared = np.maximum(lengths - lags[:, None], 0.0) @ runs_of_length
     correlation = _pair_covariance(lags / factor, noise) / _pair_covariance(np.zeros(1), noise)
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
 
@@ -177,8 +177,8 @@ def wavelet_correlation(low: Array, high: Array, factor: int) -> float:
     """
     nu, step = logarithmic_grid(1e-3 / factor, FREQUENCIES)
     gain = _response(high, factor * nu)
-    for below in range(factor.bit_length() - 1):
-        gain *= _response(low, 2**below * nu)
+    for level in range(factor.bit_length() - 1):
+        gain *= _response(low, 2**level * nu)
     spectra = gain * np.sin(np.pi * nu) ** np.arange(2.0, -3.0, -1.0)[:, None]
     return float(np.max(spectra**2 @ step / (2.0 * (spectra @ step) ** 2)))
 

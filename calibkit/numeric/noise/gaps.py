@@ -55,17 +55,17 @@ class Gaps:
         return np.column_stack([first[alone[:-1]], stop[alone[1:]]])
 
 
-def filtered(values: Array, taps: Sequence[float], apart: int) -> Iterator[tuple[int, Array]]:
+def filtered(values: Array, taps: Sequence[float], tap_spacing: int) -> Iterator[tuple[int, Array]]:
     """First place i and Σ_k taps_k values[i + k · apart] of consecutive blocks of places; the
     memory pages of `values` are released after some.
     """
-    size = values.size - (len(taps) - 1) * apart
+    size = values.size - (len(taps) - 1) * tap_spacing
     for first, last in chunks.ranges(size):
         for a in range(first, last, BLOCK):
             b = min(a + BLOCK, last)
             total: Array = taps[0] * values[a:b]
             for k, tap in enumerate(taps[1:], start=1):
-                total += tap * values[a + k * apart : b + k * apart]
+                total += tap * values[a + k * tap_spacing : b + k * tap_spacing]
             yield a, total
         chunks.release(values)
 
@@ -76,18 +76,18 @@ def square_beside_gaps(blocks: Iterable[tuple[int, Array]], closed: Integers) ->
     """
     square, count = 0.0, 0
     for start, block in blocks:
-        near = closed[
+        closed_ranges = closed[
             np.searchsorted(closed[:, 1], start, side="right") : np.searchsorted(
                 closed[:, 0], start + block.size
             )
         ]
-        beside = block
-        if len(near):
+        open_values = block
+        if len(closed_ranges):
             steps = np.zeros(block.size + 1, dtype=np.int8)
-            ends = np.clip(near - start, 0, block.size)
+            ends = np.clip(closed_ranges - start, 0, block.size)
             steps[ends[:, 0]] += 1
             steps[ends[:, 1]] -= 1
-            beside = block[np.cumsum(steps[:-1], dtype=np.int8) == 0]
-        square += float(beside @ beside)
-        count += beside.size
+            open_values = block[np.cumsum(steps[:-1], dtype=np.int8) == 0]
+        square += float(open_values @ open_values)
+        count += open_values.size
     return square, count

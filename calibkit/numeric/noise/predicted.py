@@ -31,10 +31,10 @@ def predict_terms(
     factor = averaging_factors(samples, spacing=spacing, points=points)
     tau = np.asarray(factor * interval_s, dtype=np.float64)
     variance = tau[:, None] ** np.array([float(law.exponent) for law in LAWS]) @ true
-    ones, deviation = np.ones(tau.size), np.sqrt(variance)
+    unit_dof, deviation = np.ones(tau.size), np.sqrt(variance)
     curve = DeviationCurve(
         *("overlapping Allan", interval_s, samples, factor, tau, deviation),
-        *(samples - 2 * factor + 1, (), ones, deviation, deviation, 0.0),
+        *(samples - 2 * factor + 1, (), unit_dof, deviation, deviation, 0.0),
     )
     design, covariance, spread = allan_fit.weigh(curve, true)
     drawn = np.random.default_rng(SEED).multivariate_normal(variance, covariance, DRAWS)

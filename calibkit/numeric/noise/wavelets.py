@@ -94,6 +94,6 @@ def _next_level(smooth: Array, low: Array, high: Array, factor: int) -> Iterator
     place of those of the level before, which later blocks do not need.
     """
     levels = filtered(smooth, low.tolist(), factor), filtered(smooth, high.tolist(), factor)
-    for (start, kept), (_, detail) in zip(*levels, strict=True):
-        smooth[start : start + kept.size] = kept
+    for (start, smoothed), (_, detail) in zip(*levels, strict=True):
+        smooth[start : start + smoothed.size] = smoothed
         yield start, detail
