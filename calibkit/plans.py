@@ -73,7 +73,13 @@ def plan(
     from calibkit.planning import page
 
     spec = instruments.parse_recipe(source)
-    prepare = _stated(spec.procedure, "prepare_plan")
+    prepare = instruments.optional(spec.procedure, "prepare_plan")
+    if prepare is None:
+        usable = instruments.list_usable()
+        able = [name for name in usable if instruments.optional(name, "prepare_plan")]
+        raise UsageError(
+            f"campaigns of '{spec.procedure}' are not planned", hint=f"there are {', '.join(able)}"
+        )
     paths = [document.PLAN, document.SCHEDULE, document.RECIPE, document.PAGE]
     for name in paths:
         new_files.refuse_existing(out / name)
@@ -119,17 +125,6 @@ def plan(
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
 
 
-def _stated(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `instruments.ROOMS`)
-    """A function of the plan of a procedure; UsageError where it is not planned."""
-    function = instruments.optional(procedure, name)
-    if function is None:
-        able = [other for other in instruments.list_usable() if instruments.optional(other, name)]
-        raise UsageError(
-            f"campaigns of '{procedure}' are not planned", hint=f"there are {', '.join(able)}"
-        )
-    return function
-
-
 def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
     """Write the logs of a campaign that was run by the plan of a folder, and its truth; returns the
     names of the files.
@@ -141,7 +136,7 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
     if not planned.schedule.actions:
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(planned.source)
-    run = _stated(spec.procedure, "simulate_plan")
+    run = instruments.optional(spec.procedure, "simulate_plan")
     campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
     mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
     others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]

@@ -21,7 +21,7 @@ from calibkit.planning import comparison, document, equipment, schedule, search
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import Design, Predicted, choose, find_front
-from calibkit.planning.task import Task, Wish
+from calibkit.planning.task import Task, parse_wishes
 from conftest import ROOT
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
@@ -234,14 +234,13 @@ def test_a_schedule_reads_back_as_it_was_written():
 def test_a_wish_that_is_not_understood_is_refused(text):
     """With the results that there are."""
     with pytest.raises((UsageError, RecipeError)):
-        Wish.parse(text, {"inclination": "deg", "K0": "1"})
+        parse_wishes([text], {"inclination": "deg", "K0": "1"})
 
 
 def test_a_wish_is_taken_in_the_unit_of_its_result():
     """Arc minutes are degrees."""
-    assert Wish.parse("inclination <= 0.6 arcmin", {"inclination": "deg"}).value == pytest.approx(
-        0.01
-    )
+    wishes = parse_wishes(["inclination <= 0.6 arcmin"], {"inclination": "deg"})
+    assert wishes == {"inclination": pytest.approx(0.01)}
 
 
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():
@@ -256,10 +255,9 @@ def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hou
         )
         for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))
     ]
-    wish = [Wish("a", 10.0, "g")]
-    assert choose(tried, wish, None, "a").hours == 2
-    assert choose(tried, [], 3.5, "a").hours == 2
-    assert choose(tried, [Wish("a", 1.0, "g")], 3.0, "a").hours == 2
+    assert choose(tried, {"a": 10.0}, None, "a").hours == 2
+    assert choose(tried, {}, 3.5, "a").hours == 2
+    assert choose(tried, {"a": 1.0}, 3.0, "a").hours == 2
     assert [one.hours for one in find_front(tried, "a")] == [1, 2, 4]
 
 

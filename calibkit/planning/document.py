@@ -119,7 +119,7 @@ def plan_document(
     """Sealed text of plan.json."""
     results = []
     for result in proposal.results:
-        wanted = proposal.wanted(result.name)
+        wanted = proposal.wishes.get(result.name)
         results.append(
             {
                 "name": result.name,

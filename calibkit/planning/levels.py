@@ -1,6 +1,6 @@
 """Temperatures of campaigns, and their order."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import combinations
 
 import numpy as np
@@ -40,20 +40,14 @@ def list_tours(
             inner = range(1, size - 1)
             nearest = min(inner, key=lambda k: abs(levels[k] - round(reference)))
             levels[nearest] = round(reference)
-        tours.append(order_there_and_back(levels))
+        # every second one on the way back: as long as straight there and back, and drift is
+        # separated from temperature
+        tours.append((*levels[::2], *levels[1::2][::-1], levels[0]))
     if some:
         first = tours[0][:-1]
         for number in range(1, min(len(first), MOST_ADDED) + 1):
             tours += combinations(first, number)
     return tours
-
-
-def order_there_and_back(levels: Sequence[int]) -> Tour:
-    """Temperatures, lowest first, in the order of a campaign: every second one on the way back to
-    the first. The way is as long as straight there and back, and drift is separated from
-    temperature.
-    """
-    return (*levels[::2], *levels[1::2][::-1], levels[0])
 
 
 def cover_range(

@@ -31,8 +31,8 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
     """What is printed of a plan; its verdict is that on the wishes and on the hours."""
     schedule, sought, longer = proposal.campaign.schedule, proposal.sought, proposal.longer_campaign
     criteria = tuple(
-        at_most(f"U of {wish.name}", proposal.campaign.expanded(wish.name), wish.value, wish.unit)
-        for wish in proposal.wishes
+        at_most(f"U of {result.name}", result.expanded, proposal.wishes[result.name], result.unit)
+        for result in map(proposal.campaign.results.__getitem__, proposal.wishes)
     )
     if within_h is not None:
         criteria += (at_most("chamber time", schedule.hours, within_h, "h"),)
@@ -56,7 +56,7 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
         "Predicted uncertainty over the range of use (k = 2)",
         ("result", *numbers, "unit"),
         tuple(
-            (result.name, result.u, result.expanded, proposal.wanted(result.name), result.unit)
+            (result.name, result.u, result.expanded, proposal.wishes.get(result.name), result.unit)
             for result in proposal.results
         ),
     )
@@ -208,8 +208,8 @@ def _draw_hours(proposal: Proposal) -> Figure:
         hours = [campaign.hours for campaign in campaigns]
         expanded = [campaign.expanded(name) for campaign in campaigns]
         ax.plot(hours, expanded, style, color=colour, label=label)
-    if (wanted := proposal.wanted(name)) is not None:
-        ax.axhline(wanted, color="#777777", linestyle="--", label="wanted")
+    if name in proposal.wishes:
+        ax.axhline(proposal.wishes[name], color="#777777", linestyle="--", label="wanted")
     if proposal.campaign.hours > 0.0:
         ax.set_xlim(right=SHOWN * proposal.campaign.hours)
     ax.set_xlabel("chamber time [h]")

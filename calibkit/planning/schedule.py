@@ -84,11 +84,7 @@ def read_schedule(text: str, name: str) -> Schedule:
     """Schedule of a CSV text; CoefficientError for one that calibkit did not write."""
     names = [field.name for field in fields(Action)]
     rows = list(csv.reader(io.StringIO(text)))
-    # plans were once without azimuths
-    if not rows or rows[0] not in (
-        names,
-        [column for column in names if column != "azimuth_deg"],
-    ):
+    if not rows or rows[0] != names:
         raise CoefficientError(
             f"{name}: not a schedule: its first line is not {','.join(names)}",
             hint="restore the file that calibkit plan wrote",
@@ -96,7 +92,7 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            cells: dict[str, Any] = dict(zip(rows[0], row, strict=True))
+            cells: dict[str, Any] = dict(zip(names, row, strict=True))
             for key in cells.keys() - {"action", "log"}:
                 cells[key] = float(cells[key] or NONE)
             actions.append(Action(**cells))

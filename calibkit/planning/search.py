@@ -22,7 +22,7 @@ from calibkit.forms import power_unit
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.levels import Tour, cover_range, list_tours
 from calibkit.planning.schedule import Schedule
-from calibkit.planning.task import Assumed, Task, Wish
+from calibkit.planning.task import Assumed, Task, parse_wishes
 from calibkit.recipe.tables import ErrorComponent
 
 COVERAGE = 2.0
@@ -86,9 +86,9 @@ class Design:
         """Expanded uncertainty of a result."""
         return self.results[name].expanded
 
-    def excess(self, wishes: Sequence[Wish]) -> float:
+    def excess(self, wishes: Mapping[str, float]) -> float:
         """Largest U relative to what is wished: at most 1 where every wish is met."""
-        return max((self.expanded(wish.name) / wish.value for wish in wishes), default=0.0)
+        return max((self.expanded(name) / value for name, value in wishes.items()), default=0.0)
 
 
 NOTHING = Design("nothing to add to what is measured", Schedule(()), (), None)
@@ -110,8 +110,8 @@ class Proposal:
     """The campaign that is chosen, beside others."""
 
     campaign: Design
-    wishes: tuple[Wish, ...]
-    """In the units of the results."""
+    wishes: Mapping[str, float]
+    """Result → wished expanded uncertainty in its unit."""
     assumed: Assumed
     coefficients: tuple[Coefficient, ...]
     components: tuple[ErrorComponent, ...]
@@ -145,12 +145,7 @@ class Proposal:
     @property
     def sought(self) -> Predicted:
         """The result that is wished first, or the first of all."""
-        name = self.wishes[0].name if self.wishes else self.results[0].name
-        return self.campaign.results[name]
-
-    def wanted(self, name: str) -> float | None:
-        """Wished expanded uncertainty of a result, None where none is."""
-        return {wish.name: wish.value for wish in self.wishes}.get(name)
+        return self.campaign.results[next(iter(self.wishes or self.campaign.results))]
 
 
 @dataclass(frozen=True)
@@ -277,8 +272,8 @@ def propose(bench: Bench) -> Proposal:
     met.
     """
     task, assumed = bench.task, bench.assumed
-    wishes = tuple(Wish.parse(text, bench.results) for text in task.wishes)
-    name = wishes[0].name if wishes else next(iter(bench.results))
+    wishes = parse_wishes(task.wishes, bench.results)
+    name = next(iter(wishes or bench.results))
     designs = [*([NOTHING] if task.have else []), *bench.designs()]
     candidates = []
     for design in designs:
@@ -326,7 +321,7 @@ def find_front(candidates: Iterable[Design], name: str) -> list[Design]:
 
 
 def choose(
-    candidates: Sequence[Design], wishes: Sequence[Wish], within_h: float | None, name: str
+    candidates: Sequence[Design], wishes: Mapping[str, float], within_h: float | None, name: str
 ) -> Design:
     """The campaign of the fewest hours that meets the wishes, or of the least uncertainty of a
     result within hours; where none meets them, the one that comes nearest within the hours.

@@ -5,7 +5,7 @@ rows share, range of use.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -28,29 +28,24 @@ Units: TypeAlias = "Mapping[tuple[str, str], str]"
 """(group, effect) → unit of its standard deviation in a fit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wish:
-    """Largest expanded uncertainty of a result over the range of use."""
-
-    name: str
-    value: float
-    unit: str
-
-    @classmethod
-    def parse(cls, text: str, offered: Mapping[str, str]) -> Self:
-        """Wish of a text "NAME<=VALUE UNIT", in the unit in which the result is offered; UsageError
-        for another text, name or unit.
-        """
+def parse_wishes(texts: Iterable[str], offered: Mapping[str, str]) -> dict[str, float]:
+    """Result → largest expanded uncertainty over the range of use, in the unit in which the result
+    is offered, of texts "NAME<=VALUE UNIT"; UsageError for another text, name or unit.
+    """
+    wishes = {}
+    for text in texts:
         name, value, asked = units_of.parse_limit(text, "--want")
-        unit, fault = offered.get(name, ""), f"no result '{name}'"
-        if unit:
+        fault = "" if name in offered else f"no result '{name}'"
+        if not fault and asked != offered[name]:
             try:
-                factor = 1.0 if asked == unit else units_of.difference_factor(asked, unit)
-                return cls(name, value * factor, unit)
+                value *= units_of.difference_factor(asked, offered[name])
             except RecipeError:
                 fault = f"'{asked}' is no unit of '{name}'"
-        names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
-        raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}")
+        if fault:
+            names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
+            raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}")
+        wishes[name] = value
+    return wishes
 
 
 @dataclass(frozen=True, slots=True)

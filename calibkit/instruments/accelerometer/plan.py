@@ -228,16 +228,17 @@ class TriadBench(TourBench):
             clock.now_s += soak_s
         dwells = planned_dwells(actions, self.noise_of(dwell_s))
         residual, shared, noise = self.equation(dwells)
-        of_candidates, of_all = list[Shared](), list[Shared]()
-        for error in shared:
-            if error.size:
-                index = (error.group, error.effect) == shared_errors.INDEX
-                (of_candidates if index else of_all).append(error)
+        sized = [error for error in shared if error.size]
+        # an index error is of one attitude, the others are of several
+        of_attitude = [
+            error for error in sized if (error.group, error.effect) == shared_errors.INDEX
+        ]
+        common = [error for error in sized if (error.group, error.effect) != shared_errors.INDEX]
         place = np.tile(np.arange(number), len(degc))
         return pool(
             derivative(lambda p: residual(p).ravel(), self.terms.nominal),
-            of_all,
-            of_candidates,
+            common,
+            of_attitude,
             noise,
             np.repeat(place, len(noise) // len(place)),
             next(iter(replace(self, k=()).slopes.values())),
@@ -304,8 +305,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             " affine.tilt nor affine.fixture",
         )
     else:
-        files = (f"{stage}.json" for stage in COMPENSATIONS.values())
-        records = read_earlier(task, name, *files)
+        records = read_earlier(task, name, *(f"{stage}.json" for stage in COMPENSATIONS.values()))
         scatter = [model.residual_rms for record in records for model in record.models]
         assumed = assume(
             spec,
@@ -318,39 +318,53 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         )
     if task.have:
         have = triad_dwells.collect_dwells(task.have, spec)
-        indication, noise, degc = have.reference, assumed.noise, have.temperature
+        indication, noise, degc = (
+            np.round(have.reference, DECIMALS),
+            assumed.noise,
+            have.temperature,
+        )
         if lengths:
             indication = have.indication / np.linalg.norm(have.indication, axis=1)[:, None]
             degc = np.full(len(indication), spec.reference_temp_degc)
             # of a log with a row for each dwell no noise is known
-            logged = have.weights is not None
-            noise = float(np.sqrt(np.mean(have.noise**2))) if logged else device.noise
-        else:
-            indication = np.round(indication, DECIMALS)
+            noise = rms(have.noise) if have.weights is not None else device.noise
         of_each = np.full_like(indication, noise)
         have = replace(have, indication=indication, noise=of_each, temperature=degc)
+
+    # Attitudes of the fixture. A dividing head turns the tool about one horizontal axis: along the
+    # tool, then across it in two planes that hold it, each of which is a mounting.
     fixture = task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS))
-    mountings = 3 if task.attitudes == HEAD and not lengths else 1
-    spots, mounting = list_spots(fixture, mountings)
+    turns, step = range(0, 360, fixture.step_deg), fixture.step_deg
+    mountings = 3 if task.attitudes == HEAD and not lengths and not fixture.spots else 1
+    if mountings == 1:
+        grid = ((0, 0), *product(range(step, 180, step), turns), (180, 0))
+        spots = np.array(fixture.spots or grid, dtype=np.float64)
+    else:
+        along = [(90, roll) for roll in turns]
+        across = [(turn, 0) if turn <= 180 else (360 - turn, 180) for turn in turns]
+        quarter_on = [(tilt, roll + 90) for tilt, roll in across]
+        spots = np.array([*along, *across, *quarter_on], dtype=np.float64)
+
     # dwells need not have the errors that are assumed, as those that earlier runs had
-    errors = {"component": tuple(assumed.errors.values()), "source": "history", "groups": "auto"}
-    stated, terms = spec.errors.model_copy(update=errors), asked_terms(spec)
-    orders = [terms.order]
-    if spec.k.enabled:
-        orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
+    stated = {"component": tuple(assumed.errors.values()), "source": "history", "groups": "auto"}
+    terms, orders = asked_terms(spec), [0]
+    if not lengths:
+        orders = [terms.order]
+        if spec.k.enabled:
+            orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
     bench = LengthBench if lengths else TriadBench
     return bench(
-        spec=spec.model_copy(update={"errors": stated}),
+        spec=spec.model_copy(update={"errors": spec.errors.model_copy(update=stated)}),
         task=task,
         assumed=assumed,
         results=OF_LENGTHS if lengths else RESULTS,
         have=have,
-        order=0 if lengths else max(orders),
+        order=max(orders),
         terms=terms,
         k=spec.k.axes if spec.compensation == "k" and not lengths else (),
         fixture=fixture,
         spots=spots,
-        mounting=mounting,
+        mounting=np.repeat(np.arange(mountings), len(spots) // mountings),
     )
 
 
@@ -373,22 +387,6 @@ def _require_one_temperature(spec: AccelerometerRecipe, task: Task, device: Devi
             f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
             hint="leave it out, or name a fixture with its own spots in the equipment file",
         )
-
-
-def list_spots(fixture: Fixture, mountings: int = 1) -> tuple[Array, Integers]:
-    """Attitudes [c, 2] [°] of a fixture, and the mounting of each [c]; of several mountings of one
-    horizontal axis, along which a tool is mounted, then across it in two planes that hold it.
-    """
-    turns, step = range(0, 360, fixture.step_deg), fixture.step_deg
-    spots: list[tuple[float, float]] = [(0, 0), *product(range(step, 180, step), turns), (180, 0)]
-    if fixture.spots:
-        spots = [*fixture.spots]
-    elif mountings > 1:
-        spots = [(90, roll) for roll in turns]
-        for roll in (0, 90):
-            spots += [(turn, roll) if turn <= 180 else (360 - turn, roll + 180) for turn in turns]
-    mounting = np.repeat(np.arange(mountings), len(spots) // mountings)
-    return np.array(spots, dtype=np.float64), mounting
 
 
 def simulate_plan(
