@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 
 from calibkit.errors import CoefficientError, FitError
-from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer import forms, published
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 
 RNG = np.random.default_rng(17)
 INDICATION = RNG.uniform(-1.0, 1.0, (7, 3))
@@ -52,10 +51,10 @@ def written(form, name, names, values, units):
 
 MODELS = {
     **{
-        name: (forms.K, written(forms.K, name, k_factor.NAMES, values, forms.K_UNITS))
+        name: (forms.K, written(forms.K, name, published.K_NAMES, values, published.K_UNITS))
         for name, values in zip(forms.K_MODELS, K_OF_AXES, strict=True)
     },
-    "q": (forms.Q, written(forms.Q, "triad", q_factor.NAMES, SMALL_ANGLES, ["rad"] * 3)),
+    "q": (forms.Q, written(forms.Q, "triad", published.Q_NAMES, SMALL_ANGLES, ["rad"] * 3)),
     "affine": (
         forms.AFFINE,
         written(
@@ -91,7 +90,7 @@ def test_k_of_an_axis_is_the_published_equation():
 def test_q_and_affine_are_what_their_equations_give():
     """The exact matrix of the axes, and M(t) (G − b(t)) with products, entry by entry."""
     form, model = MODELS["q"]
-    exact = np.linalg.inv(q_factor.axes_from_angles(SMALL_ANGLES))
+    exact = np.linalg.inv(published.axes_from_angles(SMALL_ANGLES))
     np.testing.assert_allclose(form.evaluate(model, AT), INDICATION @ exact.T, atol=1e-14)
     form, model = MODELS["affine"]
     t, named = TEMPERATURE, dict(zip(AFFINE_NAMES, AFFINE_VALUES, strict=True))
@@ -150,7 +149,7 @@ def test_units_follow_from_the_power_of_the_temperature():
         *("1", "1/degC", "1/degC2", "1/degC3"),
         *("g", "g/degC", "g/degC2", "g/degC3"),
         *("1", "1"),
-    ) == forms.K_UNITS
+    ) == published.K_UNITS
     units = {
         "c_xy": "1",
         "d_xy": "1/degC",

@@ -13,9 +13,7 @@ from hypothesis import given, settings, strategies as st
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import determination, published
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.numeric import k_factor
-from calibkit.instruments.accelerometer.recipe import KAxisSpec
+from calibkit.instruments.accelerometer.fit import fit_k, fit_triad
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fit as least_squares
@@ -30,7 +28,6 @@ NOISE_G = 2e-5
 GRID_DEGC = (-20, -5, 10, 25, 45, 65, 85, 105, 125)
 K_ONLY = {"affine": {"enabled": False}, "compensation": "k"}
 PLAIN = recipe(loss="least_squares", errors=WHITE)
-CUBIC = (KAxisSpec(),) * 3
 
 
 def indications_of_k(coefficients, reference, temperature):
@@ -38,7 +35,7 @@ def indications_of_k(coefficients, reference, temperature):
     powers = np.vander(temperature, 4, increasing=True)
     matrix = np.zeros((len(temperature), 3, 3))
     target = np.empty((len(temperature), 3, 1))
-    for i, (first, second) in enumerate(k_factor.CROSS):
+    for i, (first, second) in enumerate(published.CROSS):
         matrix[:, i, i] = powers @ coefficients[i, :4]
         matrix[:, i, first], matrix[:, i, second] = -coefficients[i, 8], -coefficients[i, 9]
         target[:, i, 0] = reference[:, i] + powers @ coefficients[i, 4:8]
@@ -47,7 +44,7 @@ def indications_of_k(coefficients, reference, temperature):
 
 def corrected_by(k, indication, temperature):
     """Corrected components [n, 3] by K0 … K9 [3, 10]."""
-    parts = [k_factor.columns(indication, temperature, i) @ k[i] for i in range(3)]
+    parts = [published.columns(indication, temperature, i) @ k[i] for i in range(3)]
     return np.column_stack(parts)
 
 
@@ -131,7 +128,7 @@ def test_indications_and_correction_undo_each_other(seed):
 
 def test_scaled_temperature_keeps_the_design_well_conditioned():
     """The condition number is below 20 in mapped temperature and above a million in raw degrees."""
-    raw = k_factor.columns(INDICATION, TEMPERATURE, 0)
+    raw = published.columns(INDICATION, TEMPERATURE, 0)
     assert np.linalg.cond(raw) > 1e6
     terms = Terms.of_orders((3,) * 3, (3,) * 3, (1,) * 3)
     triad = solve_triad(
@@ -149,7 +146,7 @@ def test_rank_grows_with_the_temperatures(temperatures, expected):
     """
     few, many = grid(temperatures, ANGLES[:20]), grid((*temperatures, 0, 10, 20, 30), ANGLES[:20])
     ranks = [
-        least_squares.rank(k_factor.columns(gravity(angle), temperature / 100.0, 0))
+        least_squares.rank(published.columns(gravity(angle), temperature / 100.0, 0))
         for temperature, angle in (few, many)
     ]
     assert ranks == [expected, 10]
@@ -209,7 +206,7 @@ def test_a_chamber_that_wanders_about_its_set_point_is_one_temperature():
     """
     temperature, angle = grid((25.0,) * 5, ANGLES[:20])
     wandering = temperature + np.random.default_rng(3).uniform(-0.2, 0.2, temperature.size)
-    assert least_squares.rank(k_factor.columns(gravity(angle), wandering - 25.0, 0)) == 10
+    assert least_squares.rank(published.columns(gravity(angle), wandering - 25.0, 0)) == 10
     with pytest.raises(FitError, match="at 1 distinct temperatures"):
         fit_triad(measured(0, wandering, angle), PLAIN)
 
@@ -220,7 +217,7 @@ def test_noise_of_the_indications_does_not_pass_for_attitudes():
     """
     temperature, angle = grid((-20, 25, 60, 90, 125), [(60, roll) for roll in range(0, 360, 30)])
     noisy = measured(4, temperature, angle)
-    assert least_squares.rank(k_factor.columns(noisy.indication, temperature / 100.0, 0)) == 10
+    assert least_squares.rank(published.columns(noisy.indication, temperature / 100.0, 0)) == 10
     with pytest.raises(FitError, match="accel_z: K4"):
         fit_triad(noisy, PLAIN)
 
@@ -231,7 +228,7 @@ def test_logged_table_noise_does_not_pass_for_attitudes():
     """
     temperature, angle = grid((-20, 25, 60, 90, 125), [(60, roll) for roll in range(0, 360, 30)])
     logged = angle + np.random.default_rng(15).normal(0.0, 0.01, angle.shape)
-    assert least_squares.rank(k_factor.columns(gravity(logged), temperature / 100.0, 2)) == 10
+    assert least_squares.rank(published.columns(gravity(logged), temperature / 100.0, 2)) == 10
     with pytest.raises(FitError, match="accel_z: K4"):
         fit_triad(measured(15, temperature, logged), PLAIN)
 
@@ -344,7 +341,7 @@ def test_cross_terms_of_a_misaligned_triad_are_in_their_uncertainty():
         clean, noisy = misaligned(seed)
         fitted = fit_triad(noisy, recipe(loss="least_squares"))
         for axis, model in enumerate(fitted.k):
-            design = k_factor.columns(clean.indication, clean.temperature, axis)
+            design = published.columns(clean.indication, clean.temperature, axis)
             truth = np.linalg.lstsq(design, clean.reference[:, axis])[0]
             covered.append((np.abs(values(model) - truth) <= expanded(model))[8:])
     assert np.mean(covered) >= 0.9
@@ -357,7 +354,7 @@ def test_stated_variance_of_the_correction_is_that_of_many_fits(plain_fits):
     scatter = np.var([corrected_by(one, exact, TEMPERATURE) for one in k], axis=0)
     stated = np.zeros_like(scatter)
     for axis in range(3):
-        design = k_factor.columns(exact, TEMPERATURE, axis)
+        design = published.columns(exact, TEMPERATURE, axis)
         covariance = np.mean([fitted.k[axis].covariance for fitted in plain_fits], axis=0)
         stated[:, axis] = np.einsum("ij,jk,ik->i", design, covariance, design)
     assert np.mean(scatter / stated) == pytest.approx(1.0, abs=0.1)
@@ -367,7 +364,7 @@ def robust_k(dwells):
     """The triad by its robust fit, and K of its axes."""
     terms = Terms.of_orders((3,) * 3, (3,) * 3, (1,) * 3)
     triad = solve_triad(dwells, terms, recipe(), loss="robust")
-    return triad, published.fit_k(dwells, CUBIC, triad)
+    return triad, fit_k(dwells, recipe(), triad)
 
 
 @pytest.fixture(scope="module")

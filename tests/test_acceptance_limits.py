@@ -10,9 +10,9 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.coefficients import Figure
-from calibkit.instruments.accelerometer import coefficient_files, errors as triad_errors, forms
+from calibkit.instruments.accelerometer import correction as triad_errors, forms
+from calibkit.instruments.accelerometer.correction import AttitudeErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.errors import AttitudeErrors
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
@@ -143,7 +143,7 @@ def triad_unseen(value, temperature=25.0, terms=()):
         residual_unit="g",
         valid={"temp_case_degc": (20.0, 30.0)},
     )
-    correction = coefficient_files.Correction(forms.AFFINE, (model,))
+    correction = triad_errors.Correction(forms.AFFINE, (model,))
     vectors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]])
     unknown, of_log = np.full(4, np.nan), np.zeros(4, dtype=np.int64)
     dwells = DwellSet(

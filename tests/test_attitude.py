@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.errors import AttitudeErrors, attitude_slopes
+from calibkit.instruments.accelerometer.correction import AttitudeErrors
+from calibkit.instruments.accelerometer.fit import attitude_slopes
 from calibkit.numeric import attitude, earth
 from triad_dwells import recipe
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
-from calibkit.instruments.accelerometer import coefficient_files, firmware
+from calibkit.instruments.accelerometer import correction as triad_correction, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms
@@ -47,7 +47,7 @@ def model_of(name, this):
     """The float64 correction of a chain without memory, from columns of inputs."""
     records, spec = this.run.records, this.spec
     if name in ("affine", "k"):
-        correction = coefficient_files.find_correction(spec.compensation, records.values())
+        correction = triad_correction.find_correction(spec.compensation, records.values())
 
         def corrected(columns):
             vector = np.column_stack([columns[f"accel_{axis}_g"] for axis in "xyz"])

@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.instruments.accelerometer import simulate
+from calibkit.instruments.accelerometer import published, simulate
+from calibkit.instruments.accelerometer.correction import AttitudeErrors
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.errors import AttitudeErrors, attitude_slopes
-from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.fit import attitude_slopes, fit_triad
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
 from triad_dwells import collect, recipe, uncertainties, values
@@ -41,7 +40,7 @@ def fit(campaign, spec=PLAIN):
 def k_applied(fitted, indicated, temperature):
     """Components [n, 3] as the K of three axes correct them."""
     parts = [
-        k_factor.columns(indicated, temperature, i) @ values(model)
+        published.columns(indicated, temperature, i) @ values(model)
         for i, model in enumerate(fitted.k)
     ]
     return np.column_stack(parts)
@@ -220,7 +219,6 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     mg; attitudes are not logged.
     """
     from calibkit.instruments.accelerometer import simulate_magnitude
-    from calibkit.instruments.accelerometer.numeric import q_factor
 
     simulated = simulate_magnitude.campaign(5, positions=12)
     truth = simulated.truth
@@ -228,7 +226,7 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     assert set(log) == {"time_s", "accel_x_g", "accel_y_g", "accel_z_g"}
     samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
     holds = samples[:, :100].mean(axis=1)
-    orthogonal = q_factor.exact_matrix(q_factor.axes_from_angles(np.array(truth["Q"])))
+    orthogonal = published.exact_matrix(published.axes_from_angles(np.array(truth["Q"])))
     corrected = (holds - truth["b"]) / truth["k"] @ orthogonal.T
     np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
     assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3

@@ -20,13 +20,12 @@ from calibkit.coefficients import Identity
 from calibkit.frame import Log
 from calibkit.instruments.accelerometer import (
     certificate as triads,
-    coefficient_files,
     dwells,
+    published,
     simulate as triad,
     simulate_magnitude as tumble,
 )
-from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer.fit import fit_triad, list_results
 from calibkit.instruments.bias import simulate as sweep
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.gyro_noise import simulate as static
@@ -132,7 +131,7 @@ def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
     frame = pd.DataFrame(dict(columns))
     log = Log("positions", "positions.csv", "", len(frame), frame)
     held = dwells.collect_dwells([log], spec)
-    results = coefficient_files.list_results(fit_triad(held, spec), held, None, ())
+    results = list_results(fit_triad(held, spec), held, None, ())
     identity = Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, ())
     records = {one.file: one.as_record(identity, "") for one in results}
     degc = (-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0)
@@ -148,7 +147,7 @@ def accelerometer_magnitude(number: int, _: Errors) -> tuple[Frames, Truth]:
     """
     made = tumble.campaign(number)
     stated: Any = made.truth
-    scale, axes = np.array(stated["k"]), q_factor.axes_from_angles(np.array(stated["Q"]))
+    scale, axes = np.array(stated["k"]), published.axes_from_angles(np.array(stated["Q"]))
     matrix = np.linalg.inv(scale[:, None] * axes)
     found = {f"accel_q.triad.Q{k + 1}": stated["Q"][k] for k in range(3)}
     for k, axis in enumerate("xyz"):

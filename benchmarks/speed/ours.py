@@ -92,17 +92,16 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     """K-factor of three axes, with covariance, residuals and the check that attitudes and
     temperatures determine it.
     """
-    from calibkit.instruments.accelerometer import published
-    from calibkit.instruments.accelerometer.numeric import k_factor
+    from calibkit.instruments.accelerometer import determination, published
     from calibkit.instruments.accelerometer.recipe import KAxisSpec
     from calibkit.numeric.least_squares import fit, polynomial
 
     def run() -> list[fit.LinearFit]:
-        published.require_k((KAxisSpec(),) * 3, reference, temperature)
+        determination.require_k((KAxisSpec(),) * 3, reference, temperature)
         middle, half = polynomial.middle_and_half(temperature)
         t = (temperature - middle) / half
         return [
-            fit.linear(k_factor.columns(indication, t, axis), reference[:, axis])
+            fit.linear(published.columns(indication, t, axis), reference[:, axis])
             for axis in range(3)
         ]
 

@@ -1,4 +1,4 @@
-"""Which coefficients the temperatures and attitudes of the dwells determine.
+"""Which terms of the equation a recipe asks for, and whether the dwells determine them.
 
 The rank is computed from the reference attitudes and temperatures, because the noise of the
 indications gives any design matrix full rank; and from singular values, so that no grid of dwells
@@ -11,7 +11,10 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.equation import AXES, Terms
+from calibkit.instruments.accelerometer import published
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.equation import AXES, Orders, Terms
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
 from calibkit.numeric.least_squares import polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
@@ -22,33 +25,80 @@ it corresponds to 0.06° of attitude.
 """
 
 
-def require_determined(
+def asked_terms(spec: AccelerometerRecipe) -> Terms:
+    """Terms of the equation that a recipe asks for: of the triad, or as many as K has."""
+    triad, lengths = spec.affine, spec.reference.kind == "magnitude"
+    if not (triad.enabled or lengths):
+        return Terms.of_orders(*_orders_of_k(spec.k.axes, cross=1))
+    orders = [0, 0, 0]
+    if triad.enabled:
+        orders = [triad.scale_order, triad.bias_order, min(triad.cross_order, 1)]
+    scale, zero, cross = ((order,) * 3 for order in orders)
+    return Terms.of_orders(
+        *(scale, zero, cross),
+        triangular=lengths or triad.fixture,
+        second_order=triad.enabled and triad.second_order,
+        third_order=triad.enabled and triad.third_order,
+        tilt=triad.enabled and triad.tilt,
+        fixture=triad.enabled and triad.fixture,
+    )
+
+
+def _orders_of_k(axes: Sequence[KAxisSpec], cross: int) -> tuple[Orders, Orders, Orders]:
+    """Orders of the scale factors, zeros and cross-axis terms (`cross`, or none) of x, y and z."""
+    return (
+        [axis.scale_order for axis in axes],
+        [axis.zero_order for axis in axes],
+        [cross if axis.cross else -1 for axis in axes],
+    )
+
+
+def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tuple[str, ...]]:
+    """Terms of the equation that the recipe asks for, and a flag where the dwells do not show how
+    cross-axis terms change with temperature. Raises FitError for other terms, and for a K, that the
+    dwells do not determine.
+    """
+    terms, held = asked_terms(spec), (dwells.reference, dwells.temperature)
+    if spec.reference.kind == "magnitude":  # the start of that fit says what it needs
+        return terms, ()
+    if spec.k.enabled:
+        require_k(spec.k.axes, *held)
+    lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
+    fault = find_undetermined(terms, terms.names, *held, lower=lower)
+    if fault is None:
+        return terms, ()
+    constant = Terms(tuple(t for t in terms.listed if t.kind != "c" or not t.power))
+    if find_undetermined(constant, constant.names, *held, lower=lower) is not None:
+        raise fault
+    flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
+    return constant, (flag,)
+
+
+def require_k(axes: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
+    """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
+
+    Of a triad without an error K are what the terms of its equation are.
+    """
+    terms, names = Terms.of_orders(*_orders_of_k(axes, cross=0)), []
+    for term in terms.listed:
+        cross = 8 + published.CROSS[term.axis].index(term.factors[0]) if term.kind == "c" else 0
+        names.append(published.K_NAMES[cross or term.power + 4 * (term.kind == "z")])
+    lower = "lower scale_order and zero_order, or set cross to false"
+    fault = find_undetermined(terms, names, reference, temperature, lower=lower)
+    if fault is not None:
+        raise fault
+
+
+def find_undetermined(
     terms: Terms, names: Sequence[str], reference: Array, temperature: Array, *, lower: str
-) -> None:
-    """Raise FitError where a coefficient is undetermined, stating which and why.
+) -> FitError | None:
+    """Error that names the terms which references [n, 3] [g] and temperatures [n] [°C] do not
+    separate from those before them in the order of importance; None where all are determined.
 
-    Parameters
-    ----------
-    terms
-        Coefficients that are asked for.
-    names
-        [p], what a message calls them.
-    reference
-        [n, 3] [g].
-    temperature
-        [n] [°C].
-    lower
-        What to ask less of, in the recipe's words.
-
-    Raises
-    ------
-    FitError
-        Naming the coefficients that cannot be separated from the ones before them in the order of
-        importance.
-
+    `names` [p] are what the error calls them, `lower` what to ask less of, in the recipe's words.
     """
     if reference.size <= len(terms.listed):
-        raise FitError(
+        return FitError(
             f"{len(reference)} dwells for {len(terms.listed)} parameters",
             hint="add dwells or lower the orders",
         )
@@ -63,23 +113,22 @@ def require_determined(
         for place in terms.of_axis(axis):
             term = terms.listed[place]
             turn = (term.factors[0] - axis) % 3 if term.kind == "c" else 0
-            ranked.append((term.power, "kzcn".index(term.kind), turn, place))
-        places = [place for *_, place in sorted(ranked)]
-        # derivatives of the axis of a triad without an error, but for their signs
-        ranked_terms = [terms.listed[place] for place in places]
-        columns = [np.prod(reference[:, q.factors], axis=1) * t**q.power for q in ranked_terms]
-        design = np.asarray(np.linalg.qr(np.column_stack(columns), mode="r"))
-        independent, undetermined = np.zeros((len(design), 0)), []
-        for place, column in zip(places, design.T, strict=True):
+            # derivative of the axis of a triad without an error, but for its sign
+            column = np.prod(reference[:, term.factors], axis=1) * t**term.power
+            ranked.append((term.power, "kzcn".index(term.kind), turn, names[place], column))
+        ranked.sort(key=lambda entry: entry[:3])
+        design = np.asarray(np.linalg.qr(np.column_stack([r[-1] for r in ranked]), mode="r"))
+        independent, dependent = np.zeros((len(design), 0)), []
+        for (*_, name, _), column in zip(ranked, design.T, strict=True):
             wider = np.column_stack([independent, column])
             if _rank(wider) < wider.shape[1]:
-                undetermined.append(names[place])
+                dependent.append(name)
             else:
                 independent = wider
-        if undetermined:
-            faults.append(f"accel_{letter}: {', '.join(sorted(undetermined))}")
+        if dependent:
+            faults.append(f"accel_{letter}: {', '.join(sorted(dependent))}")
     if not faults:
-        return
+        return None
     shown_levels = (
         ", ".join(f"{value:.4g}" for value in levels)
         if levels.size <= 6
@@ -91,7 +140,7 @@ def require_determined(
         if levels.size < levels_needed
         else "on the six faces at each temperature"
     )
-    raise FitError(
+    return FitError(
         f"the data cannot determine {'; '.join(faults)}: {len(temperature)} dwells at"
         f" {levels.size} distinct temperatures ({shown_levels} °C; order {terms.order} needs"
         f" {levels_needed}) in attitudes of which {affine_rank(reference)} are affinely"

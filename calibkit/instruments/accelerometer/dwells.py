@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -24,10 +25,10 @@ UNSTATED_DEGC = 25.0
 """Case temperature [°C] assumed for a magnitude-only log without a temperature column."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DwellSet:
     """Dwells of all logs: indication [n, 3, g, positive along gravity], temperature [n, °C], angles
-    [n, °], weights.
+    [n, °], noise.
 
     Angles are NaN where the reference is the magnitude alone; `noise` [n, 3, g] is the standard
     error of each mean, NaN where a dwell is one row; `time` [n, s] is that of the log, NaN where it
@@ -49,19 +50,17 @@ class DwellSet:
         """Temperature range [°C] of the dwells, by the name of its column."""
         return {TEMPERATURE: (float(self.temperature.min()), float(self.temperature.max()))}
 
-    @property
+    @cached_property
     def reference(self) -> Array:
         """Reference gravity vectors [n, 3, g] from inclination and toolface."""
         return attitude.gravity_vector(self.inclination, self.toolface)
 
-    @property
-    def weights(self) -> Array | None:
-        """Weights 1/variance [n, 3] of the means; None unless every dwell has a standard error."""
-        return (
-            1.0 / self.noise**2
-            if np.isfinite(self.noise).all() and (self.noise > 0.0).all()
-            else None
-        )
+    def relative_noise(self, *, lengths: bool) -> Array:
+        """Standard error [3 n] of each component, or [n] of each length [g]; 1 unless that of every
+        dwell was measured.
+        """
+        noise = self.noise if np.all(self.noise > 0.0) else np.ones_like(self.noise)
+        return np.sqrt(np.mean(noise**2, axis=1)) if lengths else noise.ravel()
 
     def without(self, rows: Iterable[int], flags: Iterable[str] = ()) -> "DwellSet":
         """Dwells without those at the rows, with further flags."""

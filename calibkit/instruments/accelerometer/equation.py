@@ -21,7 +21,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
-from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer import published
 from calibkit.numeric.least_squares import polynomial
 
 AXES = "xyz"
@@ -30,13 +30,11 @@ FIXTURE = ("fixture_x_rad", "fixture_y_rad", "fixture_z_rad")
 SMALL_ANGLE = 1e-3
 """Angle [rad] below which the series of sin(a)/a has all digits."""
 
-Orders = tuple[int, int, int]
+PER_DEGREE = ("", "/degC", *(f"/degC{power}" for power in range(2, 10)))
+"""What a power of temperature [°C] adds to the unit of its coefficient."""
+
+Orders = Sequence[int]
 """Highest power of temperature of x, y and z; -1 leaves the term out."""
-
-
-def per_degree(unit: str, power: int) -> str:
-    """Unit of the coefficient of a power of temperature [°C] of what is in a unit."""
-    return unit + {0: "", 1: "/degC"}.get(power, f"/degC{power}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,13 +84,13 @@ class Terms:
         for (kind, orders, unit), (i, axis) in product(kinds, enumerate(AXES)):
             factors = (i,) if kind == "k" else ()  # scale factors multiply the indication
             for n in range(orders[i] + 1):
-                symbol, in_powers = f"{kind}_{axis}", per_degree(unit, n)
-                terms.append(Term(f"{symbol}{n}", in_powers, symbol, kind, i, factors, n))
+                symbol, per = f"{kind}_{axis}", PER_DEGREE[n]
+                terms.append(Term(f"{symbol}{n}", unit + per, symbol, kind, i, factors, n))
         for i, j in product(range(3), repeat=2):
             if j < i or (j > i and not triangular):
                 axes = AXES[i] + AXES[j]
                 for n, letter in enumerate("cd"[: cross[i] + 1]):
-                    unit = per_degree("1", n)
+                    unit = "1" + PER_DEGREE[n]
                     terms.append(Term(f"{letter}_{axes}", unit, f"c_{axes}", "c", i, (j,), n))
         for i in range(3):
             products = [(i, i), *((i, j) for j in range(3) if j != i)] if second_order else []
@@ -132,11 +130,13 @@ class Terms:
 
     def of_constants(self, scale: Array, zero: Array) -> Array:
         """Parameters [p] of scale factors [3] and zeros [3, g] alone, which do not change."""
-        p = np.zeros(len(self.listed))
-        for k, term in enumerate(self.listed):
-            if term.power == 0 and term.kind in ("k", "z"):
-                p[k] = (scale if term.kind == "k" else zero)[term.axis]
-        return p
+        constants = {"k": scale, "z": zero}
+        return np.array(
+            [
+                constants[term.kind][term.axis] if term.kind in "kz" and term.power == 0 else 0.0
+                for term in self.listed
+            ]
+        )
 
     def of_axis(self, axis: int) -> list[int]:
         """Places of the parameters that are added to an axis."""
@@ -158,61 +158,41 @@ class Terms:
                     matrix[row, column] = powers[term.power, other.power]
         return matrix
 
-    def scale_and_zero(self, p: Numbers, t: Array) -> tuple[Numbers, Numbers]:
-        """Scale factors [n, 3] and zeros [n, 3] of the axes in (1) at temperatures t [n]."""
-        k = np.zeros((self.order + 1, 3), dtype=p.dtype)
-        z = np.zeros_like(k)
+    def sum_terms(self, kinds: str, p: Numbers, components: Numbers, t: Array) -> Numbers:
+        """Sum [n, 3] of the terms of some kinds, axis by axis: parameter times power of temperature
+        [n] times components [n, 3].
+        """
+        total = np.zeros(components.shape, dtype=np.result_type(p, components))
         for value, term in zip(p, self.listed, strict=True):
-            if term.kind in ("k", "z"):
-                (k if term.kind == "k" else z)[term.power, term.axis] = value
-        powers = np.vander(t, self.order + 1, increasing=True)
-        return powers @ k, powers @ z
+            if term.kind in kinds:
+                size = value * t**term.power if term.power else value
+                for axis in term.factors:
+                    size = size * components[:, axis]
+                total[:, term.axis] += size
+        return total
 
     def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
         """Gravity [n, 3] that indications [n, 3] mean, by (1) and (2); temperatures t [n] are in
         the unit that p is meant for.
-        """
-        scale, zero = self.scale_and_zero(p, t)
-        a = indication * scale - zero
-        c, d = np.zeros((3, 3), dtype=p.dtype), np.zeros((3, 3), dtype=p.dtype)
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "c":
-                (d if term.power else c)[term.factors[0], term.axis] = value
-        return np.asarray(a - a @ c - t[:, None] * (a @ d) + self._products(p, a))
 
-    def corrected_by_matrix(self, p: Numbers, indication: Array, t: Array) -> Numbers:
-        """Gravity [n, 3] by accel-affine/1, M(t) (G - b(t)) with products of indications: the form
-        of 0.2, which is read and applied; no fit writes it.
+        Of accel-affine/1, the form of 0.2, which is read and applied and no fit writes, it is
+        M(t) (G - b(t)) with products of indications.
         """
-        without_bias, gravity = indication.astype(p.dtype), self._products(p, indication)
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "b":
-                without_bias[:, term.axis] -= value * t**term.power
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "m":
-                gravity[:, term.axis] += value * t**term.power * without_bias[:, term.factors[0]]
-        return gravity
-
-    def _products(self, p: Numbers, components: Numbers) -> Numbers:
-        """Second- and third-order terms [n, 3] of components [n, 3]."""
-        products = np.zeros(components.shape, dtype=p.dtype)
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "n":
-                products[:, term.axis] += value * np.prod(components[:, term.factors], axis=1)
-        return products
+        if self.of_kind("m"):
+            unbiased = indication - self.sum_terms("b", p, indication, t)
+            return self.sum_terms("m", p, unbiased, t) + self.sum_terms("n", p, indication, t)
+        a = self.sum_terms("k", p, indication, t) - self.sum_terms("z", p, indication, t)
+        return a - self.sum_terms("c", p, a, t) + self.sum_terms("n", p, a, t)
 
     def axes(self, p: Numbers, t: float) -> Numbers:
         """Unit vectors [3, 3] of the sensitive axes at a temperature: rows of (I - C - D t)⁻¹."""
-        matrix = np.eye(3, dtype=p.dtype)
-        for value, term in zip(p, self.listed, strict=True):
-            if term.kind == "c":
-                matrix[term.axis, term.factors[0]] -= value * t**term.power
-        sensitivity = np.linalg.inv(matrix)
+        C = self.sum_terms("c", p, np.eye(3), np.full(3, t)).T
+        sensitivity = np.linalg.inv(np.eye(3) - C)
         return sensitivity / length(sensitivity)[:, None]
 
     def small_angles(self, p: Numbers, t: float) -> Numbers:
         """Q1, Q2, Q3 [3] [rad] at a temperature."""
-        return q_factor.small_angles(self.axes(p, t))
+        return published.small_angles(self.axes(p, t))
 
     def slopes(self, p: Array, indication: Array, t: Array) -> Array:
         """Derivatives [n, 3, p] of the corrected values by the parameters."""

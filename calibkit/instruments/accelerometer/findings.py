@@ -7,9 +7,9 @@ import numpy as np
 from calibkit.coefficients import Criterion, at_most
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.frame import Remark
+from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES
-from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import (
     SET_UP,
@@ -18,7 +18,7 @@ from calibkit.instruments.accelerometer.shared_errors import (
     number_soaks,
     tells_time,
 )
-from calibkit.instruments.accelerometer.triad import Triad, residual_of
+from calibkit.instruments.accelerometer.triad import Triad, residual
 from calibkit.numeric import lack_of_fit
 from calibkit.recipe.shared_errors import warn_of_few_levels
 
@@ -107,11 +107,12 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
     """Flags of a fit to the length of gravity: poorly determined parameters, poorly spread
     attitudes and unchecked dwells.
     """
-    t, terms, fit = triad.mapped(temperature), triad.terms, triad.fit
+    t, terms, fit = float(triad.mapped(temperature)), triad.terms, triad.fit
+    along_axes = np.ones((1, 3)), np.array([t])
 
     def results(p: Numbers) -> Numbers:
-        scale, zero = terms.scale_and_zero(p, np.array([t]))
-        return np.concatenate([scale[0], zero[0], terms.small_angles(p, float(t))])
+        scale, zero = (terms.sum_terms(kind, p, *along_axes)[0] for kind in "kz")
+        return np.concatenate([scale, zero, terms.small_angles(p, t)])
 
     width = fit.of(results).expanded
     flags: list[str] = []
@@ -131,7 +132,7 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
             f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
             " attitudes"
         )
-    for name, w in zip(q_factor.NAMES, width[6:], strict=True):
+    for name, w in zip(published.Q_NAMES, width[6:], strict=True):
         if w > POOR_Q:
             flags.append(f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)")
     names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
@@ -140,7 +141,9 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
             reference = "itself" if name[0] == "k" else "gravity"
             flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {reference} only (95 %)")
     # change of a fitted residual by its own reference: near 1, no other dwell checks it
-    jacobian = derivative(residual_of(dwells, terms, of_dwells, lengths=True), fit.parameters)
+    jacobian = derivative(
+        lambda p: residual(p, dwells, terms, of_dwells, lengths=True), fit.parameters
+    )
     unchecked = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
     if unchecked.size:
         flags.append(
@@ -170,8 +173,9 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
     for name, level in groups.items():
         component_level = per_dwell * level[:, None] + np.arange(per_dwell)
         labels[name] = np.where(fit.used, component_level.ravel(), -1)
-    residual = residual_of(dwells, terms, t, lengths=per_dwell == 1)
-    jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
+    jacobian = derivative(
+        lambda p: residual(p, dwells, terms, t, lengths=per_dwell == 1).ravel(), fit.parameters
+    )
     u = np.sqrt(np.einsum("np,pq,nq->n", jacobian, fit.covariance, jacobian))
     k = float(stdtrit(float(np.median(fit.of(lambda p: p).dof)), 0.975))
     expanded = k * float(np.sqrt(np.mean(u**2)))

@@ -8,9 +8,9 @@ from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, Term
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments.accelerometer import coefficient_files, forms
+from calibkit.instruments.accelerometer import correction as corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES
-from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
+from calibkit.instruments.accelerometer.published import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 
@@ -59,7 +59,7 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
 
 def files(spec: AccelerometerRecipe) -> tuple[str, ...]:
     """Coefficient files that the chain takes its coefficients from."""
-    return (f"{coefficient_files.find_stage(spec.compensation)}.json",)
+    return (f"{corrections.find_stage(spec.compensation)}.json",)
 
 
 def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign: int) -> None:

@@ -1,27 +1,34 @@
 """Dwells of a triad → models of its K-factor, Q-factor and of the triad over temperature.
 
-`fit_triad` tells the story: which terms the dwells determine, the equation fitted with the errors
-that dwells share (`triad`), K and Q as published (`published`), and what is doubtful (`findings`).
+`fit_triad` tells the story: which terms the dwells determine (`determination`), the equation fitted
+with the errors that dwells share (`triad`), K and Q as published, and what is doubtful
+(`findings`).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Figure, Model, Parameter
+from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResult
 from calibkit.errors import FitError
+from calibkit.fit.solve import sensitivities
 from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import findings, forms, published
-from calibkit.instruments.accelerometer.determination import require_determined
-from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import AXES, Terms
-from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
+from calibkit.instruments.accelerometer.correction import FIELDS
+from calibkit.instruments.accelerometer.determination import choose_terms
+from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.triad import Triad, solve_triad
+from calibkit.instruments.accelerometer.shared_errors import angle_slopes
+from calibkit.instruments.accelerometer.triad import Triad, residual, solve_triad
+from calibkit.numeric import attitude
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
+from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
 WORSE = 1.1
 """Ratio of median absolute residuals above which one fit is worse than the other: on clean data the
@@ -31,6 +38,8 @@ WORSE_THAN_NONE = 1.3
 """Ratio of the median absolute residual of least squares to that of no correction above which no
 fit is exported: a triad that needs no correction differs by less, by chance.
 """
+ANGLE_STEP_DEG, GRAVITY_STEP = 1e-3, 1e-5
+"""Errors of the table's angles and of local gravity (relative) that sensitivities are taken by."""
 ROUNDING_G = 1e-9
 """Difference of median absolute residuals [g] that is rounding."""
 
@@ -47,10 +56,6 @@ class TriadFit:
     q: Model | None
     affine: Model | None
     """The triad over temperature."""
-    intervals: tuple[Figure, ...]
-    """Ends of the 95 % profile intervals of the nine magnitude-only parameters; empty unless the
-    solver is lmfit.
-    """
     flags: tuple[str, ...]
 
 
@@ -59,7 +64,6 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     dwells do not determine.
     """
     lengths = spec.reference.kind == "magnitude"
-    by_lmfit = lengths and spec.reference.solver == "lmfit"
 
     # 1. Terms of the equation: those of the recipe, if the dwells determine them.
     terms, flags = choose_terms(dwells, spec)
@@ -69,86 +73,19 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
     else:
         uncorrected = dwells.indication - dwells.reference
-    loss = "least_squares" if by_lmfit else spec.loss
-    triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), loss, uncorrected)
+    triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), spec.loss, uncorrected)
     flags += (*doubts, *findings.flag_fit(triad, dwells))
 
     # 3. The models of the coefficient files: K and Q as published, and the triad in powers of °C.
     k, q, affine = list_models(dwells, spec, triad)
     k_not_fitted = []
     for model, orders in zip(k, spec.k.axes, strict=False):
-        missing = [K for n, K in enumerate(k_factor.NAMES) if n not in orders.fitted]
+        missing = [K for n, K in enumerate(published.K_NAMES) if n not in orders.fitted]
         if missing:
             k_not_fitted.append(f"{model.name}: {', '.join(missing)} not fitted, taken as 0")
-
-    # 4. What is doubtful.
-    intervals: tuple[Figure, ...] = ()
     if lengths and q is not None:
         flags += findings.flag_lengths(triad, dwells, q.value("temperature"))
-    if by_lmfit:
-        intervals, doubts = _profile_intervals(dwells)
-        flags += doubts
-    return TriadFit(triad, k, tuple(k_not_fitted), q, affine, intervals, flags)
-
-
-def list_models(
-    dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad
-) -> tuple[tuple[Model, ...], Model | None, Model | None]:
-    """K models, the model of Q and that of the triad, as the recipe enables them."""
-    lengths, terms, fit = spec.reference.kind == "magnitude", triad.terms, triad.fit
-    k = published.fit_k(dwells, spec.k.axes, triad) if spec.k.enabled and not lengths else ()
-    if not (lengths or spec.affine.enabled):
-        return k, None, None
-    # Q at the recipe's temperature, or that of the dwells which is nearest to it; at the mean of
-    # the dwells where the triad knows no temperature
-    q_degc = float(dwells.temperature.mean())
-    if spec.affine.enabled:
-        q_degc = float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
-    q = published.fit_q(dwells, triad, q_degc)
-    to_raw = terms.in_degrees(triad.middle, triad.half)
-    values, covariance = polynomial.in_raw_powers(fit.parameters, fit.total_covariance, to_raw)
-    noise = triad.noise.tolist()
-    axes = ("length",) if lengths else AXES
-    affine = forms.TRIAD.write(
-        "triad",
-        [(t.name, v, t.unit) for t, v in zip(terms.listed, values.tolist(), strict=True)],
-        covariance,
-        dof=fit.dof,
-        residual_rms=triad.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
-        parameters=tuple(
-            Parameter(f"noise_{axis}", size, "g") for axis, size in zip(axes, noise, strict=True)
-        ),
-        effective_dof=fit.dof_along(triad.to_degrees),
-        components=components_of(fit.shared),
-    )
-    return k, q, affine
-
-
-def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tuple[str, ...]]:
-    """Terms of the equation that the recipe asks for, and a flag where the dwells do not show how
-    cross-axis terms change with temperature. Raises FitError for other terms, and for a K, that the
-    dwells do not determine.
-    """
-    terms = asked_terms(spec)
-    if spec.reference.kind == "magnitude":  # the start of that fit says what it needs
-        return terms, ()
-    reference, temperature = dwells.reference, dwells.temperature
-    if spec.k.enabled:
-        published.require_k(spec.k.axes, reference, temperature)
-    lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
-    try:
-        require_determined(terms, terms.names, reference, temperature, lower=lower)
-    except FitError as error:
-        constant = Terms(tuple(t for t in terms.listed if t.kind != "c" or not t.power))
-        try:
-            require_determined(constant, constant.names, reference, temperature, lower=lower)
-        except FitError:
-            raise error from None
-        flag = "cross-axis terms are constant over temperature: these dwells do not show their"
-        return constant, (f"{flag} change",)
-    return terms, ()
+    return TriadFit(triad, k, tuple(k_not_fitted), q, affine, flags)
 
 
 def choose_loss(
@@ -190,7 +127,7 @@ def choose_loss(
         used = "plain least squares was used, outliers are not left out"
         return least_squares, (f"triad: {worse}; {used}",) if worse else ()
     # where the fits differ by more than U, both values of the coefficient that differs most
-    to_raw = tough.to_degrees
+    to_raw = tough.to_degrees.astype(np.float64)
     value = tough.fit.of(lambda p: to_raw @ p)
     plain_values, expanded = to_raw @ least_squares.fit.parameters, value.expanded
     share = np.abs(value.value - plain_values) / np.where(expanded > 0.0, expanded, np.inf)
@@ -213,43 +150,204 @@ def _median_length(residuals: Array) -> float:
     return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
-def asked_terms(spec: AccelerometerRecipe) -> Terms:
-    """Terms of the equation that a recipe asks for."""
-    triad, lengths = spec.affine, spec.reference.kind == "magnitude"
-    scale = zero = cross = (0, 0, 0)
-    if triad.enabled:
-        scale, zero = (triad.scale_order,) * 3, (triad.bias_order,) * 3
-        cross = (min(triad.cross_order, 1),) * 3
-    elif not lengths:
-        x, y, z = spec.k.axes
-        scale = x.scale_order, y.scale_order, z.scale_order
-        zero = x.zero_order, y.zero_order, z.zero_order
-        cross = 2 * x.cross - 1, 2 * y.cross - 1, 2 * z.cross - 1
-    return Terms.of_orders(
-        *(scale, zero, cross),
-        triangular=lengths or (triad.enabled and triad.fixture),
-        second_order=triad.enabled and triad.second_order,
-        third_order=triad.enabled and triad.third_order,
-        tilt=triad.enabled and triad.tilt,
-        fixture=triad.enabled and triad.fixture,
+def list_models(
+    dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad
+) -> tuple[tuple[Model, ...], Model | None, Model | None]:
+    """K models, the model of Q and that of the triad, as the recipe enables them; raises FitError
+    for axes in one plane and for a left-handed triad.
+    """
+    lengths, terms, fit = spec.reference.kind == "magnitude", triad.terms, triad.fit
+    k = fit_k(dwells, spec, triad) if spec.k.enabled and not lengths else ()
+    if not (lengths or spec.affine.enabled):
+        return k, None, None
+    # Q at the recipe's temperature, or that of the dwells which is nearest to it; at the mean of
+    # the dwells where the triad knows no temperature
+    q_degc = float(dwells.temperature.mean())
+    if spec.affine.enabled:
+        q_degc = float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
+    t, p = float(triad.mapped(q_degc)), fit.parameters
+    scale = terms.sum_terms("k", p, np.ones((1, 3)), np.array([t]))
+    published.axes_from_sensitivity(np.asarray(terms.axes(p, t) / scale.T, dtype=np.float64))
+    q = forms.Q.write_fit(
+        "triad",
+        fit.restated(lambda p: terms.small_angles(p, t)),
+        [(name, "rad") for name in published.Q_NAMES],
+        residual_rms=triad.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=(Parameter("temperature", q_degc, "degC"),),
+    )
+    values, covariance = polynomial.in_raw_powers(p, fit.total_covariance, triad.to_degrees)
+    axes = ("length",) if lengths else AXES
+    affine = forms.TRIAD.write(
+        "triad",
+        [(t.name, v, t.unit) for t, v in zip(terms.listed, values.tolist(), strict=True)],
+        covariance,
+        dof=fit.dof,
+        residual_rms=triad.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
+        parameters=tuple(
+            Parameter(f"noise_{axis}", size, "g")
+            for axis, size in zip(axes, triad.noise.tolist(), strict=True)
+        ),
+        effective_dof=fit.dof_along(triad.to_degrees.astype(np.float64)),
+        components=components_of(fit.shared),
+    )
+    return k, q, affine
+
+
+def fit_k(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> tuple[Model, ...]:
+    """K models of the three axes: K = P g of the dwells that the triad's fit kept. What K is
+    uncertain by, P V Pᵀ, comes from the errors of the triad's own fit.
+    """
+    t, used = triad.mapped(dwells.temperature), triad.fit.used.reshape(-1, 3)
+    weight = used / dwells.relative_noise(lengths=False).reshape(-1, 3)
+    design = published.corrections(spec.k.axes, dwells.indication, t)
+    P = published.pseudo_inverse(design, weight)
+    fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
+    by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
+    by_k = design @ fit.parameters
+    to_raw = published.to_degrees(triad.middle, triad.half)
+    models = []
+    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, spec.k.axes, strict=True)):
+        block = slice(10 * axis, 10 * axis + 10)
+        mapped, of_mapped = fit.parameters[block], fit.total_covariance[block, block]
+        # in extended precision, because K3 and K7 lose digits in double
+        raw, covariance = polynomial.in_raw_powers(mapped, of_mapped, to_raw)
+        in_degrees = np.zeros((10, 30))
+        in_degrees[:, block] = to_raw
+        used_rows = used[:, axis]
+        left = (dwells.reference - by_k)[used_rows, axis]
+        lack_of_fit = rms((by_k - by_triad)[used_rows, axis])
+        scaled = zip(published.K_NAMES, mapped.tolist(), strict=True)
+        model = forms.K.write(
+            name,
+            list(zip(published.K_NAMES, raw.tolist(), published.K_UNITS, strict=True)),
+            covariance,
+            dof=fit.dof,
+            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(orders.fitted), 1))),
+            residual_unit="g",
+            valid=dwells.valid,
+            parameters=(
+                Parameter("middle", triad.middle, "degC"),
+                Parameter("half", triad.half, "degC"),
+                *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
+                Parameter("lack_of_fit", lack_of_fit, "g"),
+            ),
+            effective_dof=fit.dof_along(in_degrees),
+            components=components_of(triad.fit.shared),
+        )
+        models.append(model)
+    return tuple(models)
+
+
+def list_results(
+    fitted: TriadFit,
+    dwells: DwellSet,
+    gravity_mps2: float | None,
+    attitude_figures: tuple[Figure, ...],
+) -> tuple[StageResult, ...]:
+    """Coefficient files of the models that were fitted."""
+    conditions = (
+        (Condition("local_gravity", gravity_mps2, "m/s^2"),) if gravity_mps2 is not None else ()
+    )
+    flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags)))
+    results = []
+    if fitted.k:
+        of_k = (*flags, *fitted.k_not_fitted)
+        results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
+    if fitted.q is not None and fitted.affine is not None:
+        t, terms = float(fitted.triad.mapped(fitted.q.value("temperature"))), fitted.triad.terms
+        exact = fitted.triad.fit.of(
+            lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, t)))
+        )
+        exact_figures = [
+            Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
+            for i, row in enumerate(AXES)
+            for j, column in enumerate(AXES[: i + 1])
+        ]
+        results += [
+            StageResult("accel_q", (fitted.q,), tuple(exact_figures), flags, conditions),
+            StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
+        ]
+    return tuple(results)
+
+
+def find_sensitivities(
+    fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[Sensitivity, ...]:
+    """Sensitivities of the coefficients of a fit to `dwells`, by fits to dwells that are shifted by
+    an error of the thermometer, of the table's angles and, where it divides what is logged, of
+    local gravity.
+    """
+    errors = [*of_thermometer(forms.TEMPERATURE, *dwells.valid[forms.TEMPERATURE])]
+    if spec.reference.kind == "attitude":
+        errors += [InputError(name, "offset", ANGLE_STEP_DEG) for name in ATTITUDE]
+    gravity = spec.site.local_gravity()
+    units = [spec.columns[name].unit for name in forms.COMPONENTS if name in spec.columns]
+    if gravity is not None and "m/s^2" in units:
+        errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
+    shifted = []
+    moved: dict[str, Any]
+    for error in errors:
+        if error.input == "gravity_mps2":
+            # what is logged in m/s² is a smaller multiple of a larger gravity
+            moved = {"indication": dwells.indication / (1.0 + GRAVITY_STEP)}
+        else:
+            field = FIELDS[error.input]
+            moved = {field: error.shift(getattr(dwells, field))}
+        shifted.append(replace(dwells, **moved))
+    triad, refits = fitted.triad, {}
+    equation, *shifted_equations = (
+        partial(
+            residual,
+            dwells=rows,
+            terms=triad.terms,
+            t=triad.mapped(rows.temperature),
+            lengths=spec.reference.kind == "magnitude",
+        )
+        for rows in (dwells, *shifted)
+    )
+    changes = sensitivities(equation, shifted_equations, triad.fit)
+    for error, moved_dwells, change in zip(errors, shifted, changes, strict=True):
+        fit = replace(triad.fit, parameters=triad.fit.parameters + change)
+        moved_triad = replace(triad, fit=fit)
+        k, q, affine = list_models(moved_dwells, spec, moved_triad)
+        refit = replace(fitted, triad=moved_triad, k=k, q=q, affine=affine)
+        refits[error] = list_results(refit, moved_dwells, gravity, ())
+    return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)
+
+
+def propagate_uncertainty(
+    triad: Triad, dwells: DwellSet, toolface_range_deg: tuple[float, float]
+) -> tuple[Figure, ...]:
+    """Largest standard uncertainties (type A) of inclination and toolface over the dwells, by the
+    coefficients and the residual of a triad.
+
+    The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
+    """
+    t, terms, indication = triad.mapped(dwells.temperature), triad.terms, dwells.indication
+    vector = terms.corrected(triad.fit.parameters, indication, t)
+    slopes = attitude_slopes(vector)
+    by_coefficients = triad.fit.of(
+        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
+    ).u
+    by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
+    u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
+    tilt = attitude.inclination(vector)
+    inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
+    by_angle = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
+    return tuple(
+        Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
+        for name, u in by_angle
+        if u.size
     )
 
 
-def _profile_intervals(dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
-    """Ends of the 95 % profile intervals of lengths by lmfit, and flags."""
-    noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
-    intervals = magnitude.profile_intervals(dwells.indication, 1.0, noise=noise)
-    units = dict(zip(magnitude.NAMES, ("1",) * 3 + ("g",) * 3 + ("rad",) * 3, strict=True))
-    figures = tuple(
-        Figure(f"{name}_{side}_95", end, units[name], 0.0)
-        for name, interval in intervals.items()
-        for side, end in zip(("low", "high"), interval, strict=True)
-        if np.isfinite(end)
-    )
-    open_ends = tuple(
-        f"magnitude: the 95 % interval of {name} has no end within its bounds"
-        for name, interval in intervals.items()
-        if not np.isfinite(interval).all()
-    )
-    remark = "magnitude: lmfit solves by plain least squares, outliers are not left out"
-    return figures, (*open_ends, remark)
+def attitude_slopes(vector: Array) -> Array:
+    """Derivatives [2, n, 3] [rad] by gravity vectors [n, 3] of inclination, and of toolface times
+    sin(inclination), which has one at the poles too.
+    """
+    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
+    return np.asarray(np.stack(angle_slopes(*angles)) / np.linalg.norm(vector, axis=1)[:, None])

@@ -6,23 +6,21 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Model
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import Form, Inputs
-from calibkit.instruments.accelerometer.equation import Terms, per_degree
-from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
+from calibkit.instruments.accelerometer import published
+from calibkit.instruments.accelerometer.equation import Terms
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"
 K_MODELS = ("accel_x", "accel_y", "accel_z")
 """Names of the K models, one per axis."""
-SCALE_FACTOR, ZERO_OFFSET, CROSS = k_factor.NAMES[:4], k_factor.NAMES[4:8], k_factor.NAMES[8:]
+SCALE_FACTOR, ZERO_OFFSET, CROSS = (
+    published.K_NAMES[:4],
+    published.K_NAMES[4:8],
+    published.K_NAMES[8:],
+)
 """Names of K0 … K3 (scale factor) and K4 … K7 (zero offset) in ascending powers of temperature, and
 of K8, K9 (cross-axis terms): the numbering of the source, to which no power can be added.
 """
-K_UNITS = (
-    *(per_degree("1", power) for power in range(len(SCALE_FACTOR))),
-    *(per_degree("g", power) for power in range(len(ZERO_OFFSET))),
-    *("1" for _ in CROSS),
-)
-"""Units of K0 … K9."""
 
 
 def inputs(indication: Array, temperature: Array) -> Inputs:
@@ -35,19 +33,19 @@ def _indication(at: Inputs) -> Array:
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
-def _orthogonal(_: Model, angles: Numbers, at: Inputs) -> Numbers:
-    """Orthogonal components [n, 3, g] by the exact matrix of Q1, Q2, Q3 [rad]."""
-    return _indication(at) @ q_factor.exact_matrix(q_factor.axes_from_angles(angles)).T
-
-
 def read_terms(model: Model) -> Terms:
     """Terms of the equation that a model has."""
     return Terms.named([c.name for c in model.coefficients])
 
 
+def _corrected(model: Model, p: Numbers, at: Inputs) -> Numbers:
+    """Corrected components [n, 3, g] by `equation`."""
+    return read_terms(model).corrected(p, _indication(at), at[TEMPERATURE])
+
+
 K = Form(
     "accel-k/1",
-    lambda model, at: k_factor.columns(
+    lambda model, at: published.columns(
         _indication(at), at[TEMPERATURE], K_MODELS.index(model.name)
     ),
     # 0 in files of 0.2
@@ -59,16 +57,16 @@ K = Form(
 − K8 G′ − K9 G″, G′ and G″ the indications of the two other axes; its lack of fit is the size [g] of
 what it corrects otherwise than the triad.
 """
-Q = Form.of_equation("accel-q/1", _orthogonal, meaning=("temperature",))
+Q = Form.of_equation(
+    "accel-q/1",
+    lambda _, angles, at: (
+        _indication(at) @ published.exact_matrix(published.axes_from_angles(angles)).T
+    ),
+    meaning=("temperature",),
+)
 """Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""
-TRIAD = Form.of_equation(
-    "accel-triad/1",
-    lambda model, p, at: read_terms(model).corrected(p, _indication(at), at[TEMPERATURE]),
-)
-"""Corrected components [n, 3, g] by `equation`, cross-axis terms on compensated values."""
-AFFINE = Form.of_equation(
-    "accel-affine/1",
-    lambda model, p, at: read_terms(model).corrected_by_matrix(p, _indication(at), at[TEMPERATURE]),
-)
+TRIAD = Form.of_equation("accel-triad/1", _corrected)
+"""Corrected components [n, 3, g], cross-axis terms on compensated values."""
+AFFINE = Form.of_equation("accel-affine/1", _corrected)
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
 FORMS = (K, Q, AFFINE, TRIAD)

@@ -13,16 +13,20 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
-    coefficient_files,
+    correction as corrections,
     dwells as triad_dwells,
-    errors,
     findings,
     forms,
     plausibility,
 )
-from calibkit.instruments.accelerometer.coefficient_files import Correction
+from calibkit.instruments.accelerometer.correction import Correction, DwellErrors, find_stage
 from calibkit.instruments.accelerometer.figures import TriadReport
-from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.fit import (
+    find_sensitivities,
+    fit_triad,
+    list_results,
+    propagate_uncertainty,
+)
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
@@ -70,29 +74,60 @@ def fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the triad to the dwells of all logs together."""
-    _require_known_options(spec)
+    # What 0.2 offered and this fit has no more, and terms without an effect, are refused here and
+    # not in the recipe, because a run of 0.2 with such a recipe is read.
+    for term in ("second_order", "third_order", "tilt", "fixture"):
+        if getattr(spec.affine, term) and not spec.affine.enabled:
+            raise RecipeError(
+                f"affine.{term} = true has no effect beside affine.enabled = false",
+                hint="remove one of the two",
+                at=("affine", term),
+            )
+    try:
+        find_stage(spec.compensation)
+    except CoefficientError as error:
+        raise FitError(error.message, hint=error.hint) from None
+    if spec.reference.solver == "lmfit":
+        raise FitError(
+            "reference.solver = 'lmfit': profile intervals are no longer computed",
+            hint="remove it: U of the fit agrees with them to 0.2 %",
+        )
+    if spec.k.groups == "log":
+        raise FitError(
+            "k.groups = 'log': K has no covariance of its own from logs left out any more",
+            hint="remove it: errors that dwells of a soak or an attitude share are estimated",
+        )
+    if spec.affine.enabled and spec.affine.cross_order > 1:
+        raise FitError(
+            f"affine.cross_order = {spec.affine.cross_order}: cross-axis terms on compensated"
+            " values are linear in temperature at most",
+            hint="state 1",
+        )
     in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     logs = list(copies.refuse_copies(in_turn))
-    dwells = plausibility.screen(triad_dwells.collect_dwells(logs, spec), spec)
+    dwells = triad_dwells.collect_dwells(logs, spec)
+    implausible_rows, implausible = plausibility.find_implausible(dwells, spec)
+    refuse(implausible)
+    dwells = dwells.without(implausible_rows, map(str, implausible))
     fitted = fit_triad(dwells, spec)
     suspects = fitted.triad.suspects
     counted = dwells.without(suspects) if suspects else dwells
     uncertainty: tuple[Figure, ...] = ()
     if fitted.affine is not None:
-        uncertainty = errors.propagate_uncertainty(fitted.triad, counted, spec.toolface_range_deg)
-    results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
-    influences = coefficient_files.find_sensitivities(fitted, dwells, spec)
+        uncertainty = propagate_uncertainty(fitted.triad, counted, spec.toolface_range_deg)
+    results = list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
+    influences = find_sensitivities(fitted, dwells, spec)
     # what follows is shown, and changes no number
-    raw = errors.DwellErrors.compare(counted, spec)
+    raw = DwellErrors.compare(counted, spec)
     by_stage = {
-        result.stage: errors.DwellErrors.compare(counted, spec, Correction.of(result))
+        result.stage: DwellErrors.compare(counted, spec, Correction.of(result))
         for result in results
         if result.stage in CORRECTIONS
     }
-    stage = coefficient_files.find_stage(spec.compensation)
+    stage = find_stage(spec.compensation)
     corrected = by_stage[stage]
     out = f", {len(suspects)} left out" if suspects else ""
-    compared = errors.tabulate_errors(
+    compared = corrections.tabulate_errors(
         {"indication": raw} | {CORRECTIONS[name]: after for name, after in by_stage.items()},
         spec,
         f"The fitted dwells before and after{out}",
@@ -107,7 +142,7 @@ def fit(
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
     criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(fitted.triad, dwells))
-    overview = errors.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
+    overview = corrections.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,
@@ -120,34 +155,6 @@ def fit(
     )
 
 
-def _require_known_options(spec: AccelerometerRecipe) -> None:
-    """Refuse what 0.2 offered and this fit has no more, and terms without an effect; refused here
-    and not in the recipe, because a run of 0.2 with such a recipe is read.
-    """
-    for term in ("second_order", "third_order", "tilt", "fixture"):
-        if getattr(spec.affine, term) and not spec.affine.enabled:
-            raise RecipeError(
-                f"affine.{term} = true has no effect beside affine.enabled = false",
-                hint="remove one of the two",
-                at=("affine", term),
-            )
-    try:
-        coefficient_files.find_stage(spec.compensation)
-    except CoefficientError as error:
-        raise FitError(error.message, hint=error.hint) from None
-    if spec.k.groups == "log":
-        raise FitError(
-            "k.groups = 'log': K has no covariance of its own from logs left out any more",
-            hint="remove it: errors that dwells of a soak or an attitude share are estimated",
-        )
-    if spec.affine.enabled and spec.affine.cross_order > 1:
-        raise FitError(
-            f"affine.cross_order = {spec.affine.cross_order}: cross-axis terms on compensated"
-            " values are linear in temperature at most",
-            hint="state 1",
-        )
-
-
 def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct every row of a log, in the log's own unit and sign, and add inclination and
     toolface.
@@ -158,7 +165,7 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
     by_rows = {"dwells": spec.dwells.model_copy(update={"mode": "rows"})}
     log = read(lengths.model_copy(update=by_rows), data.parent, data.name)
     refuse(triad_dwells.find_faults(log, lengths))
-    correction = coefficient_files.find_correction(spec.compensation, records.values())
+    correction = corrections.find_correction(spec.compensation, records.values())
     low, high = correction.temperature_range
     if forms.TEMPERATURE not in log.frame.columns:
         if high - low > 0.0:
@@ -189,26 +196,26 @@ def validate(
     spec: AccelerometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Attitude errors before and after correction on dwells that were not used in the fit."""
-    correction = coefficient_files.find_correction(spec.compensation, records.values())
+    correction = corrections.find_correction(spec.compensation, records.values())
     entries: list[dict[str, object]] = []
     tables: list[Table] = []
     flags: list[str] = []
     criteria: list[Criterion] = []
     for log in logs:
         dwells = triad_dwells.collect_dwells([log], spec)
-        before = errors.DwellErrors.compare(dwells, spec)
-        after = errors.DwellErrors.compare(dwells, spec, correction)
+        before = DwellErrors.compare(dwells, spec)
+        after = DwellErrors.compare(dwells, spec, correction)
         entries.append(
             {
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "before": errors.list_errors(before, spec),
-                "after": errors.list_errors(after, spec),
+                "before": corrections.list_errors(before, spec),
+                "after": corrections.list_errors(after, spec),
             }
         )
         compared = {"indication": before, "corrected": after}
-        tables.append(errors.tabulate_errors(compared, spec, log.file))
+        tables.append(corrections.tabulate_errors(compared, spec, log.file))
         criteria += [
             after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
             *after.judge_errors(spec),

@@ -28,11 +28,10 @@ from calibkit.instruments.accelerometer import (
     simulate_magnitude,
     triad,
 )
-from calibkit.instruments.accelerometer.coefficient_files import COMPENSATIONS
+from calibkit.instruments.accelerometer.correction import COMPENSATIONS
+from calibkit.instruments.accelerometer.determination import asked_terms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.fit import asked_terms
-from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
@@ -121,8 +120,10 @@ class TriadBench(TourBench):
         shared = shared_errors.state_errors(dwells, gravity, along, self.spec)
         if self.lengths:
             shared = [error for error in shared if error.size is not None]
-        residual = triad.residual_of(dwells, self.terms, t, lengths=self.lengths)
-        return residual, shared, triad.relative_noise(dwells, lengths=self.lengths)
+        residual = partial(
+            triad.residual, dwells=dwells, terms=self.terms, t=t, lengths=self.lengths
+        )
+        return residual, shared, dwells.relative_noise(lengths=self.lengths)
 
     def fit(self, rows: DwellSet) -> Fit:
         """What a fit will tell of the parameters, or of K."""
@@ -154,7 +155,7 @@ class TriadBench(TourBench):
         middle_half = self.assumed.middle_half
         if self.k:
             to_raw = np.kron(np.eye(3), np.asarray(published.to_degrees(*middle_half), np.float64))
-            numbers = list(zip(k_factor.NAMES, forms.K_UNITS, strict=True))
+            numbers = list(zip(published.K_NAMES, published.K_UNITS, strict=True))
             labels = [(model, *number) for model in forms.K_MODELS for number in numbers]
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
@@ -327,7 +328,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             indication = have.indication / np.linalg.norm(have.indication, axis=1)[:, None]
             degc = np.full(len(indication), spec.reference_temp_degc)
             # of a log with a row for each dwell no noise is known
-            noise = rms(have.noise) if have.weights is not None else device.noise
+            noise = rms(have.noise) if np.all(have.noise > 0.0) else device.noise
         of_each = np.full_like(indication, noise)
         have = replace(have, indication=indication, noise=of_each, temperature=degc)
 
@@ -460,7 +461,7 @@ def _simulate_lengths(
 ) -> Campaign:
     """Logs of a triad that is turned by hand into the positions of a schedule, and its truth."""
     k, b, q = (rng.normal(0.0, typical, 3) for typical in simulate_magnitude.SIZES)
-    axes = q_factor.axes_from_angles(q)
+    axes = published.axes_from_angles(q)
     second = rng.normal(0.0, assumed.size(*shared_errors.SECOND_ORDER), 3)
     zero = rng.normal(0.0, assumed.size(*shared_errors.ZERO), 3)
     noise = assumed.noise_of(simulate_magnitude.INTERVAL_S)

@@ -5,14 +5,13 @@ A sensor that was never calibrated passes: indications are compared with what it
 biases and axes, fitted robustly to all dwells, make of the reference.
 """
 
-from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Examined, Finding, Held, Log, refuse
+from calibkit.frame import Examined, Finding, Held, Log
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer import dwells as triad_dwells
 from calibkit.instruments.accelerometer.dwells import DwellSet
@@ -38,15 +37,6 @@ ENOUGH = 20_000
 """Dwells, evenly spread over more, that the preliminary fit uses."""
 TWICE = 2.0
 """Factor by which another order of the axes must agree better, and a length is never off."""
-
-
-def screen(dwells: DwellSet, spec: AccelerometerRecipe) -> DwellSet:
-    """Dwells without those that physics contradicts, which are flagged; FrameError where the rest
-    could not be trusted.
-    """
-    rows, found = find_implausible(dwells, spec)
-    refuse(found)
-    return dwells.without(rows, map(str, found)) if found else dwells
 
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
@@ -77,33 +67,53 @@ def find_implausible(
     A few are left out; they are refused where a fit by least squares would use them, where they are
     many, and where they are all dwells of an attitude.
     """
-    none = np.zeros(0, dtype=np.int64)
     by_attitude = spec.reference.kind == "attitude"
     if by_attitude and (turned_axes := _find_turned_axes(dwells, spec)) is not None:
-        return none, (turned_axes,)
+        return np.zeros(0, dtype=np.int64), (turned_axes,)
+
+    # 1. Dwells whose indication is far from what the triad shows at all others.
     expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
     departure = np.linalg.norm(dwells.indication - expected, axis=1)
-    lone = _find_lone_temperature(dwells)
-    departure[list(lone)] = np.inf
+    lone = _find_lone_temperatures(dwells)
+    departure[[*lone]] = np.inf
     rows = np.flatnonzero(departure > max(LEAST_G, FAR * scatter))
-    worst_first = rows[np.argsort(-departure[rows], kind="stable")]
 
-    def describe(row: int) -> Finding:
-        return lone.get(row) or _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
-
+    # 2. They are left out, or refused with the reason why not.
+    refused = ""
+    angles = np.column_stack([dwells.inclination, dwells.toolface])
     if spec.loss == "least_squares":
-        reason = 'loss = "least_squares" leaves no dwell out'
+        refused = 'loss = "least_squares" leaves no dwell out'
     elif rows.size > LARGEST_SHARE * departure.size:
-        reason = f"{rows.size} of {departure.size} dwells are implausible"
-    elif by_attitude and (whole := _whole_attitude(dwells, rows)):
-        reason = f"all dwells at {whole} are"
-    else:
-        advice = "a fit leaves it out: correct the row, or repeat the dwell"
-        return rows, tuple(
-            replace(describe(k), advice=advice, severity="warn") for k in rows.tolist()
+        refused = f"{rows.size} of {departure.size} dwells are implausible"
+    elif by_attitude:
+        for tilt, roll in np.unique(angles[rows], axis=0).tolist():
+            repeats = np.flatnonzero((angles == (tilt, roll)).all(axis=1))
+            if repeats.size > 1 and np.isin(repeats, rows).all():
+                refused = f"all dwells at inclination {tilt:g}°, toolface {roll:g}° are"
+                break
+    advice = "a fit leaves it out: correct the row, or repeat the dwell"
+    shown = rows
+    if refused:
+        advice = f"correct these rows or take them out of the log: {refused}"
+        shown = rows[np.argsort(-departure[rows], kind="stable")][:NAMED]
+    findings = []
+    for row in shown.tolist():
+        if row in lone:
+            degc, column = float(dwells.temperature[row]), TEMPERATURE
+            fault, due, figure = f"{column} is {degc:.4g} °C", lone[row], degc
+        else:
+            fault, due, column = _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
+            figure = float(departure[row])
+        findings.append(
+            Finding(
+                *(dwells.place[row], fault, due, advice),
+                severity="refuse" if refused else "warn",
+                name="implausible",
+                figure=figure,
+                column=column,
+            )
         )
-    advice = f"correct these rows or take them out of the log: {reason}"
-    return rows, tuple(replace(describe(k), advice=advice) for k in worst_first[:NAMED].tolist())
+    return rows, tuple(findings)
 
 
 def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | None:
@@ -143,29 +153,20 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
     )
 
 
-def _find_lone_temperature(dwells: DwellSet) -> dict[int, Finding]:
-    """Finding, by row, of the coldest and of the hottest dwell where all others are far from it: a
-    polynomial would run through it alone.
+def _find_lone_temperatures(dwells: DwellSet) -> dict[int, str]:
+    """What is expected of the temperature, by row, of the coldest and of the hottest dwell where
+    all others are far from it: a polynomial would run through it alone.
     """
+    lone: dict[int, str] = {}
     order = np.argsort(dwells.temperature, kind="stable")
-    findings: dict[int, Finding] = {}
-    if order.size < FEW:
-        return findings
-    for lone, nearest, last in (order[[0, 1, -1]], order[[-1, -2, 0]]):
-        lone_degc, nearest_degc, last_degc = dwells.temperature[[lone, nearest, last]].tolist()
+    ends = (order[[0, 1, -1]], order[[-1, -2, 0]]) if order.size >= FEW else ()
+    for row, *others in ends:
+        lone_degc, nearest_degc, last_degc = dwells.temperature[[row, *others]].tolist()
         range_degc = abs(nearest_degc - last_degc)
         if abs(lone_degc - nearest_degc) > max(LONE_DEGC, LONE_SHARE * range_degc):
-            findings[int(lone)] = Finding(
-                dwells.place[lone],
-                f"{TEMPERATURE} is {lone_degc:.4g} °C",
-                f"a temperature near the others, {min(nearest_degc, last_degc):.4g} to"
-                f" {max(nearest_degc, last_degc):.4g} °C",
-                "",
-                name="implausible",
-                figure=lone_degc,
-                column=TEMPERATURE,
-            )
-    return findings
+            low, high = sorted((nearest_degc, last_degc))
+            lone[int(row)] = f"a temperature near the others, {low:.4g} to {high:.4g} °C"
+    return lone
 
 
 def _predict(dwells: DwellSet) -> tuple[Array, float]:
@@ -211,19 +212,11 @@ def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
     return centre + radius * direction / np.linalg.norm(direction, axis=1)[:, None], scatter
 
 
-def _whole_attitude(dwells: DwellSet, rows: Integers) -> str:
-    """First attitude at which two dwells or more were held and all are in `rows`, as words."""
-    angles = np.column_stack([dwells.inclination, dwells.toolface])
-    for angle in np.unique(angles[rows], axis=0):
-        repeats = np.flatnonzero((angles == angle).all(axis=1))
-        if repeats.size > 1 and np.isin(repeats, rows).all():
-            return f"inclination {angle[0]:g}°, toolface {angle[1]:g}°"
-    return ""
-
-
-def _describe_dwell(dwells: DwellSet, expected: Array, row: int, *, by_attitude: bool) -> Finding:
-    """Finding on a dwell that is not as expected: its length, or beside a reference attitude the
-    component that is furthest off, or the attitude that all three show.
+def _describe_dwell(
+    dwells: DwellSet, expected: Array, row: int, *, by_attitude: bool
+) -> tuple[str, str, str]:
+    """What a dwell shows, what is expected of it, and the column that is furthest off: its length,
+    or beside a reference attitude a component, or the attitude that all three show.
     """
     indication, expected_g = dwells.indication[row], expected[row]
     axis = int(np.argmax(np.abs(indication - expected_g)))
@@ -245,9 +238,4 @@ def _describe_dwell(dwells: DwellSet, expected: Array, row: int, *, by_attitude:
             f" toolface {float(dwells.toolface[row] + toolface_off):.0f}° ({reads})"
         )
         due_words = f"{attitude_words} as the reference states ({expected_g[axis]:.4g} g)"
-    return Finding(
-        *(dwells.place[row], fault, due_words, ""),
-        name="implausible",
-        figure=departure,
-        column=COMPONENTS[axis],
-    )
+    return fault, due_words, COMPONENTS[axis]

@@ -1,12 +1,19 @@
 """K0 … K9 and Q1, Q2, Q3 as published (Zhou, Hu & Fu 2010).
 
-Per axis, x shown, t in °C:
+K-factor: scale factor, zero offset and cross-axis terms of one axis, x shown, t in °C:
 
-    G_x' = G_x (K0 + K1 t + K2 t² + K3 t³) - (K4 + K5 t + K6 t² + K7 t³) - K8 G_y - K9 G_z
+    G_x' = G_x (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³) − K8 G_y − K9 G_z      (1)
 
-K = P g, P the pseudo-inverse of the design: exact on data that the form made. What K is uncertain
-by, P V Pᵀ, comes from the errors of the triad's own fit. Q are the angles between the axes of the
-triad at one temperature.
+K8 and K9 are for x of y and z, for y of z and x, for z of x and y. K = P g, P the pseudo-inverse of
+the design: exact on data that the form made. The reference is regressed on the indications, so
+noise of the indications is noise of the regressors too; at 20 µg it shifts no coefficient by a
+hundredth of its standard uncertainty (Fuller 1987, section 2.2).
+
+Q-factor: non-orthogonality of the axes at one temperature. The x axis is kept and y and z are
+corrected: e1 is the x axis, e2 lies in the plane of x and y, so the unit axes x, y, z are the rows
+of a lower triangular matrix; x is (1, 0, 0).
+
+    Q3 = −y·e1,   Q1 = −z·e2,   Q2 = (y·e1)(z·e2) − z·e1                                        (2)
 """
 
 from collections.abc import Sequence
@@ -14,80 +21,29 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Model, Parameter
-from calibkit.forms import components_of
-from calibkit.instruments.accelerometer import determination, forms
-from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import Numbers
 from calibkit.instruments.accelerometer.recipe import KAxisSpec
-from calibkit.instruments.accelerometer.triad import Triad
-from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 
+K_NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
+K_UNITS = (
+    *("1", "1/degC", "1/degC2", "1/degC3"),
+    *("g", "g/degC", "g/degC2", "g/degC3"),
+    *("1", "1"),
+)
+CROSS = ((1, 2), (2, 0), (0, 1))
+"""Indices of the two axes that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
+Q_NAMES = ("Q1", "Q2", "Q3")
 
-def require_k(orders_of_axes: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
-    """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
 
-    Of a triad without an error K are what the terms of its equation are.
+def columns(indication: Array, temperature: Array, axis: int) -> Array:
+    """Design matrix [n, 10] of one axis, by (1).
+
+    `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
-    x, y, z = orders_of_axes
-    terms = Terms.of_orders(
-        (x.scale_order, y.scale_order, z.scale_order),
-        (x.zero_order, y.zero_order, z.zero_order),
-        (x.cross - 1, y.cross - 1, z.cross - 1),
-    )
-    numbers = []
-    for term in terms.listed:
-        cross = 8 + k_factor.CROSS[term.axis].index(term.factors[0]) if term.kind == "c" else 0
-        numbers.append(cross or term.power + (4 if term.kind == "z" else 0))
-    names = [k_factor.NAMES[number] for number in numbers]
-    lower = "lower scale_order and zero_order, or set cross to false"
-    determination.require_determined(terms, names, reference, temperature, lower=lower)
-
-
-def fit_k(dwells: DwellSet, orders_of_axes: Sequence[KAxisSpec], triad: Triad) -> tuple[Model, ...]:
-    """K models of the three axes from the dwells that the triad's fit kept."""
-    t = triad.mapped(dwells.temperature)
-    used = triad.fit.used.reshape(-1, 3)
-    weights = np.ones(used.shape) if dwells.weights is None else dwells.weights
-    form = corrections(orders_of_axes, dwells.indication, t)
-    P = pseudo_inverse(form, np.sqrt(weights) * used)
-    fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
-    by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
-    by_form = form @ fit.parameters
-    to_raw = to_degrees(triad.middle, triad.half)
-    models = []
-    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, orders_of_axes, strict=True)):
-        block = slice(10 * axis, 10 * axis + 10)
-        mapped, of_mapped = fit.parameters[block], fit.total_covariance[block, block]
-        # in extended precision, because K3 and K7 lose digits in double
-        raw, covariance = polynomial.in_raw_powers(mapped, of_mapped, to_raw)
-        in_degrees = np.zeros((10, 30))
-        in_degrees[:, block] = to_raw
-        used_rows = used[:, axis]
-        left = (dwells.reference - by_form)[used_rows, axis]
-        lack_of_fit = rms((by_form - by_triad)[used_rows, axis])
-        scaled = zip(k_factor.NAMES, mapped.tolist(), strict=True)
-        model = forms.K.write(
-            name,
-            list(zip(k_factor.NAMES, raw.tolist(), forms.K_UNITS, strict=True)),
-            covariance,
-            dof=fit.dof,
-            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(orders.fitted), 1))),
-            residual_unit="g",
-            valid=dwells.valid,
-            parameters=(
-                Parameter("middle", triad.middle, "degC"),
-                Parameter("half", triad.half, "degC"),
-                *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
-                Parameter("lack_of_fit", lack_of_fit, "g"),
-            ),
-            effective_dof=fit.dof_along(in_degrees),
-            components=components_of(triad.fit.shared),
-        )
-        models.append(model)
-    return tuple(models)
+    powers = np.vander(temperature, 4, increasing=True)
+    return np.hstack([indication[:, axis, None] * powers, -powers, -indication[:, CROSS[axis]]])
 
 
 def corrections(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
@@ -96,9 +52,8 @@ def corrections(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array
     """
     design = np.zeros((len(t), 3, 30))
     for axis, orders in enumerate(orders_of_axes):
-        fitted = list(orders.fitted)
-        columns = k_factor.columns(indication, t, axis, fitted)
-        design[:, axis, [10 * axis + number for number in fitted]] = columns
+        fitted = np.array(orders.fitted)
+        design[:, axis, 10 * axis + fitted] = columns(indication, t, axis)[:, fitted]
     return design
 
 
@@ -122,19 +77,82 @@ def to_degrees(middle: float, half: float) -> np.ndarray:
     return matrix
 
 
-def fit_q(dwells: DwellSet, triad: Triad, temperature: float) -> Model:
-    """Q1, Q2, Q3 of the fitted axes at a temperature [°C]; raises FitError for axes in one plane
-    and for a left-handed triad.
+def exact_matrix(axes: Numbers) -> Numbers:
+    """Exact Q [3, 3]: orthogonal components from components along the unit axes [3, 3] (rows, frame
+    e1 = x).
+
+    v1 = m_x; v2 = (m_y − (y·e1) v1)/(y·e2); v3 = (m_z − (z·e1) v1 − (z·e2) v2)/(z·e3): the inverse
+    of the axes matrix.
     """
-    t, terms, p = float(triad.mapped(temperature)), triad.terms, triad.fit.parameters
-    scale, _ = terms.scale_and_zero(p, np.array([t]))
-    q_factor.axes_from_sensitivity(np.asarray(terms.axes(p, t) / scale.T, dtype=np.float64))
-    return forms.Q.write_fit(
-        "triad",
-        triad.fit.restated(lambda q: terms.small_angles(q, t)),
-        [(name, "rad") for name in q_factor.NAMES],
-        residual_rms=triad.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
-        parameters=(Parameter("temperature", temperature, "degC"),),
+    (_, _, _), (ye1, ye2, _), (ze1, ze2, ze3) = axes.tolist()
+    return np.array(
+        [
+            [1.0, 0.0, 0.0],
+            [-ye1 / ye2, 1.0 / ye2, 0.0],
+            [(ze2 * ye1 / ye2 - ze1) / ze3, -ze2 / (ye2 * ze3), 1.0 / ze3],
+        ]
     )
+
+
+def small_angles(axes: Numbers) -> Numbers:
+    """Q1, Q2, Q3 [3] [rad] from unit axes [3, 3] in any frame, with e1 = x and e2 in the plane of x
+    and y: Q3 = −y·e1, Q1 = −z·e2, Q2 = (y·e1)(z·e2) − z·e1.
+    """
+    x, y, z = axes
+    ye1, ze1 = np.sum(y * x), np.sum(z * x)
+    ze2 = (np.sum(z * y) - ye1 * ze1) / np.sqrt(1.0 - ye1**2)
+    return np.stack([-ze2, ye1 * ze2 - ze1, -ye1])
+
+
+def axes_from_angles(coefficients: Numbers) -> Numbers:
+    """Unit axes [3, 3] with small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`."""
+    q1, q2, q3 = coefficients
+    ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
+    ye2, ze3 = 1.0 - ye1**2, 1.0 - ze1**2 - ze2**2
+    if min(np.real(ye2), np.real(ze3)) <= 0.0:
+        raise FitError(
+            f"Q1, Q2, Q3 = {q1:g}, {q2:g}, {q3:g} rad are no unit axes",
+            hint="they are angles in rad",
+        )
+    return np.array([[1.0, 0.0, 0.0], [ye1, np.sqrt(ye2), 0.0], [ze1, ze2, np.sqrt(ze3)]])
+
+
+def axes_from_sensitivity(sensitivity: Array) -> tuple[Array, Array, Array]:
+    """Factor a sensitivity matrix into unit axes [3, 3] in the frame e1 = x, mounting rotation [3,
+    3] and scale factors [3].
+
+    Parameters
+    ----------
+    sensitivity
+        [3, 3], row i the sensitivity of axis i to the components of the reference: indication =
+        sensitivity · g + bias.
+
+    Returns
+    -------
+    Axes, rotation and scale factor with sensitivity = diag(scale factor) · axes · rotation.
+
+    Raises
+    ------
+    FitError
+        For axes that lie in a plane, or a left-handed triad: one axis reversed.
+
+    """
+    scale = np.linalg.norm(sensitivity, axis=1)
+    if not (scale > 0.0).all() or abs(np.linalg.det(sensitivity / scale[:, None])) < 1e-3:
+        raise FitError(
+            "the three axes lie in one plane",
+            hint="check that the columns of the three axes are different",
+        )
+    unit = sensitivity / scale[:, None]
+    # Gram-Schmidt from x on: unit = axes · rotation with axes lower triangular and a positive
+    # diagonal
+    q, r = np.linalg.qr(unit.T)
+    sign = np.sign(np.diag(r))
+    axes, rotation = (r * sign[:, None]).T, (q * sign).T
+    if np.linalg.det(rotation) < 0.0:
+        raise FitError(
+            "the triad is left-handed: one axis, or all three, has the wrong sign, two are"
+            " exchanged, or toolface runs backwards",
+            hint="state reference.convention, or sign and from of the columns, in the recipe",
+        )
+    return axes, rotation, scale

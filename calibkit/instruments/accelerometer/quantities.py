@@ -18,7 +18,7 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.forms import Form
-from calibkit.instruments.accelerometer import coefficient_files, forms
+from calibkit.instruments.accelerometer import correction as corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
@@ -94,7 +94,7 @@ def _by_compensation(
     records: Mapping[str, Record], spec: AccelerometerRecipe
 ) -> tuple[Quantity, ...]:
     """Corrected components [g] as `apply` gives them; compared at the six positions."""
-    correction = coefficient_files.find_correction(spec.compensation, records.values())
+    correction = corrections.find_correction(spec.compensation, records.values())
     largest = spec.acceptance.max_residual_rms_g
     of_axes = len(correction.models) == len(AXES)
     models = correction.models if of_axes else correction.models * len(AXES)
@@ -102,7 +102,7 @@ def _by_compensation(
     return tuple(
         Quantity(
             f"corrected_{letter}",
-            coefficient_files.COMPENSATIONS[spec.compensation],
+            corrections.COMPENSATIONS[spec.compensation],
             "",
             Words(f"corrected {letter}", f"修正后 {letter}"),
             "g",
@@ -138,7 +138,7 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
     """Corrected components by the compensation of the recipe, then the results of each model."""
     quantities = [*_by_compensation(records, spec)]
     for record in records.values():
-        corrects = coefficient_files.COMPENSATIONS[spec.compensation] == record.stage
+        corrects = corrections.COMPENSATIONS[spec.compensation] == record.stage
         for model in record.models:
             quantities += over_temperature(record.stage, model)
             if model.form == forms.K.name or not corrects:

@@ -9,7 +9,7 @@ smooth. Indications are positive along gravity.
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer import published
 from calibkit.simulate.campaign import Campaign
 
 INTERVAL_S = 0.04
@@ -43,7 +43,7 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
     rng = np.random.default_rng(seed)
     scale, bias, q = (rng.normal(0.0, size, 3) for size in SIZES)
     scale += 1.0
-    axes = q_factor.axes_from_angles(q)
+    axes = published.axes_from_angles(q)
     second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
     logs, attitudes = {}, {}
     for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):

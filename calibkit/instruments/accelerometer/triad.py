@@ -8,8 +8,8 @@ C is what indications G mean at temperature t, a = k G - z with cross-axis terms
 and (2). Errors that dwells share (`shared_errors`) are fitted beside p by `solve`.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -17,17 +17,20 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative, length
-from calibkit.fit.shared import Prior, Residual, Shared
-from calibkit.fit.solve import Fit, sensitivities, solve, stand_out_together
-from calibkit.instruments.accelerometer import determination, equation, shared_errors
+from calibkit.fit.shared import Prior, Shared
+from calibkit.fit.solve import Fit, solve, stand_out_together
+from calibkit.instruments.accelerometer import determination, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
-from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.numeric import magnitude
+from calibkit.instruments.accelerometer.equation import Terms, rotation, tilted_gravity
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import polynomial, robust
+from calibkit.numeric.least_squares import fit as least_squares, polynomial, robust
 
 Loss = Literal["least_squares", "robust"]
+OF_LENGTHS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
+"""What the length of gravity determines at one temperature."""
+ENOUGH_TO_START = 20_000
+"""Dwells, evenly spread over more, from which the fit to lengths starts."""
 LARGEST_ANGLE = 0.01
 """Misalignment [rad] beyond that of any good triad, where lengths do not see the angles."""
 
@@ -50,43 +53,18 @@ class Triad:
     bounds: tuple[Shared, ...]
     """Errors that are in U below a bound."""
     flags: tuple[str, ...]
-
-    @property
-    def to_degrees(self) -> Array:
-        """Matrix [p, p] from the parameters to those in powers of °C."""
-        return np.asarray(self.terms.in_degrees(self.middle, self.half), dtype=np.float64)
+    residual_rms: float
+    """Root of the sum of squares of the residuals used over the degrees of freedom [g]; shared
+    errors are part of it.
+    """
+    noise: Array
+    """Standard deviation of the noise of a dwell [m] along each axis, or of its length [g]."""
+    to_degrees: np.ndarray
+    """Matrix [p, p], in extended precision, from the parameters to those in powers of °C."""
 
     def mapped(self, temperature: Array | float) -> Array:
         """Temperatures [°C], any number of them, in the unit of the parameters."""
         return np.asarray((temperature - self.middle) / self.half)
-
-    def shifted(self, dwells: DwellSet, shifted: Sequence[DwellSet]) -> "list[Triad]":
-        """The triads as they would be with the dwells shifted by errors of inputs, the weights
-        held.
-        """
-        lengths = self.residuals.shape[1] == 1
-        residual, *shifted_residuals = (
-            residual_of(rows, self.terms, self.mapped(rows.temperature), lengths=lengths)
-            for rows in (dwells, *shifted)
-        )
-        return [
-            replace(self, fit=replace(self.fit, parameters=self.fit.parameters + change))
-            for change in sensitivities(residual, shifted_residuals, self.fit)
-        ]
-
-    @property
-    def residual_rms(self) -> float:
-        """Root of the sum of squares of the residuals used over the degrees of freedom [g]; shared
-        errors are part of it.
-        """
-        used = self.residuals.ravel()[self.fit.used]
-        return float(np.sqrt(used @ used / max(self.fit.dof, 1)))
-
-    @property
-    def noise(self) -> Array:
-        """Standard deviation of the noise of a dwell [m] along each axis, or of its length [g]."""
-        variance = self.fit.noise.reshape(self.residuals.shape) ** 2
-        return np.asarray(np.sqrt(np.mean(variance, axis=0)))
 
 
 def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, loss: Loss) -> Triad:
@@ -100,8 +78,9 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     middle, half = polynomial.middle_and_half(dwells.temperature)
     half = half or 1.0
     t = (dwells.temperature - middle) / half
-    residual = residual_of(dwells, terms, t, lengths=lengths)
-    noise, used = relative_noise(dwells, lengths=lengths), np.ones(len(t) * per_dwell, dtype=bool)
+    equation = partial(residual, dwells=dwells, terms=terms, t=t, lengths=lengths)
+    slopes = partial(derivative, lambda p: equation(p).ravel())
+    noise, used = dwells.relative_noise(lengths=lengths), np.ones(len(t) * per_dwell, dtype=bool)
 
     # 1. Least squares; where outliers are to be left out, a robust start: each component is fitted
     # by the parameters of its own axis, as the others hardly move it, while angles of table and
@@ -118,7 +97,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
             else:
                 scale[axis], zero[axis] = np.polyfit(G, g, 1)
         start = terms.of_constants(scale, -zero)
-    values = solve(residual, start, priors=priors, noise=noise, names=terms.names).parameters
+    values = solve(equation, start, priors=priors, noise=noise, names=terms.names).parameters
     if loss == "robust":
         levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
         if lengths:  # what they do not see of angles is known by the prior alone
@@ -126,8 +105,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         else:
             of_components = [terms.of_axis(axis) for axis in range(3)]
             levels.append(shared_errors.number_attitudes(dwells.reference))
-        left = residual(values).ravel() / noise
-        jacobian = derivative(lambda p: residual(p).ravel(), values) / noise[:, None]
+        left, jacobian = equation(values).ravel() / noise, slopes(values) / noise[:, None]
         for component, places in enumerate(of_components):
             rows = slice(component, None, per_dwell)
             good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
@@ -136,7 +114,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
                 [good, *(stand_out_together(good, level) for level in levels)], axis=0
             )
         values = solve(
-            residual, values, priors=priors, noise=noise, used=used, names=terms.names
+            equation, values, priors=priors, noise=noise, used=used, names=terms.names
         ).parameters
 
     # 2. The fit with the errors that dwells share. Errors of a dwell act on its gravity vector, of
@@ -147,9 +125,9 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         directions = (gravity / length(gravity)[:, None])[:, None, :]
     candidates = shared_errors.state_errors(dwells, gravity, directions, spec)
     fit = solve(
-        residual,
+        equation,
         values,
-        shared_errors.separable(candidates, derivative(lambda p: residual(p).ravel(), values)),
+        shared_errors.separable(candidates, slopes(values)),
         priors=priors,
         channel=np.tile(np.arange(per_dwell), len(t)),
         noise=noise,
@@ -159,65 +137,80 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     )
 
     # 3. Errors that are in U alone.
-    jacobian = derivative(lambda p: residual(p).ravel(), fit.parameters)
     by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
-    bounds, flags = shared_errors.bounded_errors(fit, candidates, jacobian, by_scale, per_dwell)
+    bounds, flags = shared_errors.bounded_errors(
+        fit, candidates, slopes(fit.parameters), by_scale, per_dwell
+    )
     if not fit.converged:
         flags += ("the fit did not come to rest: look at the residuals before you rely on it",)
     residuals = fit.residual.reshape(-1, per_dwell)
     out = np.flatnonzero(~fit.used.reshape(-1, per_dwell).all(axis=1))
     worst_first = np.argsort(-np.max(np.abs(residuals[out]), axis=1), kind="stable")
-    suspects = tuple(out[worst_first].tolist())
-    return Triad(terms, fit.bounded_by(bounds), middle, half, residuals, suspects, bounds, flags)
+    used_residuals = fit.residual[fit.used]
+    return Triad(
+        terms=terms,
+        fit=fit.bounded_by(bounds),
+        middle=middle,
+        half=half,
+        residuals=residuals,
+        suspects=tuple(out[worst_first].tolist()),
+        bounds=bounds,
+        flags=flags,
+        residual_rms=float(np.sqrt(used_residuals @ used_residuals / max(fit.dof, 1))),
+        noise=np.sqrt(np.mean(fit.noise.reshape(residuals.shape) ** 2, axis=0)),
+        to_degrees=terms.in_degrees(middle, half),
+    )
 
 
-def residual_of(dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Residual:
-    """Residual (1) or (2) against gravity vectors, or (3) against the length of gravity."""
-    tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
-    indication, reference = dwells.indication, dwells.reference
-    tool_rotation = attitude.tool_rotation(dwells.inclination, dwells.toolface) if tilt else None
-
-    def residual(p: Numbers) -> Numbers:
-        corrected = terms.corrected(p, indication, t)
-        if lengths:
-            return length(corrected) - 1.0
-        if fixture:
-            corrected = corrected @ equation.rotation(p[fixture]).T
-        if tool_rotation is not None:
-            return corrected - equation.tilted_gravity(tool_rotation, p[tilt])
-        return corrected - reference
-
-    return residual
-
-
-def relative_noise(dwells: DwellSet, *, lengths: bool) -> Array:
-    """Standard error [n · m] of each residual [g], or 1 where it was not measured."""
-    if dwells.weights is None:
-        return np.ones(len(dwells.temperature) * (1 if lengths else 3))
+def residual(p: Numbers, dwells: DwellSet, terms: Terms, t: Array, *, lengths: bool) -> Numbers:
+    """What (1) or (2) leaves of gravity vectors [n, 3], or (3) of the length of gravity [n, 1]."""
+    corrected = terms.corrected(p, dwells.indication, t)
     if lengths:
-        return np.asarray(np.sqrt(np.mean(dwells.noise**2, axis=1)))
-    return dwells.noise.ravel()
+        return length(corrected) - 1.0
+    tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
+    if fixture:
+        corrected = corrected @ rotation(p[fixture]).T
+    if tilt:
+        tool_rotation = attitude.tool_rotation(dwells.inclination, dwells.toolface)
+        return corrected - tilted_gravity(tool_rotation, p[tilt])
+    return corrected - dwells.reference
 
 
 def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prior, ...]]:
     """Parameters [p] from which the fit to the length of gravity starts, and the bound of angles
     that it does not see.
     """
-    magnitude.require_enough(dwells.indication)
+    if len(dwells.indication) < len(OF_LENGTHS):
+        raise FitError(
+            f"{len(dwells.indication)} dwells for {len(OF_LENGTHS)} parameters"
+            f" ({', '.join(OF_LENGTHS)})",
+            hint="hold at least 12 different attitudes, better 18, spread over the whole sphere",
+        )
     levels, _ = determination.distinct_temperatures(dwells.temperature)
     if levels.size <= terms.order:
         raise FitError(
             f"{levels.size} distinct temperatures do not determine order {terms.order}",
             hint="lower the orders",
         )
-    sphere = magnitude.fit_sphere(dwells.indication, 1.0)
-    direction = (dwells.indication - sphere[3:6]) / sphere[:3]
+    # the sphere that the indications lie on, |v|² = 2 v·c + r² − |c|²: linear in centre and radius
+    sample = dwells.indication[:: 1 + len(dwells.indication) // ENOUGH_TO_START]
+    middle = sample.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((sample - middle) ** 2, axis=1)))) or 1.0
+    scaled = (sample - middle) / size
+    *shift, constant = least_squares.linear(
+        np.column_stack([2.0 * scaled, np.ones(len(scaled))]),
+        np.sum(scaled**2, axis=1),
+        names=("b_x", "b_y", "b_z", "the scale factor"),
+    ).coefficients
+    centre = middle + size * np.array(shift)
+    radius = np.full(3, size * np.sqrt(constant + np.sum(np.square(shift))))
+    direction = (dwells.indication - centre) / radius
     if determination.affine_rank(direction) < 4:
         raise FitError(
             "dwells on one cone or plane cannot determine the triad by the length of gravity",
             hint="hold it in attitudes that are spread over the whole sphere",
         )
-    start = terms.of_constants(1.0 / sphere[:3], sphere[3:6] / sphere[:3])
+    start = terms.of_constants(1.0 / radius, centre / radius)
     cross = terms.of_kind("c")
     # an angle moves lengths by the product of two components of their directions, of which squares
     # and components leave nothing at six faces

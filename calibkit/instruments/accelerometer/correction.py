@@ -1,27 +1,189 @@
-"""Errors of dwells under a correction: of inclination and toolface, what a recipe accepts of them,
-and how tables, the first screen of a fit and a validation.json state them.
+"""Models of a run → corrected indications of a triad with their uncertainty, and the errors of
+dwells under a correction: of inclination and toolface, what a recipe accepts of them, and how
+tables, the first screen of a fit and a validation.json state them.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Criterion, Figure, at_most, over_u
+from calibkit.coefficients import Criterion, Model, Record, StageResult, at_most, over_u
+from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
-from calibkit.instruments.accelerometer.coefficient_files import Correction
+from calibkit.forms import Form, Inputs, within_ranges
+from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.accelerometer.shared_errors import angle_slopes
-from calibkit.instruments.accelerometer.triad import Triad
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, chunks, gum
 from calibkit.numeric.dispersion import rms
-from calibkit.recipe.type_b import TypeB
+from calibkit.recipe import type_b
+from calibkit.recipe.type_b import RELATIVE, TypeB
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Table, number_or_none
+
+COMPENSATIONS = {"k": "accel_k", "affine": "accel_affine"}
+"""Compensation of a recipe → stage whose models correct the indications."""
+FIELDS = {
+    "inclination_deg": "inclination",
+    "toolface_deg": "toolface",
+    forms.TEMPERATURE: "temperature",
+}
+"""Input → array of the dwells that its error shifts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Correction of a triad's indications by the models of a stage: one of the triad, or one of
+    each axis.
+    """
+
+    form: Form
+    models: tuple[Model, ...]
+
+    @classmethod
+    def of(cls, stage: Record | StageResult) -> Self:
+        """Correction by the models of a stage of a run or of a fit."""
+        form = {form.name: form for form in forms.FORMS}[stage.models[0].form]
+        return cls(form, stage.models)
+
+    @property
+    def temperature_range(self) -> tuple[float, float]:
+        """Temperature range [°C] of the calibration."""
+        return self.models[0].valid[forms.TEMPERATURE]
+
+    @property
+    def noise_g(self) -> float:
+        """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
+        return rms([model.residual_rms for model in self.models])
+
+    def readings(self, indication: Array, temperature: Array) -> Inputs:
+        """Inputs of the models at indications [n, 3, g]; temperatures [n, °C] are clamped to the
+        range of the calibration.
+        """
+        return within_ranges(self.models[0], forms.inputs(indication, temperature))[0]
+
+    def __call__(self, indication: Array, temperature: Array) -> Array:
+        """Corrected components [n, 3, g] of indications [n, 3, g] at temperatures [n, °C]."""
+        readings = self.readings(indication, temperature)
+        return np.column_stack([self.form.evaluate(model, readings) for model in self.models])
+
+    def slopes(self, readings: Inputs) -> list[Array]:
+        """Derivatives [n, 3, p] of the corrected components by the coefficients, model by model."""
+        by_model = [self.form.gradient(model, readings) for model in self.models]
+        if len(by_model) == 1:
+            return by_model
+        of_axes = np.eye(len(AXES))[:, :, None]
+        return [axis * slopes[:, None] for axis, slopes in zip(of_axes, by_model, strict=True)]
+
+    def uncertainty(self, unseen_dwells: DwellSet) -> tuple[Array, Array]:
+        """Type A uncertainty of corrected components [n, 3, g] of a log of its own: errors that its
+        dwells share [n, 3, k, g], and variances [n, 3, g²] of those that they do not.
+
+        Raises FrameError where an error grows with time and the log tells none.
+        """
+        indication, time = unseen_dwells.indication, unseen_dwells.time
+        readings = self.readings(indication, unseen_dwells.temperature)
+        shared, independent = [], np.zeros_like(indication)
+        for model, slopes in zip(self.models, self.slopes(readings), strict=True):
+            shared.append(slopes @ gum.square_root(np.array(model.covariance)))
+        for axis, letter in enumerate(AXES):
+            model = self.models[axis % len(self.models)]
+            # where the fit has a noise of each axis, it is that
+            noise = {p.name: p.value for p in model.parameters}
+            independent[:, axis] += noise.get(f"noise_{letter}", model.residual_rms) ** 2
+            if self.form.further is not None:
+                independent[:, axis] += self.form.further(model, readings) ** 2
+            for part in model.components:
+                # by one unit: in proportion to the indication, to the time, or the same in all
+                size = np.full(len(indication), part.value)
+                if part.unit == "1":
+                    size *= indication[:, axis]
+                elif part.unit.endswith("/h"):
+                    if not np.isfinite(time).all():
+                        raise FrameError(
+                            f"{unseen_dwells.place[0]}: no time_s, expected one: the"
+                            f" {part.effect} of the {part.group}, {part.value:.3g} {part.unit},"
+                            " grows with time",
+                            hint="log time_s",
+                        )
+                    size *= (time - time.mean()) / SECONDS_PER_HOUR
+                if part.group == "attitude":  # which a log seldom repeats
+                    independent[:, axis] += size**2
+                else:
+                    shared.append(size[:, None, None] * np.eye(3)[axis][:, None])
+        return np.concatenate(shared, axis=2), independent
+
+    def by_term(self, dwells: DwellSet, term: TypeB) -> Array:
+        """Errors [n, 3, g] of corrected dwells against the reference for one standard uncertainty
+        of a type B term: on the reference's angles, the thermometer, an indication or a
+        coefficient; 0 of any other.
+        """
+        indication, temperature = dwells.indication, dwells.temperature
+        shifted_inputs = {}
+        if term.quantity in FIELDS:
+            field = FIELDS[term.quantity]
+            shifted_inputs[field] = getattr(dwells, field) + term.u_of(0.0)
+        elif term.quantity in forms.COMPONENTS:
+            axis, shifted = forms.COMPONENTS.index(term.quantity), indication.copy()
+            of_one = indication[:, axis] if term.unit in RELATIVE else 1.0
+            shifted[:, axis] += term.u_of(1.0) * of_one
+            shifted_inputs["indication"] = shifted
+        if shifted_inputs:
+            moved = replace(dwells, **shifted_inputs)
+            by_input = self(moved.indication, moved.temperature) - self(indication, temperature)
+            # without angles, lengths do not depend on them
+            return by_input + np.nan_to_num(moved.reference - dwells.reference)
+        result = term.result or term.quantity
+        by_model = self.slopes(self.readings(indication, temperature))
+        for model, slopes in zip(self.models, by_model, strict=True):
+            for j, c in enumerate(model.coefficients):
+                if result in {c.name, f"{model.name}.{c.name}"}:
+                    return slopes[:, :, j] * type_b.combine_terms(
+                        (term,), (result,), c.value, c.unit
+                    )
+        return np.zeros_like(indication)
+
+    @property
+    def dof(self) -> tuple[float, float]:
+        """Fewest effective degrees of freedom of a coefficient, and those of the residuals."""
+        coefficients = (model.dof_of(c) for model in self.models for c in model.coefficients)
+        return max(min(coefficients), 1.0), max(min(model.dof for model in self.models), 1.0)
+
+    def outside(self, temperature: Array) -> float:
+        """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
+        low, high = self.temperature_range
+        return (
+            chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
+        )
+
+
+def find_stage(compensation: str) -> str:
+    """Stage of a compensation; raises CoefficientError for the mixed one of 0.2."""
+    if compensation not in COMPENSATIONS:
+        raise CoefficientError(
+            f"compensation = {compensation!r} is no longer supported, expected 'affine' or 'k'",
+            hint="'affine' corrects scale, zero and angles together; K and Q stay in their files",
+        )
+    return COMPENSATIONS[compensation]
+
+
+def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -> Correction:
+    """Correction that a recipe names, from the stages of a run or of a fit; raises CoefficientError
+    for a missing stage, and for the mixed compensation of 0.2.
+    """
+    stage_name = find_stage(compensation)
+    for stage in stages:
+        if stage.stage == stage_name:
+            return Correction.of(stage)
+    raise CoefficientError(
+        f"the run holds no {stage_name}.json", hint="it is not a run of accelerometer"
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,44 +304,6 @@ class DwellErrors:
         return cls(vector - dwells.reference, angles, noise)
 
 
-def propagate_uncertainty(
-    triad: Triad, dwells: DwellSet, toolface_range_deg: tuple[float, float]
-) -> tuple[Figure, ...]:
-    """Largest standard uncertainties (type A) of inclination and toolface over the dwells, by the
-    coefficients and the residual of a triad.
-
-    The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
-    """
-    t, terms, indication = triad.mapped(dwells.temperature), triad.terms, dwells.indication
-    vector = terms.corrected(triad.fit.parameters, indication, t)
-    slopes = attitude_slopes(vector)
-    by_coefficients = triad.fit.of(
-        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
-    ).u
-    by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
-    u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
-    tilt = attitude.inclination(vector)
-    inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
-    by_angle = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
-    return tuple(
-        Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
-        for name, u in by_angle
-        if u.size
-    )
-
-
-def attitude_slopes(vector: Array) -> Array:
-    """Derivatives [2, n, 3] [rad] by gravity vectors [n, 3] of inclination, and of toolface times
-    sin(inclination), which has one at the poles too.
-    """
-    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
-    return np.asarray(np.stack(angle_slopes(*angles)) / np.linalg.norm(vector, axis=1)[:, None])
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values))) if values.size else float("nan")
-
-
 def tabulate_errors(
     errors: Mapping[str, DwellErrors], spec: AccelerometerRecipe, title: str
 ) -> Table:
@@ -242,3 +366,7 @@ def summarize_errors(
         facts.append(f"Noise of the dwells alone gives {noise:.0f} µg.")
         values.append(KeyValue("noise of the dwells", noise, "µg"))
     return Overview(sentence, tuple(facts), tuple(values), table)
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values))) if values.size else float("nan")

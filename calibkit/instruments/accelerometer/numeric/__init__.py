@@ -1,1 +1,0 @@
-"""Equations: arrays in, arrays out."""
