@@ -5,6 +5,7 @@ degenerate attitudes.
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
@@ -194,18 +195,16 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
     position[6] = 185.0
     indication[9] = np.nan
     keep = np.arange(16) != 13
-    read = station_steps.Rows(
-        station=station[keep].astype(int) - 1,
-        names=("1", "2", "3", "4"),
-        log=np.zeros(4, dtype=int),
-        position=position[keep],
-        accel={"x": indication[keep, 0]},
-        gyro={"x": indication[keep, 0]},
-        resolution={"x": (0.0, 0.0)},
-        time=np.full(15, np.nan),
-        temperature=np.full(15, np.nan),
-        reference=np.full((15, 3), np.nan),
-    )
+    columns = {
+        "station": station.astype(int) - 1,
+        "position_deg": position,
+        "accel_x_g": indication[:, 0],
+        "gyro_x_dph": indication[:, 0],
+    }
+    further = ("time_s", "temp_case_degc", *station_steps.REFERENCE)
+    frame = pd.DataFrame(columns | dict.fromkeys(further, np.nan))[keep]
+    last_digits = {"accel_x_g": 0.0, "gyro_x_dph": 0.0}
+    read = station_steps.Rows(frame, ("1", "2", "3", "4"), np.zeros(4, dtype=int), last_digits)
     known = {"pairs": "x", "gyro_noise_dph": 0.01, "accel_noise_g": 1e-4}
     spec = InclinometerRecipe.model_validate(
         {

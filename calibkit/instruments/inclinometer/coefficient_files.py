@@ -8,12 +8,13 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.instruments.inclinometer import mounting, published
-from calibkit.instruments.inclinometer.errors import AngleErrors, rms
-from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleFit, ScaleModel
+from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.errors import AngleErrors
+from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import root_slopes
+from calibkit.instruments.inclinometer.root_choice import mounting_slopes, root_slopes
+from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Rows, Stations, solve_components
 from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
@@ -70,12 +71,12 @@ def make_result(
         Figure("stations_used", float(solved.refused.size - refused), "1", 0.0),
         Figure("stations_refused", float(refused), "1", 0.0),
     ]
-    with_reference = angles.known
-    if with_reference.any():
-        for stage, errors in (("before", angles.before), ("after", angles.after)):
-            value = rms(errors[with_reference])
-            u = float(value * np.sqrt(1.0 / (2.0 * with_reference.sum())))
-            figures.append(Figure(f"azimuth_rms_{stage}", value, "deg", u))
+    if angles.known.any():
+        share = float(np.sqrt(1.0 / (2.0 * angles.known.sum())))
+        for stage, value in zip(("before", "after"), angles.sizes["azimuth"][:, 0], strict=True):
+            figures.append(
+                Figure(f"azimuth_rms_{stage}", float(value), "deg", float(value * share))
+            )
     place, gravity = spec.site, spec.site.local_gravity()
     site = [Condition("latitude", place.latitude_deg, "deg", place.latitude_uncertainty_deg)]
     if gravity is not None:
@@ -195,7 +196,7 @@ def find_sensitivities(
         InputError("position_deg", "offset", INDEX_STEP_DEG),
         *(InputError(f"gyro_{axis}_dph", "scale", SHARE) for axis in spec.axes),
     ]
-    known_degc = rows.temperature[np.isfinite(rows.temperature)]
+    known_degc = rows.frame[TEMPERATURE].dropna()
     if known_degc.size:
         errors += of_thermometer(TEMPERATURE, float(known_degc.min()), float(known_degc.max()))
     sensitivities = []
@@ -226,16 +227,9 @@ def _coefficients_moved(
     if error.input == "latitude_deg":
         site = spec.site.model_copy(update={"latitude_deg": error.shift(spec.site.latitude_deg)})
         spec = spec.model_copy(update={"site": site})
-    elif error.input == "position_deg":
-        rows = replace(rows, position=error.shift(rows.position))
-    elif error.input == TEMPERATURE:
-        rows = replace(rows, temperature=error.shift(rows.temperature))
     else:
-        gyro = dict(rows.gyro)
-        for axis in spec.axes:
-            if error.input == f"gyro_{axis}_dph":
-                gyro[axis] = error.shift(gyro[axis])
-        rows = replace(rows, gyro=gyro)
+        column = {error.input: error.shift(rows.frame[error.input])}
+        rows = replace(rows, frame=rows.frame.assign(**column))
     shifted = solve_components(rows, spec)
     changes = {}
     for axis, fit in fits.items():
@@ -250,6 +244,6 @@ def _coefficients_moved(
         if fit.over is None:
             changes[axis] = s[fit.used] - before[fit.used]
             continue
-        by_turn, _ = mounting.slopes_of_roots(parts, spec.site.latitude_deg, plus)
+        by_turn, _ = mounting_slopes(parts, spec.site.latitude_deg, plus)
         changes[axis] = fit.over.shifted(s, by_turn, np.nan_to_num(shifted.temperature))
     return changes

@@ -12,13 +12,13 @@ from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.fit.unseen import unseen
 from calibkit.frame import Log
-from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
-from calibkit.numeric import dispersion
 from calibkit.numeric.attitude import wrapped
+from calibkit.numeric.dispersion import rms
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
@@ -69,13 +69,27 @@ class AngleErrors:
         return np.isfinite(self.after) & np.isfinite(self.before)
 
     @property
-    def excess(self) -> Array:
-        """Increase of the azimuth error's magnitude by the correction, in its standard
-        uncertainties, for the known stations.
+    def by_angle(self) -> dict[str, Array]:
+        """Angle → errors [2, n] with s = 1 and corrected, which does not affect inclination and
+        toolface; NaN where either azimuth error is not known.
         """
-        with_reference = self.known
-        worse = np.abs(self.after[with_reference]) - np.abs(self.before[with_reference])
-        return np.asarray(worse / self.standard_uncertainty[with_reference], dtype=np.float64)
+        return {
+            "azimuth": np.where(self.known, [self.before, self.after], np.nan),
+            "inclination": np.array([self.inclination] * 2),
+            "toolface": np.array([self.toolface] * 2),
+        }
+
+    @property
+    def sizes(self) -> dict[str, Array]:
+        """Angle → root mean square and largest size [2, 2] [°] of its errors with s = 1 and
+        corrected; NaN without any.
+        """
+        return {
+            name: np.array(
+                [[rms(e[np.isfinite(e)]), np.fmax.reduce(np.abs(e), initial=np.nan)] for e in both]
+            )
+            for name, both in self.by_angle.items()
+        }
 
     def turn(self) -> tuple[float, float]:
         """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
@@ -107,21 +121,15 @@ class AngleErrors:
 
     def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits."""
-        limits, with_reference = spec.acceptance, self.known
-        tests = [
-            ("azimuth rms", rms(self.after[with_reference]), limits.max_azimuth_rms_deg),
-            ("largest azimuth error", largest(self.after), limits.max_azimuth_error_deg),
-            (
-                "largest inclination error",
-                largest(self.inclination),
-                limits.max_inclination_error_deg,
-            ),
-            ("largest toolface error", largest(self.toolface), limits.max_toolface_error_deg),
-        ]
+        limits, sizes = spec.acceptance, self.sizes
+        tests = [("azimuth rms", sizes["azimuth"][1, 0], limits.max_azimuth_rms_deg)]
+        for name in sizes:
+            limit = getattr(limits, f"max_{name}_error_deg")
+            tests.append((f"largest {name} error", sizes[name][1, 1], limit))
         return tuple(
-            at_most(name, value, limit, "deg")
-            for name, value, limit in tests
-            if limit is not None and np.isfinite(value)
+            at_most(name, float(size), limit, "deg")
+            for name, size, limit in tests
+            if limit is not None and np.isfinite(size)
         )
 
     @classmethod
@@ -139,17 +147,6 @@ class AngleErrors:
                 np.sqrt(mounted.stated),
                 mounted.by_turn,
             )
-
-
-def rms(values: Array) -> float:
-    """Root mean square of the finite values, NaN where there is none."""
-    return dispersion.rms(values[np.isfinite(values)])
-
-
-def largest(values: Array) -> float:
-    """Largest magnitude of the finite values, NaN where there is none."""
-    finite = np.abs(values[np.isfinite(values)])
-    return float(finite.max()) if finite.size else float("nan")
 
 
 def tabulate_stations(stations: Stations, solved: SolvedStations, angles: AngleErrors) -> Table:
@@ -180,20 +177,11 @@ def tabulate_errors(angles: AngleErrors, title: str) -> Table:
     """Table of the errors over all stations, before and after correction; s does not affect
     inclination and toolface.
     """
-    with_reference = angles.known
-    rows = [("azimuth", angles.before[with_reference], angles.after[with_reference])]
-    rows += [
-        (name, values[np.isfinite(values)], values[np.isfinite(values)])
-        for name, values in (("inclination", angles.inclination), ("toolface", angles.toolface))
-        if np.isfinite(values).any()
-    ]
+    counts = {name: int(np.isfinite(both[1]).sum()) for name, both in angles.by_angle.items()}
     cells = tuple(
-        (
-            name,
-            str(after.size),
-            *(number(v, 3) for v in (rms(before), rms(after), largest(before), largest(after))),
-        )
-        for name, before, after in rows
+        (name, str(counts[name]), *(number(size, 3) for size in sizes.T.ravel().tolist()))
+        for name, sizes in angles.sizes.items()
+        if counts[name] or name == "azimuth"
     )
     heads = ("", "stations", "rms, s = 1 [°]", "rms [°]", "largest, s = 1 [°]", "largest [°]")
     return Table(title, heads, cells)
@@ -247,22 +235,20 @@ def summarize(
     if not U.size:
         first = Overview("No station has a result.", (), (), table)
         return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
-    shift = wrapped(solved.combined.azimuth_deg - solved.combined.uncorrected_deg)[with_result]
+    shifts = wrapped(solved.combined.azimuth_deg - solved.combined.uncorrected_deg)[with_result]
+    largest_shift = float(np.fmax.reduce(np.abs(shifts)))
     values = [
         KeyValue(f"median {EXPANDED} of the azimuth", float(np.median(U)), "°"),
         KeyValue(f"largest {EXPANDED} of the azimuth", float(U.max()), "°"),
-        KeyValue("largest change of the azimuth by the correction", largest(shift), "°"),
+        KeyValue("largest change of the azimuth by the correction", largest_shift, "°"),
     ]
     sentence = (
         f"Azimuth of {U.size} of {count} stations: {EXPANDED} {U.min():.2g}° to {U.max():.2g}°,"
         f" median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
-        f" {largest(shift):.2g}°."
+        f" {largest_shift:.2g}°."
     )
     if angles.known.any():
-        before, after = (
-            rms(angles.before[angles.known]),
-            rms(angles.after[angles.known]),
-        )
+        before, after = angles.sizes["azimuth"][:, 0].tolist()
         facts.append(
             f"Azimuth error against the reference (rms): {before:.3g}° before, {after:.3g}° after,"
             " each station by the s(T) of the others."
@@ -276,37 +262,32 @@ def list_validation(
     log: Log, stations: Stations, solved: SolvedStations, angles: AngleErrors
 ) -> dict[str, object]:
     """JSON object of one validated log."""
-    by_angle = {
-        f"{name}_{figure}_deg": number_or_none(value)
-        for name, values in (("inclination", angles.inclination), ("toolface", angles.toolface))
-        for figure, value in (("rms", rms(values)), ("max", largest(values)))
-    }
-    azimuth = {
+    by_stage = {
         stage: {
-            "azimuth_rms_deg": number_or_none(rms(values[angles.known])),
-            "azimuth_max_deg": number_or_none(largest(values[angles.known])),
-            **by_angle,
+            f"{angle}_{name}_deg": number_or_none(float(size))
+            for angle, sizes in angles.sizes.items()
+            for name, size in zip(("rms", "max"), sizes[k], strict=True)
         }
-        for stage, values in (("before", angles.before), ("after", angles.after))
+        for k, stage in enumerate(("before", "after"))
     }
+    before, after, u = angles.before, angles.after, angles.standard_uncertainty
+    worse = ((np.abs(after) - np.abs(before)) / u)[angles.known]
     return {
         "name": log.file,
         "sha256": log.sha256,
         "rows": log.rows,
         "stations_used": int((~solved.refused).sum()),
         "stations_refused": int(solved.refused.sum()),
-        **azimuth,
+        **by_stage,
         "worse_than_uncorrected_over_u": number_or_none(
-            float(angles.excess.max()) if angles.excess.size else float("nan")
+            float(np.fmax.reduce(worse, initial=np.nan))
         ),
         "stations": [
             {
                 "station": name,
-                "azimuth_error_before_deg": number_or_none(float(angles.before[k])),
-                "azimuth_error_after_deg": number_or_none(float(angles.after[k])),
-                "azimuth_standard_uncertainty_deg": number_or_none(
-                    float(angles.standard_uncertainty[k])
-                ),
+                "azimuth_error_before_deg": number_or_none(float(before[k])),
+                "azimuth_error_after_deg": number_or_none(float(after[k])),
+                "azimuth_standard_uncertainty_deg": number_or_none(float(u[k])),
                 "refused": solved.combined.status[k],
             }
             for k, name in enumerate(stations.names)

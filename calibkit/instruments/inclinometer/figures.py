@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
     from calibkit.instruments.inclinometer.errors import AngleErrors
-    from calibkit.instruments.inclinometer.forms import ScaleFit
     from calibkit.instruments.inclinometer.published import Sensor
+    from calibkit.instruments.inclinometer.scale_fit import ScaleFit
     from calibkit.instruments.inclinometer.solve import SolvedStations
     from calibkit.instruments.inclinometer.stations import Stations
 

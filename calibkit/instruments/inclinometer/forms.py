@@ -7,12 +7,11 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Component, Model, Parameter
+from calibkit.arrays import Array
+from calibkit.coefficients import Model
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.root_choice import ScalePrior
-from calibkit.instruments.inclinometer.scale_fit import ScaleOverTemperature
 from calibkit.numeric import gum
 
 FILE = "inclinometer_scale.json"
@@ -69,48 +68,6 @@ class ScaleModel:
                 round(model.value("noise_dof")),
             ),
             next((one.value for one in model.components if one.group == MOUNTING), 0.0),
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleFit:
-    """s(T) of one gyro, quality of the fit, and mask [n] of the stations used in it."""
-
-    model: ScaleModel
-    dof: int
-    residual_rms: float
-    used: Mask
-    left_out: ScalePrior
-    effective_dof: Array | None = None
-    components: tuple[Component, ...] = ()
-    flags: tuple[str, ...] = ()
-    over: ScaleOverTemperature | None = None
-    """None of a single root."""
-
-    def write(self, axis: str) -> Model:
-        """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
-        readings.
-        """
-        model = self.model
-        return SCALE.write(
-            axis,
-            [
-                (f"s{k}", value, "1" if k == 0 else f"1/degC{k if k > 1 else ''}")
-                for k, value in enumerate(model.coefficients.tolist())
-            ],
-            model.covariance,
-            dof=self.dof,
-            effective_dof=self.effective_dof,
-            components=self.components,
-            residual_rms=self.residual_rms,
-            residual_unit="1",
-            valid={} if model.valid is None else {TEMPERATURE: model.valid},
-            parameters=(
-                Parameter("scatter", model.scatter, "1"),
-                Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
-                Parameter("accel_noise", model.noise.accel_g, "g"),
-                Parameter("noise_dof", float(model.noise.dof), "1"),
-            ),
         )
 
 

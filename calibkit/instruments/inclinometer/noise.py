@@ -2,6 +2,7 @@
 or taken from a calibration; and detection of stations with an outlier.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +58,7 @@ def decide_noise(
     squares: Array,
     dofs: Integers,
     before: Noise,
-    last_digit: tuple[float, float],
+    last_digit: Sequence[float],
     spec: InclinometerRecipe,
     axis: Sensor,
 ) -> tuple[Noise, tuple[str, ...]]:

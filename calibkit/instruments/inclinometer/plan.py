@@ -19,11 +19,11 @@ from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
-from calibkit.instruments.inclinometer import mounting, scale_fit, simulate as simulated, stations
+from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import estimate_roots
+from calibkit.instruments.inclinometer.root_choice import estimate_roots, mounting_slopes
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
 from calibkit.planning.exchange import Pool
@@ -110,7 +110,7 @@ class StationBench(TourBench):
         column = np.argmin(np.abs(np.nan_to_num(roots.s, nan=np.inf) - 1.0), axis=1)
         rows = np.arange(column.size)
         used = roots.usable[rows, column] & np.array([not reason for reason in roots.status])
-        by_turn, by_index = mounting.slopes_of_roots(parts, latitude_deg, column == 0)
+        by_turn, by_index = mounting_slopes(parts, latitude_deg, column == 0)
         index = by_index * self.assumed.size(*INDEX)
         u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
         return u, np.where(used, by_turn, 0.0), np.any(~(roots.s > 0.0), axis=1)
@@ -119,7 +119,7 @@ class StationBench(TourBench):
         """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
         measured.
         """
-        of_log = mounting.scale_of_logs(rows.log)
+        of_log = scale_fit.scale_of_logs(rows.log)
         shared = self.assumed.state([*scale_fit.shared_errors(rows, None), of_log])
         size = max(self.assumed.size(*TURN), NO_TURN_DEG)
         turn = Prior(name=OF_TURN, block=slice(-1, None), size=size)

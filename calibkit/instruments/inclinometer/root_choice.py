@@ -175,6 +175,25 @@ def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
     return slopes(parts, latitude_deg, plus, always, 0.0 * always)[:, ROOT, :5]
 
 
+def mounting_slopes(parts: Components, latitude_deg: float, plus: Mask) -> Array:
+    """Derivatives [2, n] of roots by a turn of the gyro and by an index error [1/°]."""
+    latitude = np.full(plus.size, latitude_deg)
+    with np.errstate(invalid="ignore"):
+        gradient = root_slopes(parts, latitude, plus)[:, :4] * moved(parts)
+    return np.asarray(np.radians(np.sum(gradient, axis=2)))
+
+
+def moved(parts: Components) -> Array:
+    """What the four components [2, n, 4] read more for each radian of a turn of the gyro, ω_x' =
+    ω_x + δ ω_y, ω_y' = ω_y − δ ω_x, and of an index error, by half of which positions ±x and ±y are
+    turned to different sides.
+    """
+    none = np.zeros_like(parts.gyro_x)
+    by_turn = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
+    by_index = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
+    return np.asarray(np.stack([by_turn, by_index / 2.0]))
+
+
 def estimate_roots(
     parts: Components,
     latitude_deg: ArrayLike,

@@ -15,11 +15,13 @@ from functools import partial
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
+from calibkit.coefficients import Component, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, sensitivities, solve
+from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.root_choice import ScalePrior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
@@ -150,6 +152,52 @@ class ScaleOverTemperature:
         return np.asarray(self.to_raw @ change[:-1])
 
 
+@dataclass(frozen=True, slots=True)
+class ScaleFit:
+    """s(T) of one gyro, as files hold it, and how it was found."""
+
+    model: ScaleModel
+    used: Mask
+    """Mask [n] of the stations used in the fit."""
+    left_out: ScalePrior
+    """As that of `over`."""
+    over: ScaleOverTemperature | None = None
+    """None of a single root."""
+    components: tuple[Component, ...] = ()
+    flags: tuple[str, ...] = ()
+
+    @property
+    def dof(self) -> int:
+        """Roots less coefficients."""
+        return 0 if self.over is None else self.over.fit.dof
+
+    def write(self, axis: str) -> Model:
+        """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
+        readings.
+        """
+        model, over = self.model, self.over
+        return SCALE.write(
+            axis,
+            [
+                (f"s{k}", value, "1" if k == 0 else f"1/degC{k if k > 1 else ''}")
+                for k, value in enumerate(model.coefficients.tolist())
+            ],
+            model.covariance,
+            dof=self.dof,
+            effective_dof=None if over is None else over.effective_dof,
+            components=self.components,
+            residual_rms=0.0 if over is None else over.residual_rms,
+            residual_unit="1",
+            valid={} if model.valid is None else {TEMPERATURE: model.valid},
+            parameters=(
+                Parameter("scatter", model.scatter, "1"),
+                Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
+                Parameter("accel_noise", model.noise.accel_g, "g"),
+                Parameter("noise_dof", float(model.noise.dof), "1"),
+            ),
+        )
+
+
 def scale(p: Numbers, x: Array) -> Numbers:
     """s(T) [n] of parameters s0 … sn, δ at mapped temperatures [n]."""
     return np.asarray(np.vander(x, len(p) - 1, increasing=True) @ p[:-1])
@@ -175,6 +223,11 @@ def shared_errors(roots: StationRoots, log: Shared | None) -> list[Shared]:
     of_log = replace(log, level=roots.log, loading=station.loading)
     # logs of one station each: their scatter is that of the stations
     return [of_log] if of_log.is_noise else [of_log, station]
+
+
+def scale_of_logs(log: Integers) -> Shared:
+    """Part of s that the stations of a log share, from the number [n] of the log of each."""
+    return Shared(group="log", effect="scale", level=log, loading=np.ones((log.size, 1)), unit="1")
 
 
 def fit_over_temperature(

@@ -1,16 +1,21 @@
 """Stations → s(T) of each gyro; then the attitude of every station with s from s(T) or from its
-history.
+history, and what it owes to how gyros, accelerometers and positions go together.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.coefficients import Component
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import mounting, root_choice, scale_fit
-from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleFit, ScaleModel
+from calibkit.fit.shared import Shared
+from calibkit.forms import components_of
+from calibkit.frame import Remark
+from calibkit.instruments.inclinometer import root_choice, scale_fit
+from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -20,8 +25,11 @@ from calibkit.instruments.inclinometer.root_choice import (
     ScalePrior,
     Solution,
 )
+from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
+from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
+from calibkit.recipe.type_b import terms_of
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
 """Advice for a scale factor that no gyro has."""
@@ -34,6 +42,67 @@ FEW_STATIONS = 3
 """Fewest stations for a majority decision on a log."""
 APART_DEG = 5.0
 """Difference between the toolfaces of two pairs [°] that no misalignment of axes explains."""
+SMALL_WEIGHT = 0.25
+"""Weight of a pair in the azimuth, that of 1.7 times the noise, from which its turn counts in full.
+"""
+SHOWN = 3.0
+"""Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
+ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
+
+
+@dataclass(frozen=True, slots=True)
+class Mounted:
+    """What n azimuths owe to how sensors and positions are mounted."""
+
+    by_turn: Array
+    """Derivatives [°/°] by a turn of the gyros, which both sensor pairs share."""
+    variance: Array
+    """[°²]."""
+    stated: Array
+    """Part of it that the recipe states [°²]."""
+
+    @classmethod
+    def of(
+        cls,
+        stations: Stations,
+        solutions: Mapping[Sensor, Solution],
+        spec: InclinometerRecipe,
+        azimuth_weight: Array,
+        turns_deg: Mapping[Sensor, float],
+    ) -> Self:
+        """Azimuths whose gyros are turned by unknown angles of standard deviations `turns_deg`,
+        the larger of which counts; `[[errors.component]]` and type B terms on `azimuth_deg` and
+        `position_deg` are stated.
+
+        azimuth_weight : [pairs, n], of the pairs in the combined azimuth. A turn counts in full,
+        but by its weight where that is small: a noisy gyro does not tell its turn, nor carry the
+        azimuth.
+        """
+        changes = []
+        for axis, solution in solutions.items():
+            parts = stations.components[axis]
+            with np.errstate(invalid="ignore"):
+                changes.append(np.sum(solution.azimuth_slopes * root_choice.moved(parts), axis=2))
+        by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
+        share = np.where(azimuth_weight < SMALL_WEIGHT, azimuth_weight, 1.0)
+        counted = share * np.abs(by_turn)
+        sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
+        with_positions, of_azimuth = (
+            sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
+            for terms in (
+                terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
+                terms_of(spec.type_b, "azimuth_deg", 0.0),
+            )
+        )
+        index = np.fmax.reduce(np.abs(by_index)) ** 2 * (with_positions - of_azimuth)
+        of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
+        stated_deg = max((entry.value_in("deg") for entry in of_mounting), default=0.0)
+        without_turn = of_azimuth + index
+        return cls(
+            np.fmax.reduce(by_turn),
+            without_turn + np.fmax.reduce(sizes_deg * counted) ** 2,
+            np.asarray(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +112,7 @@ class SolvedStations:
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, ScalePrior]
     combined: Combined
-    mounted: mounting.Mounted
+    mounted: Mounted
     """Its variance is part of that of the combined azimuth."""
 
     @property
@@ -208,36 +277,49 @@ def _fit_over_temperature(
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
         return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
-    shared = mounting.shared_errors(first, stations, spec, axis)
+    # Errors that stations share: the turn of the gyro, unless the recipe leaves it out, and the
+    # scale of a log.
+    plus = first.root >= 0
+    by_turn, _ = root_choice.mounting_slopes(
+        stations.components[axis], spec.site.latitude_deg, plus
+    )
+    tool, loading = np.zeros(plus.size, dtype=np.int64), by_turn[:, None]
+    candidates = [
+        Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
+    ]
+    if stations.log.max() > 0:
+        candidates.append(scale_fit.scale_of_logs(stations.log))
+    shared = {error.group: error for error in state_sizes(spec.errors, candidates)}
     turn = shared.get(MOUNTING)
-    over_temperature = scale_fit.fit_over_temperature(
+    over = scale_fit.fit_over_temperature(
         first,
         temperature,
         order=order,
         turn=None if turn is None else turn.loading[:, 0],
         log=shared.get("log"),
     )
-    # at least the turn that the roots show, with its standard uncertainty, and the stated one
+    # azimuths are corrected without the turn: it is at least that which the roots show, with its
+    # standard uncertainty, and the stated one
+    angle, u = over.turn_deg
     stated_deg = 0.0 if turn is None else turn.size or 0.0
-    turn_deg = max(stated_deg, float(np.hypot(*over_temperature.turn_deg)))
-    model = ScaleModel(
-        over_temperature.coefficients,
-        over_temperature.covariance,
-        over_temperature.scatter,
-        over_temperature.valid_degc if timed else None,
-        noise,
-        turn_deg,
-    )
-    return ScaleFit(
-        model,
-        over_temperature.fit.dof,
-        over_temperature.residual_rms,
-        over_temperature.used,
-        over_temperature.left_out,
-        over_temperature.effective_dof,
-        *mounting.state(over_temperature, turn_deg),
-        over_temperature,
-    )
+    turn_deg = max(stated_deg, float(np.hypot(angle, u)))
+    components = components_of(over.fit.shared)
+    if turn_deg:
+        own = Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1)
+        components = (*components, own)
+    of_logs = [size for size in over.fit.shared if size.error.group == "log"]
+    flags = [*warn_of_few_levels(of_logs)]
+    if over.separable is False:
+        flags.append(Remark(ONE_ATTITUDE))
+    if abs(angle) > SHOWN * u > 0.0:
+        flags.append(
+            f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
+            " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
+            " azimuth; align the sensors and measure again"
+        )
+    valid = over.valid_degc if timed else None
+    model = ScaleModel(over.coefficients, over.covariance, over.scatter, valid, noise, turn_deg)
+    return ScaleFit(model, over.used, over.left_out, over, components, tuple(flags))
 
 
 def _fit_one_root(
@@ -262,7 +344,7 @@ def _fit_one_root(
     valid = (float(temperature[k]), float(temperature[k])) if timed else None
     model = ScaleModel(np.array([s]), np.array([[u**2]]), scatter, valid, noise)
     prior = ScalePrior(np.full(usable.size, spec.history.s), np.full(usable.size, scatter))
-    return ScaleFit(model, 0, 0.0, usable, prior)
+    return ScaleFit(model, usable, prior)
 
 
 def _require_plausible(
@@ -350,7 +432,7 @@ def _solve_stations(
         for axis in spec.axes
     }
     combined = root_choice.combine(solutions)
-    mounted = mounting.Mounted.of(stations, solutions, spec, combined.azimuth_weight, turns_deg)
+    mounted = Mounted.of(stations, solutions, spec, combined.azimuth_weight, turns_deg)
     covariance = combined.covariance.copy()
     covariance[:, 2, 2] += mounted.variance
     return SolvedStations(solutions, priors, replace(combined, covariance=covariance), mounted)

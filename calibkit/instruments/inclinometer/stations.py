@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +28,9 @@ from calibkit.numeric import attitude, chunks
 from calibkit.numeric.attitude import gravity_positive
 from calibkit.numeric.least_squares.fit import undetermined
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 PLAUSIBLE = {"accel": 1.5, "gyro": 1000.0}
 """Largest indication [g], [°/h] of a tool at rest, bias included; a larger one has a wrong unit."""
 COEFFICIENTS = ("x", "y", "bias", "ramp")
@@ -37,75 +40,47 @@ REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of all logs: station index [r] of each row, counted from 0 over all logs, and its
-    readings.
+    """Rows of all logs, their stations numbered from 0 in the order in which they appear."""
 
-    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
-    of (accel, gyro).
+    frame: "DataFrame"
+    """Canonical columns, accelerations positive along gravity, NaN of a column that a log lacks;
+    `station` is the number of the station, `time_s` counts through all logs where all have it.
     """
-
-    station: Integers
     names: tuple[str, ...]
+    """[n], of the stations."""
     log: Integers
     """[n], number of the log of each station."""
-    position: Array
-    accel: Mapping[Sensor, Array]
-    gyro: Mapping[Sensor, Array]
-    resolution: Mapping[Sensor, tuple[float, float]]
-    time: Array
-    """[r] [s]; NaN where any log has none."""
-    temperature: Array
-    reference: Array
-    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
+    resolution: Mapping[str, float]
+    """Sensor's column → its last digit."""
 
     @classmethod
     def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
-        """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+        """Rows of all logs."""
         import pandas as pd
 
-        station: list[Integers] = []
-        names: list[str] = []
-        numbers: list[int] = []
+        sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
+        columns = [*sensors, "position_deg", "time_s", TEMPERATURE, *REFERENCE]
+        frame = pd.concat([log.frame for log in logs], ignore_index=True).reindex(columns=columns)
+        stations: list[Integers] = []
+        times, names, numbers, start_s = [], list[str](), list[int](), 0.0
         for number, log in enumerate(logs):
             places, station_numbers = pd.factorize(values(log.frame, "station"))
-            station.append(places + len(names))
+            stations.append(places + len(names))
             numbers += [number] * station_numbers.size
             prefix = f"{log.name}:" if len(logs) > 1 else ""
             names += [f"{prefix}{name:g}" for name in station_numbers.tolist()]
-        columns = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
-        columns += ["position_deg", TEMPERATURE, *REFERENCE]
-        # NaN for the rows of a log without a column
-        frame = pd.concat([log.frame for log in logs], ignore_index=True).reindex(columns=columns)
-        accel = {axis: values(frame, f"accel_{axis}_g") for axis in spec.axes}
-        gyro = {axis: values(frame, f"gyro_{axis}_dph") for axis in spec.axes}
-        convention = spec.reference.convention
-        # each log starts one hour after the end of the one before
-        times, start_s = [], 0.0
-        for log in logs:
-            if "time_s" not in log.frame.columns:
-                times = [np.full(len(frame), np.nan)]
-                break
-            time = values(log.frame, "time_s")
-            times.append(time - time[0] + start_s)
-            start_s = float(times[-1][-1]) + SECONDS_PER_HOUR
-        return cls(
-            station=np.concatenate(station),
-            names=tuple(names),
-            log=np.array(numbers),
-            position=values(frame, "position_deg"),
-            accel={axis: gravity_positive(column, convention) for axis, column in accel.items()},
-            gyro=gyro,
-            resolution={
-                axis: (
-                    _resolution(accel[axis], f"accel_{axis}_g", spec),
-                    _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
-                )
-                for axis in spec.axes
-            },
-            time=np.concatenate(times),
-            temperature=values(frame, TEMPERATURE),
-            reference=frame[[*REFERENCE]].to_numpy(dtype=np.float64),
-        )
+            # each log starts one hour after the end of the one before
+            time = np.full(len(log.frame), np.nan)
+            if "time_s" in log.frame.columns:
+                time = values(log.frame, "time_s") - log.frame["time_s"].iloc[0] + start_s
+            times.append(time)
+            start_s = float(time[-1]) + SECONDS_PER_HOUR
+        resolution = {name: _resolution(values(frame, name), name, spec) for name in sensors}
+        for name in sensors:
+            if name.startswith("accel"):
+                frame[name] = gravity_positive(values(frame, name), spec.reference.convention)
+        frame = frame.assign(station=np.concatenate(stations), time_s=np.concatenate(times))
+        return cls(frame, tuple(names), np.array(numbers), resolution)
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,53 +223,55 @@ def solve_components(
     The noise of a calibration is pooled with the readings' own unless they
     contradict it. Raises FitError where the noise is unknown.
     """
-    count = len(rows.names)
+    count, frame = len(rows.names), rows.frame
+    station, time_s = frame["station"].to_numpy(), values(frame, "time_s")
+    position, faults = values(frame, "position_deg"), [""] * count
+    if spec.stations.method == "four_differences":
+        # half differences of the four positions are their fit by least squares
+        for k in range(count):
+            fault = _position_fault(position[station == k])
+            faults[k] = fault[1] if fault is not None else ""
+        quarter = published.nearest_position(np.nan_to_num(position))
+        position = np.array(published.POSITIONS_DEG)[quarter]
     components, noises, status = {}, {}, {}
     for axis in spec.axes:
-        position, faults = rows.position, [""] * count
-        if spec.stations.method == "four_differences":
-            # half differences of the four positions are their fit by least squares
-            for k in range(count):
-                fault = _position_fault(rows.position[rows.station == k])
-                faults[k] = fault[1] if fault is not None else ""
-            quarter = published.nearest_position(np.nan_to_num(position))
-            position = np.array(published.POSITIONS_DEG)[quarter]
+        sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS]
+        accel, gyro = (values(frame, name) for name in sensors)
         fits = fit_stations(
-            rows.station,
-            position,
-            rows.accel[axis],
-            rows.gyro[axis],
-            axis,
-            time_s=rows.time if spec.stations.gyro_ramp else None,
+            *(station, position, accel, gyro, axis),
+            time_s=time_s if spec.stations.gyro_ramp else None,
             gyro_ramp=spec.stations.gyro_ramp,
             faults=faults,
         )
         before = NO_NOISE if calibrated_noise is None else calibrated_noise[axis]
+        last_digits = [rows.resolution[name] for name in sensors]
         noises[axis], outliers = decide_noise(
-            fits.squares, fits.dofs, before, rows.resolution[axis], spec, axis
+            fits.squares, fits.dofs, before, last_digits, spec, axis
         )
         components[axis] = fits.components(noises[axis].widen(spec), outliers)
         status[axis] = tuple(
             text or reason for text, reason in zip(outliers, fits.status, strict=True)
         )
-    inclination, toolface, azimuth = rows.reference.T
-    reference = (
-        _mean_by_station(inclination, rows.station, count),
-        _mean_direction_by_station(toolface, rows.station, count),
-        _mean_direction_by_station(azimuth, rows.station, count),
-    )
-    time = rows.time[np.unique(rows.station, return_index=True)[1]]
-    timed = bool(np.isfinite(time).all())
+    # Means of the finite values of each station. Those of directions are about the first of them:
+    # exactly it where all are equal.
+    by_station = frame.groupby("station")
+    mean, first = by_station.mean(), by_station.first()
+    for name in ("toolface_deg", "azimuth_deg"):
+        departure = attitude.wrapped(values(frame, name) - values(first, name)[station])
+        mean[name] = first[name] + frame.assign(turn=departure).groupby("station")["turn"].mean()
+    time = values(first, "time_s")
     return Stations(
         names=rows.names,
         log=rows.log,
-        row_station=rows.station,
+        row_station=station,
         components=components,
         noise=noises,
         status=status,
-        temperature=_mean_by_station(rows.temperature, rows.station, count),
-        elapsed=(time - time[0]) / SECONDS_PER_HOUR if timed else np.arange(float(count)),
-        reference=np.column_stack(reference),
+        temperature=values(mean, TEMPERATURE),
+        elapsed=(time - time[0]) / SECONDS_PER_HOUR
+        if np.isfinite(time).all()
+        else np.arange(float(count)),
+        reference=mean[[*REFERENCE]].to_numpy(dtype=np.float64),
     )
 
 
@@ -432,25 +409,6 @@ def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
         return f"{len(design)} readings for {len(names)} coefficients"
     unknown = undetermined(design, names)
     return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
-
-
-def _mean_by_station(column: Array, station: Integers, count: int) -> Array:
-    """Mean [count] of the finite values of each station; NaN where there is none."""
-    finite = np.isfinite(column)
-    rows = np.bincount(station[finite], minlength=count)
-    total = np.bincount(station[finite], column[finite], minlength=count)
-    return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
-
-
-def _mean_direction_by_station(column: Array, station: Integers, count: int) -> Array:
-    """Circular mean direction [count] [°] of each station; a station with equal values keeps them
-    exactly.
-    """
-    first = np.full(count, np.nan)
-    finite = np.isfinite(column)
-    first[station[finite][::-1]] = column[finite][::-1]
-    # mean departure from the first value: exactly zero where all values are equal
-    return first + _mean_by_station(attitude.wrapped(column - first[station]), station, count)
 
 
 def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
