@@ -9,7 +9,7 @@ from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.correction import AttitudeErrors
-from calibkit.instruments.accelerometer.fit import attitude_slopes
+from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.numeric import attitude, earth
 from triad_dwells import recipe
 
@@ -124,7 +124,7 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
     """
     covariance = 1e-8 * np.array([[4.0, 1.5, 0.5], [1.5, 2.0, -0.3], [0.5, -0.3, 1.0]])
     vector = attitude.gravity_vector(np.array([inclination]), np.array([25.0]))
-    slopes = attitude_slopes(vector)[:, 0]
+    slopes = np.stack(angle_slopes(np.radians([inclination]), np.radians([25.0])))[:, 0]
     u_inclination, u_toolface_sin = np.degrees(np.sqrt(np.diag(slopes @ covariance @ slopes.T)))
     noisy = vector + np.random.default_rng(1).multivariate_normal(np.zeros(3), covariance, 20000)
     assert u_inclination == pytest.approx(np.std(attitude.inclination(noisy)), rel=0.03)
@@ -134,7 +134,7 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
 
 def test_upright_tools_have_an_uncertainty_of_inclination():
     """Along the vertical the inclination is what horizontal noise makes of it."""
-    by_inclination, _ = attitude_slopes(np.array([[0.0, 0.0, 1.0]]))
+    by_inclination, _ = angle_slopes(np.zeros(1), np.zeros(1))
     assert np.linalg.norm(by_inclination) == pytest.approx(1.0)
 
 

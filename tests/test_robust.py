@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit, robust
+from calibkit.fit import robust
+from calibkit.numeric.least_squares import fit
 
 
 def problem(seed, rows=150, columns=6):

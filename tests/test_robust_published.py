@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibkit.numeric.least_squares import robust
+from calibkit.fit import robust
 from tests.robustbase import PUBLISHED
 
 

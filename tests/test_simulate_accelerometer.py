@@ -10,7 +10,8 @@ import pytest
 from calibkit.instruments.accelerometer import published, simulate
 from calibkit.instruments.accelerometer.correction import AttitudeErrors
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.fit import attitude_slopes, fit_triad
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
 from triad_dwells import collect, recipe, uncertainties, values
@@ -184,7 +185,8 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     slopes = terms.slopes(p, indicated[~even], t)
     covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
     covariance = covariance + np.diag(fitted.noise**2)
-    by_vector = attitude_slopes(corrected)
+    angles = np.radians([attitude.inclination(corrected), attitude.toolface(corrected)])
+    by_vector = np.stack(angle_slopes(*angles)) / np.linalg.norm(corrected, axis=1)[:, None]
     variances = np.einsum("kni,nij,knj->kn", by_vector, covariance, by_vector)
     u_inclination, u_toolface_sin = np.degrees(np.sqrt(variances))
     found = AttitudeErrors.compare(corrected, inclination[~even], toolface[~even])

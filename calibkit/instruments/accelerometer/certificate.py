@@ -1,6 +1,7 @@
 """Accelerometer results: K-factor, Q-factor and triad, coefficients and values over temperature."""
 
 from collections.abc import Sequence
+from itertools import chain
 
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
@@ -21,7 +22,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.equation import AXES
-from calibkit.instruments.accelerometer.quantities import kind_of, over_temperature
+from calibkit.instruments.accelerometer.quantities import over_temperature
 
 K_EQUATION = Equation(
     forms.K.name,
@@ -106,10 +107,11 @@ def _over_temperature(stated: Stated, record: Record) -> Block:
     temperature.
     """
     models = record.models
-    curves = [curve for model in models for curve in over_temperature(record.stage, model)]
+    by_model = [over_temperature(record.stage, model) for model in models]
+    curves = [curve for kinds in by_model for curve in chain.from_iterable(kinds.values())]
     grids, figures = [], []
     for kind, title in GRIDS.items():
-        columns = [(Words(c.symbol or ""), c) for c in curves if kind_of(c) == kind]
+        columns = [(Words(c.symbol or ""), c) for kinds in by_model for c in kinds.get(kind, ())]
         grid = tabulate(stated, title + OVER, columns) if columns else None
         if grid is not None:
             grids.append(grid)

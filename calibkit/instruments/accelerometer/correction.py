@@ -29,6 +29,9 @@ from calibkit.report.table import Column, Table, number_or_none
 
 COMPENSATIONS = {"k": "accel_k", "affine": "accel_affine"}
 """Compensation of a recipe → stage whose models correct the indications."""
+MIXED = "compensation = 'kq' is no longer supported, expected 'affine' or 'k'"
+IN_STEAD = "'affine' corrects scale, zero and angles together; K and Q stay in their files"
+"""What a recipe with the mixed compensation of 0.2 is told."""
 FIELDS = {
     "inclination_deg": "inclination",
     "toolface_deg": "toolface",
@@ -166,10 +169,7 @@ class Correction:
 def find_stage(compensation: str) -> str:
     """Stage of a compensation; raises CoefficientError for the mixed one of 0.2."""
     if compensation not in COMPENSATIONS:
-        raise CoefficientError(
-            f"compensation = {compensation!r} is no longer supported, expected 'affine' or 'k'",
-            hint="'affine' corrects scale, zero and angles together; K and Q stay in their files",
-        )
+        raise CoefficientError(MIXED, hint=IN_STEAD)
     return COMPENSATIONS[compensation]
 
 

@@ -15,7 +15,6 @@ from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Orders, Terms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
-from calibkit.numeric.least_squares import polynomial
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this [°C] count as one level."""
@@ -103,8 +102,7 @@ def find_undetermined(
             hint="add dwells or lower the orders",
         )
     levels, level = distinct_temperatures(temperature)
-    middle, half = polynomial.middle_and_half(levels)
-    t = (level - middle) / (half or 1.0)
+    t = (2.0 * level - levels[0] - levels[-1]) / (np.ptp(levels) or 1.0)
     faults = []
     for axis, letter in enumerate(AXES):
         # Of columns that depend on each other the later ones are called undetermined: low powers

@@ -152,8 +152,9 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
     if spec.dwells.mode == "rows":
         count = len(log.frame)
         rows = np.arange(count)
+        indication = log.frame[[*COMPONENTS]].to_numpy(dtype=np.float64)
         dwells = DwellSet(
-            read_indication(log, spec),
+            attitude.gravity_positive(indication, spec.reference.convention),
             temperature,
             inclination,
             toolface,

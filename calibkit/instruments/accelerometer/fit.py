@@ -53,10 +53,12 @@ class TriadFit:
     """K models of the three axes; empty where the recipe does not enable K."""
     k_not_fitted: tuple[str, ...]
     """Coefficients fixed at zero by the recipe's orders, one text per axis."""
-    q: Model | None
-    affine: Model | None
+    q: Model | None = None
+    q_exact: tuple[Figure, ...] = ()
+    """Entries of the exact matrix of Q."""
+    affine: Model | None = None
     """The triad over temperature."""
-    flags: tuple[str, ...]
+    flags: tuple[str, ...] = ()
 
 
 def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
@@ -77,15 +79,10 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     flags += (*doubts, *findings.flag_fit(triad, dwells))
 
     # 3. The models of the coefficient files: K and Q as published, and the triad in powers of °C.
-    k, q, affine = list_models(dwells, spec, triad)
-    k_not_fitted = []
-    for model, orders in zip(k, spec.k.axes, strict=False):
-        missing = [K for n, K in enumerate(published.K_NAMES) if n not in orders.fitted]
-        if missing:
-            k_not_fitted.append(f"{model.name}: {', '.join(missing)} not fitted, taken as 0")
-    if lengths and q is not None:
-        flags += findings.flag_lengths(triad, dwells, q.value("temperature"))
-    return TriadFit(triad, k, tuple(k_not_fitted), q, affine, flags)
+    fitted = list_models(dwells, spec, triad)
+    if lengths and fitted.q is not None:
+        flags += findings.flag_lengths(triad, dwells, fitted.q.value("temperature"))
+    return replace(fitted, flags=flags)
 
 
 def choose_loss(
@@ -150,16 +147,19 @@ def _median_length(residuals: Array) -> float:
     return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
-def list_models(
-    dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad
-) -> tuple[tuple[Model, ...], Model | None, Model | None]:
-    """K models, the model of Q and that of the triad, as the recipe enables them; raises FitError
-    for axes in one plane and for a left-handed triad.
+def list_models(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> TriadFit:
+    """Models of a triad, as the recipe enables them; raises FitError for axes in one plane and for
+    a left-handed triad.
     """
     lengths, terms, fit = spec.reference.kind == "magnitude", triad.terms, triad.fit
     k = fit_k(dwells, spec, triad) if spec.k.enabled and not lengths else ()
+    k_not_fitted = []
+    for model, orders in zip(k, spec.k.axes, strict=False):
+        missing = [K for n, K in enumerate(published.K_NAMES) if n not in orders.fitted]
+        if missing:
+            k_not_fitted.append(f"{model.name}: {', '.join(missing)} not fitted, taken as 0")
     if not (lengths or spec.affine.enabled):
-        return k, None, None
+        return TriadFit(triad, k, tuple(k_not_fitted))
     # Q at the recipe's temperature, or that of the dwells which is nearest to it; at the mean of
     # the dwells where the triad knows no temperature
     q_degc = float(dwells.temperature.mean())
@@ -177,6 +177,14 @@ def list_models(
         valid=dwells.valid,
         parameters=(Parameter("temperature", q_degc, "degC"),),
     )
+    exact = fit.of(
+        lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, t)))
+    )
+    q_exact = [
+        Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
+        for i, row in enumerate(AXES)
+        for j, column in enumerate(AXES[: i + 1])
+    ]
     values, covariance = polynomial.in_raw_powers(p, fit.total_covariance, triad.to_degrees)
     axes = ("length",) if lengths else AXES
     affine = forms.TRIAD.write(
@@ -194,7 +202,7 @@ def list_models(
         effective_dof=fit.dof_along(triad.to_degrees.astype(np.float64)),
         components=components_of(fit.shared),
     )
-    return k, q, affine
+    return TriadFit(triad, k, tuple(k_not_fitted), q, tuple(q_exact), affine)
 
 
 def fit_k(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> tuple[Model, ...]:
@@ -203,30 +211,26 @@ def fit_k(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> tuple[Mo
     """
     t, used = triad.mapped(dwells.temperature), triad.fit.used.reshape(-1, 3)
     weight = used / dwells.relative_noise(lengths=False).reshape(-1, 3)
-    design = published.corrections(spec.k.axes, dwells.indication, t)
-    P = published.pseudo_inverse(design, weight)
-    fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
     by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
-    by_k = design @ fit.parameters
     to_raw = published.to_degrees(triad.middle, triad.half)
     models = []
     for axis, (name, orders) in enumerate(zip(forms.K_MODELS, spec.k.axes, strict=True)):
-        block = slice(10 * axis, 10 * axis + 10)
-        mapped, of_mapped = fit.parameters[block], fit.total_covariance[block, block]
+        design, numbers = published.columns(dwells.indication, t, axis), [*orders.fitted]
+        P, root = np.zeros((10, 3 * len(t))), weight[:, axis]
+        P[numbers, axis::3] = np.linalg.pinv(design[:, numbers] * root[:, None]) * root
+        fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
         # in extended precision, because K3 and K7 lose digits in double
-        raw, covariance = polynomial.in_raw_powers(mapped, of_mapped, to_raw)
-        in_degrees = np.zeros((10, 30))
-        in_degrees[:, block] = to_raw
-        used_rows = used[:, axis]
-        left = (dwells.reference - by_k)[used_rows, axis]
-        lack_of_fit = rms((by_k - by_triad)[used_rows, axis])
-        scaled = zip(published.K_NAMES, mapped.tolist(), strict=True)
+        raw, covariance = polynomial.in_raw_powers(fit.parameters, fit.total_covariance, to_raw)
+        by_k, rows = design @ fit.parameters, used[:, axis]
+        left = (dwells.reference[:, axis] - by_k)[rows]
+        lack_of_fit = rms((by_k - by_triad[:, axis])[rows])
+        scaled = zip(published.K_NAMES, fit.parameters.tolist(), strict=True)
         model = forms.K.write(
             name,
             list(zip(published.K_NAMES, raw.tolist(), published.K_UNITS, strict=True)),
             covariance,
             dof=fit.dof,
-            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(orders.fitted), 1))),
+            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(numbers), 1))),
             residual_unit="g",
             valid=dwells.valid,
             parameters=(
@@ -235,7 +239,7 @@ def fit_k(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> tuple[Mo
                 *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
                 Parameter("lack_of_fit", lack_of_fit, "g"),
             ),
-            effective_dof=fit.dof_along(in_degrees),
+            effective_dof=fit.dof_along(to_raw.astype(np.float64)),
             components=components_of(triad.fit.shared),
         )
         models.append(model)
@@ -258,17 +262,8 @@ def list_results(
         of_k = (*flags, *fitted.k_not_fitted)
         results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
     if fitted.q is not None and fitted.affine is not None:
-        t, terms = float(fitted.triad.mapped(fitted.q.value("temperature"))), fitted.triad.terms
-        exact = fitted.triad.fit.of(
-            lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, t)))
-        )
-        exact_figures = [
-            Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
-            for i, row in enumerate(AXES)
-            for j, column in enumerate(AXES[: i + 1])
-        ]
         results += [
-            StageResult("accel_q", (fitted.q,), tuple(exact_figures), flags, conditions),
+            StageResult("accel_q", (fitted.q,), fitted.q_exact, flags, conditions),
             StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
         ]
     return tuple(results)
@@ -312,9 +307,7 @@ def find_sensitivities(
     changes = sensitivities(equation, shifted_equations, triad.fit)
     for error, moved_dwells, change in zip(errors, shifted, changes, strict=True):
         fit = replace(triad.fit, parameters=triad.fit.parameters + change)
-        moved_triad = replace(triad, fit=fit)
-        k, q, affine = list_models(moved_dwells, spec, moved_triad)
-        refit = replace(fitted, triad=moved_triad, k=k, q=q, affine=affine)
+        refit = list_models(moved_dwells, spec, replace(triad, fit=fit))
         refits[error] = list_results(refit, moved_dwells, gravity, ())
     return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)
 
@@ -329,13 +322,16 @@ def propagate_uncertainty(
     """
     t, terms, indication = triad.mapped(dwells.temperature), triad.terms, dwells.indication
     vector = terms.corrected(triad.fit.parameters, indication, t)
-    slopes = attitude_slopes(vector)
+    tilt, roll = attitude.inclination(vector), attitude.toolface(vector)
+    # by the vector: of inclination, and of toolface times sin(inclination), which has one at the
+    # poles too
+    slopes = np.array(angle_slopes(np.radians(tilt), np.radians(roll)))
+    slopes /= np.linalg.norm(vector, axis=1)[:, None]
     by_coefficients = triad.fit.of(
         lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
     ).u
     by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
     u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
-    tilt = attitude.inclination(vector)
     inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
     by_angle = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
     return tuple(
@@ -343,11 +339,3 @@ def propagate_uncertainty(
         for name, u in by_angle
         if u.size
     )
-
-
-def attitude_slopes(vector: Array) -> Array:
-    """Derivatives [2, n, 3] [rad] by gravity vectors [n, 3] of inclination, and of toolface times
-    sin(inclination), which has one at the poles too.
-    """
-    angles = np.radians([attitude.inclination(vector), attitude.toolface(vector)])
-    return np.asarray(np.stack(angle_slopes(*angles)) / np.linalg.norm(vector, axis=1)[:, None])

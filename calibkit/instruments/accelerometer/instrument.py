@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Figure, Input
-from calibkit.errors import CoefficientError, FitError, RecipeError
+from calibkit.errors import FitError, RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
@@ -19,7 +19,7 @@ from calibkit.instruments.accelerometer import (
     forms,
     plausibility,
 )
-from calibkit.instruments.accelerometer.correction import Correction, DwellErrors, find_stage
+from calibkit.instruments.accelerometer.correction import Correction, DwellErrors
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import (
     find_sensitivities,
@@ -83,10 +83,9 @@ def fit(
                 hint="remove one of the two",
                 at=("affine", term),
             )
-    try:
-        find_stage(spec.compensation)
-    except CoefficientError as error:
-        raise FitError(error.message, hint=error.hint) from None
+    stage = corrections.COMPENSATIONS.get(spec.compensation)
+    if stage is None:
+        raise FitError(corrections.MIXED, hint=corrections.IN_STEAD)
     if spec.reference.solver == "lmfit":
         raise FitError(
             "reference.solver = 'lmfit': profile intervals are no longer computed",
@@ -108,7 +107,8 @@ def fit(
     dwells = triad_dwells.collect_dwells(logs, spec)
     implausible_rows, implausible = plausibility.find_implausible(dwells, spec)
     refuse(implausible)
-    dwells = dwells.without(implausible_rows, map(str, implausible))
+    if implausible:
+        dwells = dwells.without(implausible_rows, map(str, implausible))
     fitted = fit_triad(dwells, spec)
     suspects = fitted.triad.suspects
     counted = dwells.without(suspects) if suspects else dwells
@@ -124,7 +124,6 @@ def fit(
         for result in results
         if result.stage in CORRECTIONS
     }
-    stage = find_stage(spec.compensation)
     corrected = by_stage[stage]
     out = f", {len(suspects)} left out" if suspects else ""
     compared = corrections.tabulate_errors(

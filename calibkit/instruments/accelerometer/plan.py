@@ -132,8 +132,8 @@ class TriadBench(TourBench):
         fit = predict(residual, self.terms.nominal, shared, noise=noise, names=names)
         if not self.k:
             return fit
-        form = published.corrections(self.k, rows.indication, self.assumed.mapped(rows.temperature))
-        return fit.linear(published.pseudo_inverse(form, 1.0 / noise), rows.indication.ravel())
+        form = k_design(self.k, rows.indication, self.assumed.mapped(rows.temperature))
+        return fit.linear(pseudo_inverse(form, 1.0 / noise), rows.indication.ravel())
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -143,7 +143,7 @@ class TriadBench(TourBench):
         gravity = attitude.gravity_vector(*spots.T)
         t = self.assumed.mapped(np.repeat(levels, len(EVERYWHERE)))
         if self.k:
-            vector = published.corrections(self.k, gravity, t)
+            vector = k_design(self.k, gravity, t)
         else:
             vector = self.terms.slopes(self.terms.nominal, gravity, t)
         up, across = shared_errors.angle_slopes(*np.radians(spots).T)
@@ -268,6 +268,28 @@ class LengthBench(TriadBench):
         component = self.terms.slopes(nominal, unit, np.zeros(len(unit)))
         angles = np.degrees(derivative(lambda p: self.terms.small_angles(p, 0.0), nominal))
         return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
+
+
+def k_design(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
+    """Design [n, 3, 30] of corrected components by K0 … K9 of x, y and z, 0 of those that are not
+    fitted, for temperatures t [n] in the unit that K is meant for.
+    """
+    design = np.zeros((len(t), 3, 30))
+    for axis, orders in enumerate(orders_of_axes):
+        fitted = np.array(orders.fitted)
+        design[:, axis, 10 * axis + fitted] = published.columns(indication, t, axis)[:, fitted]
+    return design
+
+
+def pseudo_inverse(design: Array, root: Array) -> Array:
+    """P [30, n · 3] of rows of a design [n, 3, 30] with weights root² [n, 3]; 0 for a K that is not
+    fitted.
+    """
+    rows = design.reshape(-1, design.shape[2]) * root.reshape(-1, 1)
+    fitted = np.any(rows != 0.0, axis=0)
+    P = np.zeros(rows.T.shape)
+    P[fitted] = np.linalg.pinv(rows[:, fitted]) * root.ravel()
+    return P
 
 
 def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:

@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
+from calibkit.fit import robust
 from calibkit.frame import Examined, Finding, Held, Log
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer import dwells as triad_dwells
@@ -19,7 +20,6 @@ from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import mad_sigma
-from calibkit.numeric.least_squares import robust
 
 LEAST_G = 0.03
 """Departure [g] below which no dwell is implausible: 1.7° of a table, the robust fit judges it."""

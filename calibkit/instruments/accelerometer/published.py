@@ -16,14 +16,11 @@ of a lower triangular matrix; x is (1, 0, 0).
     Q3 = −y·e1,   Q1 = −z·e2,   Q2 = (y·e1)(z·e2) − z·e1                                        (2)
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
-from calibkit.instruments.accelerometer.recipe import KAxisSpec
 from calibkit.numeric.least_squares import polynomial
 
 K_NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
@@ -44,28 +41,6 @@ def columns(indication: Array, temperature: Array, axis: int) -> Array:
     """
     powers = np.vander(temperature, 4, increasing=True)
     return np.hstack([indication[:, axis, None] * powers, -powers, -indication[:, CROSS[axis]]])
-
-
-def corrections(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
-    """Design [n, 3, 30] of corrected components by K0 … K9 of x, y and z, 0 of those that are not
-    fitted, for temperatures t [n] in the unit that K is meant for.
-    """
-    design = np.zeros((len(t), 3, 30))
-    for axis, orders in enumerate(orders_of_axes):
-        fitted = np.array(orders.fitted)
-        design[:, axis, 10 * axis + fitted] = columns(indication, t, axis)[:, fitted]
-    return design
-
-
-def pseudo_inverse(design: Array, root: Array) -> Array:
-    """P [30, n · 3] of rows of a design [n, 3, 30] with weights root² [n, 3]; 0 for a K that is not
-    fitted.
-    """
-    rows = design.reshape(-1, design.shape[2]) * root.reshape(-1, 1)
-    fitted = np.any(rows != 0.0, axis=0)
-    P = np.zeros(rows.T.shape)
-    P[fitted] = np.linalg.pinv(rows[:, fitted]) * root.ravel()
-    return P
 
 
 def to_degrees(middle: float, half: float) -> np.ndarray:

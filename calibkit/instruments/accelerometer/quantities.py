@@ -4,6 +4,7 @@ itself; scale factors, zero offsets and matrix entries over temperature.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import chain
 
 from calibkit.certificate.quantities import (
     At,
@@ -40,36 +41,33 @@ KINDS = {
 """First letter of a polynomial's symbol → what it is."""
 
 
-def kind_of(curve: Quantity) -> tuple[str, bool]:
-    """Key of `KINDS`, and whether it is of a cross-axis term: c_xy, m_xy."""
-    if curve.name in ("scale", "zero"):
-        return {"scale": "k", "zero": "z"}[curve.name], False
-    kind, axes = curve.name.split("_")
-    return kind, len(axes) == 2 and axes[0] != axes[1]
-
-
-def over_temperature(stage: str, model: Model) -> list[Quantity]:
-    """Scale factor and zero offset of a K model, or every polynomial Σ c_k T^k of a triad."""
-    polynomials: dict[tuple[str, str, str], list[str]] = {}
+def over_temperature(stage: str, model: Model) -> dict[tuple[str, bool], list[Quantity]]:
+    """Key of `KINDS`, and whether it is of a cross-axis term → scale factor or zero offset of a K
+    model, polynomials Σ c_k T^k of a triad.
+    """
+    # name, symbol, key → names of the coefficients
+    polynomials: dict[tuple[str, str, tuple[str, bool]], list[str]] = {}
     if model.form == forms.K.name:
         axis = AXES[forms.K_MODELS.index(model.name)]
-        polynomials["scale", axis, "k"] = [*forms.SCALE_FACTOR]
-        polynomials["zero", axis, "z"] = [*forms.ZERO_OFFSET]
+        polynomials["scale", axis, ("k", False)] = [*forms.SCALE_FACTOR]
+        polynomials["zero", axis, ("z", False)] = [*forms.ZERO_OFFSET]
     elif model.form != forms.Q.name and forms.TEMPERATURE in model.valid:
         for term in forms.read_terms(model).listed:
             if term.kind in KINDS:
-                key = term.symbol, term.symbol.replace("m_", "M_"), term.kind
-                polynomials.setdefault(key, []).append(term.name)
+                key = str(term.kind), term.kind in "cm" and term.factors != (term.axis,)
+                symbol = term.symbol.replace("m_", "M_")
+                polynomials.setdefault((term.symbol, symbol, key), []).append(term.name)
     units = {c.name: c.unit for c in model.coefficients}
-    quantities = []
-    for (name, symbol, kind), terms in polynomials.items():
+    quantities: dict[tuple[str, bool], list[Quantity]] = {}
+    for (name, symbol, key), terms in polynomials.items():
         quantity = Quantity(
-            *(name, stage, model.name, KINDS[kind] + Words(symbol), units[terms[0]]),
+            *(name, stage, model.name, KINDS[key[0]] + Words(symbol), units[terms[0]]),
             (ranged(model, forms.TEMPERATURE),),
             polynomial(model, terms, forms.TEMPERATURE),
             symbol=symbol,
+            principal=not key[1],
         )
-        quantities.append(replace(quantity, principal=not kind_of(quantity)[1]))
+        quantities.setdefault(key, []).append(quantity)
     return quantities
 
 
@@ -140,7 +138,7 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
     for record in records.values():
         corrects = corrections.COMPENSATIONS[spec.compensation] == record.stage
         for model in record.models:
-            quantities += over_temperature(record.stage, model)
+            quantities += chain.from_iterable(over_temperature(record.stage, model).values())
             if model.form == forms.K.name or not corrects:
                 quantities += _components(record.stage, model)
     return tuple(quantities)

@@ -16,15 +16,17 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.fit import robust
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import Fit, solve, stand_out_together
 from calibkit.instruments.accelerometer import determination, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms, rotation, tilted_gravity
+from calibkit.instruments.accelerometer.forms import TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit as least_squares, polynomial, robust
+from calibkit.numeric.least_squares import fit as least_squares
 
 Loss = Literal["least_squares", "robust"]
 OF_LENGTHS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
@@ -75,8 +77,8 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     """
     lengths = spec.reference.kind == "magnitude"
     per_dwell = 1 if lengths else 3
-    middle, half = polynomial.middle_and_half(dwells.temperature)
-    half = half or 1.0
+    low, high = dwells.valid[TEMPERATURE]
+    middle, half = (low + high) / 2.0, (high - low) / 2.0 or 1.0
     t = (dwells.temperature - middle) / half
     equation = partial(residual, dwells=dwells, terms=terms, t=t, lengths=lengths)
     slopes = partial(derivative, lambda p: equation(p).ravel())
