@@ -160,7 +160,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.BLOCK_S)
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [
-        fog_plan.Ramp(b.ramp_degc_per_min, c.duration_s)
+        fog_plan.PlannedRamp(b.ramp_degc_per_min, c.duration_s)
         for b, c in zip(held[1::3], held[2::3], strict=True)
     ]
     p, shared = len(fog_plan.BANK.terms), fog_plan.SHARED

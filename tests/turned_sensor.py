@@ -166,7 +166,7 @@ class Bench(search.Bench):
     def coefficients(self, design):
         """Uncertainties of the coefficients."""
         u = self.fit(self.rows(design)).of(lambda p: p).u.tolist()
-        return (search.Coefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
+        return (search.PredictedCoefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
 
 
 def prepare_plan(spec, task):

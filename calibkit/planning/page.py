@@ -3,8 +3,6 @@ more hours would buy, and plan.html, with the campaign over time, its attitudes,
 against hours.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 from matplotlib.figure import Figure
 
@@ -100,53 +98,48 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
         element("p", element("strong", summary.last_line), class_=f"band {kind}"),
     ]
     sources = dict.fromkeys(source for result in proposal.results for source in result.limits)
-    shares: list[tuple[str | float, ...]] = [
-        (source, *(100.0 * result.limits.get(source, 0.0) for result in proposal.results))
-        for source in sources
-    ]
-    u = Column("u", ".3g", key="standard_uncertainty")
+    shares = Table(
+        "Shares of the mean variance [%]",
+        ("source", *(Column(result.name, ".1f") for result in proposal.results)),
+        tuple(
+            (source, *(100.0 * result.limits.get(source, 0.0) for result in proposal.results))
+            for source in sources
+        ),
+    )
+    campaigns = Table(
+        "Campaigns that no other one beats in both hours and U",
+        ("campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")),
+        tuple(
+            (campaign.label, campaign.hours, campaign.expanded(sought.name))
+            for campaign in proposal.curve
+        ),
+    )
+    coefficients = tabulate(
+        "Predicted standard uncertainties",
+        (
+            "model",
+            Column("coefficient", key="name"),
+            Column("u", ".3g", key="standard_uncertainty"),
+            "unit",
+        ),
+        proposal.coefficients,
+    )
     size, dof = Column("standard deviation", ".3g"), Column("degrees of freedom", "g", missing="")
+    errors = Table(
+        "Assumed errors",
+        ("error", size, "unit", dof),
+        (
+            ("noise", assumed.noise, assumed.device.noise_unit, None),
+            *((name_source(e), e.value, e.unit, e.dof) for e in assumed.errors.values()),
+        ),
+    )
+    notes = element("ul", join_markup([element("li", note) for note in proposal.notes]))
     parts = {
-        "Predicted uncertainty": [
-            summary_table(summary.tables[0]),
-            _table(
-                "Shares of the mean variance [%]",
-                ["source", *(Column(result.name, ".1f") for result in proposal.results)],
-                shares,
-            ),
-        ],
+        "Predicted uncertainty": [summary_table(summary.tables[0]), summary_table(shares)],
         "The campaign": shown[:-1],
-        "Uncertainty against hours": [
-            shown[-1],
-            _table(
-                "Campaigns that no other one beats in both hours and U",
-                ["campaign", Column("h", ".1f"), Column(f"U [{sought.unit}]", ".3g")],
-                [
-                    (campaign.label, campaign.hours, campaign.expanded(sought.name))
-                    for campaign in proposal.curve
-                ],
-            ),
-        ],
-        "Coefficients": [
-            summary_table(
-                tabulate(
-                    "Predicted standard uncertainties",
-                    ("model", Column("coefficient", key="name"), u, "unit"),
-                    proposal.coefficients,
-                )
-            )
-        ],
-        "Assumptions": [
-            _table(
-                "Assumed errors",
-                ["error", size, "unit", dof],
-                [
-                    ("noise", assumed.noise, assumed.device.noise_unit, None),
-                    *((name_source(e), e.value, e.unit, e.dof) for e in assumed.errors.values()),
-                ],
-            ),
-            element("ul", join_markup([element("li", note) for note in proposal.notes])),
-        ],
+        "Uncertainty against hours": [shown[-1], summary_table(campaigns)],
+        "Coefficients": [summary_table(coefficients)],
+        "Assumptions": [summary_table(errors), notes],
     }
     sections = [
         element("section", element("h2", head), join_markup(content))
@@ -155,13 +148,6 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     return html.whole_page(
         summary.title, [*top, element("main", join_markup(sections), id="content")]
     )
-
-
-def _table(
-    title: str, columns: Sequence[Column | str], rows: Sequence[tuple[str | float | None, ...]]
-) -> Markup:
-    """A table of the page."""
-    return summary_table(Table(title, tuple(columns), tuple(rows)))
 
 
 def _draw_time(schedule: Schedule) -> Figure:

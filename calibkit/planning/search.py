@@ -96,7 +96,7 @@ NOTHING = Design("nothing to add to what is measured", Schedule(()), (), None)
 
 
 @dataclass(frozen=True, slots=True)
-class Coefficient:
+class PredictedCoefficient:
     """Predicted standard uncertainty of a coefficient."""
 
     model: str
@@ -113,7 +113,7 @@ class Proposal:
     wishes: Mapping[str, float]
     """Result → wished expanded uncertainty in its unit."""
     assumed: Assumed
-    coefficients: tuple[Coefficient, ...]
+    coefficients: tuple[PredictedCoefficient, ...]
     components: tuple[ErrorComponent, ...]
     """Assumed errors that the recipe of the campaign states."""
     curve: tuple[Design, ...]
@@ -168,7 +168,7 @@ class Bench(ABC):
         """Campaigns among which is chosen."""
 
     @abstractmethod
-    def coefficients(self, design: Design) -> Iterable[Coefficient]:
+    def coefficients(self, design: Design) -> Iterable[PredictedCoefficient]:
         """Predicted standard uncertainties of the coefficients."""
 
     def fit(self, rows: Any) -> Fit:  # noqa: ANN401 (the instrument's own rows)
@@ -257,14 +257,14 @@ class TourBench(Bench):
 
     def powers_of_degc(
         self, model: str, letter: str, unit: str, covariance: Array, count: int
-    ) -> Iterator[Coefficient]:
+    ) -> Iterator[PredictedCoefficient]:
         """First coefficients of a polynomial in powers of °C, from the covariance of all of its
         coefficients for the temperature mapped from the range of use to [-1, 1].
         """
         to_raw = polynomial.to_raw_powers(*self.assumed.middle_half, self.order)
         _, raw = polynomial.in_raw_powers(np.zeros(self.order + 1), covariance, to_raw)
         for k, u in enumerate(np.sqrt(np.diag(raw))[:count].tolist()):
-            yield Coefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), u)
+            yield PredictedCoefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), u)
 
 
 def propose(bench: Bench) -> Proposal:

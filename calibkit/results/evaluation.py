@@ -72,11 +72,6 @@ class PointResult:
     outside: str
 
     @property
-    def status(self) -> str:
-        """Reason and what follows from it."""
-        return f"{self.outside}: {EXTRAPOLATED}" if self.outside else ""
-
-    @property
     def expanded(self) -> float | None:
         """Expanded uncertainty; None where it is not known."""
         known = None if self.outside else self.result.uncertainty
@@ -186,7 +181,7 @@ def list_values(values: Sequence[PointResult]) -> Table:
                 None if known is None else known.standard_uncertainty,
                 value.expanded,
                 None if known is None else known.coverage_factor,
-                value.status,
+                f"{value.outside}: {EXTRAPOLATED}" if value.outside else "",
             )
         )
     heads = ("standard_uncertainty", "expanded_uncertainty", "coverage_factor", "status")

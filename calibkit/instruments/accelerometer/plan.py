@@ -39,7 +39,7 @@ from calibkit.planning.equipment import Device, Fixture
 from calibkit.planning.exchange import Pool, pool, spread_apart
 from calibkit.planning.levels import Tour
 from calibkit.planning.schedule import Action, Clock, Schedule
-from calibkit.planning.search import WITHHELD, Coefficient, Design, TourBench, count
+from calibkit.planning.search import WITHHELD, Design, PredictedCoefficient, TourBench, count
 from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 
@@ -150,7 +150,7 @@ class TriadBench(TourBench):
         angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """In powers of °C; without a K that is not fitted."""
         middle_half = self.assumed.middle_half
         if self.k:
@@ -161,7 +161,11 @@ class TriadBench(TourBench):
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             labels = [("triad", term.name, term.unit) for term in self.terms.listed]
         u = self.fit(self.rows(design)).of(lambda p: to_raw @ p).u.tolist()
-        return (Coefficient(*label, size) for label, size in zip(labels, u, strict=True) if size)
+        return (
+            PredictedCoefficient(*label, size)
+            for label, size in zip(labels, u, strict=True)
+            if size
+        )
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""

@@ -20,8 +20,8 @@ from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
-    Coefficient,
     Design,
+    PredictedCoefficient,
     TourBench,
     count,
     join,
@@ -80,7 +80,7 @@ class BiasBench(TourBench):
         """Powers [n, order + 1] of x."""
         return polynomial.powers(self.assumed.mapped(degc), self.order)
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """In powers of °C, the same for all channels."""
         covariance = self.fit(self.rows(design)).covariance
         unit = self.assumed.device.noise_unit

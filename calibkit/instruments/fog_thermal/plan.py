@@ -1,6 +1,6 @@
 """Campaigns of a gyro in a chamber: which ramps with which soaks."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product, zip_longest
@@ -24,7 +24,7 @@ from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
 from calibkit.planning.exchange import invert
 from calibkit.planning.levels import cover_range
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import WITHHELD, Bench, Coefficient, Design, Sources
+from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Sources
 from calibkit.planning.task import Task, assume, measured_range, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
@@ -63,7 +63,7 @@ BEFORE, NOISE = "drift_rms_before.", "noise_rms."
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp:
+class PlannedRamp:
     """One ramp between two soaks: one log."""
 
     rate: float
@@ -72,7 +72,7 @@ class Ramp:
     """Soak after it."""
 
 
-USED = tuple(Ramp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
+USED = tuple(PlannedRamp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
 """Ramps on which the drift is used."""
 
 
@@ -92,7 +92,7 @@ class RampBench(Bench):
     measured_rates: tuple[float, ...] = ()
     """Signed rates [°C/min] of the ramps that are measured."""
 
-    def log(self, ramp: Ramp) -> ThermalLog:
+    def log(self, ramp: PlannedRamp) -> ThermalLog:
         """Log of a ramp: the case follows the set point with its lag."""
         low, high = self.assumed.range_degc
         start, end = (low, high) if ramp.rate > 0.0 else (high, low)
@@ -143,10 +143,12 @@ class RampBench(Bench):
         return np.stack([moments[:SHARED, :SHARED] - B.T @ o - turn_on - start, turn_on, start])
 
     @cached_property
-    def of_ramps(self) -> dict[Ramp, Array]:
+    def of_ramps(self) -> dict[PlannedRamp, Array]:
         """Information of each ramp that the search takes."""
         signed = [sign * float(rate) for rate in self.rates for sign in (1.0, -1.0)]
-        ramps = [Ramp(rate, after_s) for rate in signed for after_s in self.assumed.device.dwell_s]
+        ramps = [
+            PlannedRamp(rate, after_s) for rate in signed for after_s in self.assumed.device.dwell_s
+        ]
         return {ramp: self.information(self.log(ramp)) for ramp in ramps}
 
     def posterior(self, design: Design) -> tuple[Array, Array]:
@@ -186,37 +188,33 @@ class RampBench(Bench):
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """Of the bank, without its constant."""
         u = np.sqrt(np.diag(self.posterior(design)[0])).tolist()
         for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
-            yield Coefficient("bank", name, unit, size)
+            yield PredictedCoefficient("bank", name, unit, size)
 
     def covers(self, design: Design) -> bool:
-        """Whether a fit can leave out ramps of each direction, and one reaches all of the range."""
-        ends = measured_range(self.task.have) or ()
-        reached = design.rows or cover_range(ends, 2, self.assumed.range_degc)
-        return bool(reached) and self.suffices(ramp.rate for ramp in design.rows or ())
-
-    def suffices(self, rates: Iterable[float]) -> bool:
-        """Whether signed rates and those that are measured are two of each direction, so that a fit
-        can leave one out.
+        """Whether a ramp reaches all of the range, and those of each direction have two rates, so
+        that a fit can leave one out.
         """
-        every = np.sort([*self.measured_rates, *rates])
-        for sizes in (every[every > 0.0], -every[every < 0.0][::-1]):
+        ends = measured_range(self.task.have) or ()
+        if not (design.rows or cover_range(ends, 2, self.assumed.range_degc)):
+            return False
+        rates = np.sort([*self.measured_rates, *(ramp.rate for ramp in design.rows or ())])
+        for sizes in (rates[rates > 0.0], -rates[rates < 0.0][::-1]):
             if np.sum(sizes[1:] > DIFFERENT * sizes[:-1]) + bool(sizes.size) < FEWEST_RATES:
                 return False
         return True
 
     def designs(self) -> Iterator[Design]:
-        """Every campaign of two to four rates of each direction; where something is measured
-        already and withheld, also those of one heating ramp more.
+        """Every campaign of up to four rates of each direction; where something is measured already
+        and withheld, also those of one heating ramp more.
         """
         sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
         more = (0, 1) if self.have and self.task.withheld else (0,)
         for heating, cooling in product(sets, [(), *sets]):
-            enough = self.suffices([*heating, *(-rate for rate in cooling)])
-            if enough and len(heating) - len(cooling) in more:
+            if len(heating) - len(cooling) in more:
                 for after_s in self.assumed.device.dwell_s:
                     yield self.design(heating, cooling, after_s)
 
@@ -227,14 +225,14 @@ class RampBench(Bench):
         (low, high), clock = self.assumed.range_degc, Clock(self.task.equipment)
         clock.settle(self.assumed.device, low)
         pairs = zip_longest(heating, [-rate for rate in cooling])
-        by_turns = [Ramp(float(rate), after_s) for pair in pairs for rate in pair if rate]
+        by_turns = [PlannedRamp(float(rate), after_s) for pair in pairs for rate in pair if rate]
         recorded = [(ramp, "") for ramp in by_turns]
         if not self.task.withheld:
             # between the rates of the design, and none of them
             spare = [rate for rate in self.rates if rate not in heating] or [heating[0]]
             middle = float(np.sqrt(heating[0] * heating[-1]))
             unseen = min(spare, key=lambda rate: abs(np.log(rate / middle)))
-            recorded.append((Ramp(float(unseen), after_s), WITHHELD))
+            recorded.append((PlannedRamp(float(unseen), after_s), WITHHELD))
         for ramp, folder in recorded:
             sense = "heating" if ramp.rate > 0.0 else "cooling"
             log = folder + self.task.name_log(f"ramp_{sense}_{abs(ramp.rate):02g}.csv")
@@ -341,6 +339,5 @@ def simulate_plan(
             soak_after_s=after.duration_s,
         )
     logs = simulated.logs(device, runs, seed, chamber)
-    truth = simulated.describe(device, chamber, runs, logs)
     columns = {name: log.columns for name, log in logs.items()}
-    return Campaign(columns, simulated.DECIMALS, truth)
+    return Campaign(columns, simulated.DECIMALS, simulated.describe(device, chamber, runs, logs))

@@ -17,7 +17,7 @@ from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.predicted import predict_terms
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import NOISE, Bench, Coefficient, Design, Sources
+from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources
 from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
@@ -65,12 +65,14 @@ class RecordBench(Bench):
             if law.name in self.terms
         }
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """The terms of one log."""
         results = self.predict(design).results
         for name in self.terms:
             result = results[WORDS[name]]
-            yield Coefficient("gyro_noise", term_name(name, LOG), result.unit, result.largest_u)
+            yield PredictedCoefficient(
+                "gyro_noise", term_name(name, LOG), result.unit, result.largest_u
+            )
 
     def design(self, length_s: float) -> Design:
         """One log at the reference temperature, after the instrument has warmed up."""

@@ -29,8 +29,8 @@ from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour, list_tours
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
-    Coefficient,
     Design,
+    PredictedCoefficient,
     Sources,
     TourBench,
     count,
@@ -170,13 +170,13 @@ class GyroBench(TourBench):
         """Of the holds about each axis."""
         return [rows.row_degc[rows.line == line] for line in range(len(self.axes))]
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """K and F0 of each gyro at the reference temperature."""
         lines = self.lines(self.rows(design), np.array([self.reference_degc]))
         variances = self.results_of(*lines)
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
             u = float(np.sqrt(total_variance(variances[name]))[0])
-            yield Coefficient(f"gyro_{gyro}", letter, UNIT[name], u)
+            yield PredictedCoefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
@@ -255,7 +255,7 @@ class GyroBench(TourBench):
 
 
 @dataclass(frozen=True)
-class TriadBench(GyroBench):
+class ThreeAxesBench(GyroBench):
     """Campaigns of gyros that are turned about three table axes."""
 
     names, axes = (SCALE, ANGLE), forms.AXES
@@ -270,7 +270,7 @@ class TriadBench(GyroBench):
         both = scale[second] + scale[worst]
         return {SCALE: by_axis[worst], ANGLE: self.angle(fit, both, [RUN_SCALE], mountings=2)}
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone, as each
         set of runs at one temperature has angles of its own in a fit.
         """
@@ -287,7 +287,7 @@ class TriadBench(GyroBench):
         lines = replace(self, order=0).lines(Holds(**chosen), at_reference)
         u = float(np.sqrt(total_variance(self.results_of(*lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
-            yield Coefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
+            yield PredictedCoefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
     def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
         """Keys of the recipe that name the logs about each axis."""
@@ -312,11 +312,11 @@ class PairBench(GyroBench):
         ratio = split_variance(fit, b - a) | {"temperature of the run": np.full(len(a), apart**2)}
         return {RATIO: ratio, ANGLE: self.angle(fit, a, [RUN_SCALE, RESPONSE], mountings=1)}
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """N and the angle between the axes."""
         results = self.predict(design).results
-        yield Coefficient("pair", "N", "1", results[RATIO].u / PPM)
-        yield Coefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
+        yield PredictedCoefficient("pair", "N", "1", results[RATIO].u / PPM)
+        yield PredictedCoefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
@@ -332,7 +332,7 @@ class PairBench(GyroBench):
         return {"pair": {f"axis_{axis}": file for axis, file in files.items()}}
 
 
-BENCHES = {"rate_table": GyroBench, "gyro_triad": TriadBench, "gyro_pair": PairBench}
+BENCHES = {"rate_table": GyroBench, "gyro_triad": ThreeAxesBench, "gyro_pair": PairBench}
 """Procedure → its campaigns."""
 
 

@@ -31,8 +31,8 @@ from calibkit.planning.levels import LEVELS, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
     WITHHELD,
-    Coefficient,
     Design,
+    PredictedCoefficient,
     Sources,
     TourBench,
     count,
@@ -150,7 +150,7 @@ class StationBench(TourBench):
         of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
 
-    def coefficients(self, design: Design) -> Iterator[Coefficient]:
+    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """Of s(T) in powers of °C."""
         covariance = self.fit(self.rows(design)).covariance[:-1, :-1]
         for axis in self.spec.axes:
