@@ -130,13 +130,12 @@ def assume(
     units: Units,
     *,
     default_degc: tuple[float, float] | None = None,
-    file: str = "",
     earlier: Sequence[ErrorComponent] = (),
     noise: float | None = None,
 ) -> Assumed:
-    """Assumptions of a plan: errors of the equipment, over them those of an earlier run, which its
-    coefficient file or the caller states, over these what the recipe states; so the noise. Without
-    a default the campaign is at the reference temperature.
+    """Assumptions of a plan: errors of the equipment, over them those of an earlier run, over these
+    what the recipe states; so the noise. Without a default the campaign is at the reference
+    temperature.
 
     Raises UsageError for an error that the procedure does not have, and for a range that the
     chamber does not reach, or that is asked of a campaign at one temperature; measured logs may
@@ -161,8 +160,6 @@ def assume(
             )
         if not task.range_degc:
             notes = (f"no --range: planned for {low:g} to {high:g} °C",)
-    if file:
-        earlier = seen_errors(read_earlier(task, spec.procedure, file))
     earlier = [error for error in earlier if (error.group, error.effect) in units]
     if task.earlier is not None:
         sizes = [

@@ -133,7 +133,8 @@ class TriadBench(TourBench):
         if not self.k:
             return fit
         form = k_design(self.k, rows.indication, self.assumed.mapped(rows.temperature))
-        return fit.linear(pseudo_inverse(form, 1.0 / noise), rows.indication.ravel())
+        P = np.linalg.pinv(form.reshape(len(noise), -1) / noise[:, None]) / noise
+        return fit.linear(P, rows.indication.ravel())
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -151,21 +152,20 @@ class TriadBench(TourBench):
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
-        """In powers of °C; without a K that is not fitted."""
+        """In powers of °C."""
         middle_half = self.assumed.middle_half
         if self.k:
             to_raw = np.kron(np.eye(3), np.asarray(published.to_degrees(*middle_half), np.float64))
             numbers = list(zip(published.K_NAMES, published.K_UNITS, strict=True))
             labels = [(model, *number) for model in forms.K_MODELS for number in numbers]
+            fitted = [10 * k + number for k, axis in enumerate(self.k) for number in axis.fitted]
+            to_raw, labels = to_raw[np.ix_(fitted, fitted)], [labels[k] for k in fitted]
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             labels = [("triad", term.name, term.unit) for term in self.terms.listed]
         u = self.fit(self.rows(design)).of(lambda p: to_raw @ p).u.tolist()
-        return (
-            PredictedCoefficient(*label, size)
-            for label, size in zip(labels, u, strict=True)
-            if size
-        )
+        for label, size in zip(labels, u, strict=True):
+            yield PredictedCoefficient(*label, size)
 
     def noise_of(self, dwell_s: float) -> float:
         """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
@@ -274,26 +274,15 @@ class LengthBench(TriadBench):
         return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
 
 
-def k_design(orders_of_axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
-    """Design [n, 3, 30] of corrected components by K0 … K9 of x, y and z, 0 of those that are not
-    fitted, for temperatures t [n] in the unit that K is meant for.
+def k_design(axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
+    """Design [n, 3, q] of corrected components by the K that are fitted, those of x, then y and z,
+    for temperatures t [n] in the unit that K is meant for.
     """
-    design = np.zeros((len(t), 3, 30))
-    for axis, orders in enumerate(orders_of_axes):
-        fitted = np.array(orders.fitted)
-        design[:, axis, 10 * axis + fitted] = published.columns(indication, t, axis)[:, fitted]
-    return design
-
-
-def pseudo_inverse(design: Array, root: Array) -> Array:
-    """P [30, n · 3] of rows of a design [n, 3, 30] with weights root² [n, 3]; 0 for a K that is not
-    fitted.
-    """
-    rows = design.reshape(-1, design.shape[2]) * root.reshape(-1, 1)
-    fitted = np.any(rows != 0.0, axis=0)
-    P = np.zeros(rows.T.shape)
-    P[fitted] = np.linalg.pinv(rows[:, fitted]) * root.ravel()
-    return P
+    parts = []
+    for axis, orders in enumerate(axes):
+        columns = published.columns(indication, t, axis)[:, list(orders.fitted)]
+        parts.append(columns[:, None] * np.eye(3)[axis, :, None])
+    return np.concatenate(parts, axis=2)
 
 
 def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:

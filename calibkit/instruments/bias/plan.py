@@ -26,7 +26,7 @@ from calibkit.planning.search import (
     count,
     join,
 )
-from calibkit.planning.task import Assumed, Task, assume
+from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
@@ -136,7 +136,8 @@ def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
             hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
         )
     units_of = {TURN_ON: device.noise_unit}
-    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, file=FILE)
+    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
+    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
     measured = []
     for log in task.have:
         if "time_s" not in log.frame.columns:

@@ -38,7 +38,7 @@ from calibkit.planning.search import (
     count,
     split_variance,
 )
-from calibkit.planning.task import Assumed, Task, assume
+from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
@@ -222,7 +222,8 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     what cannot be planned, FitError for measured stations without temperatures.
     """
     device = task.equipment.known_device(spec.procedure, "deg/h")
-    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, file=FILE)
+    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
+    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
