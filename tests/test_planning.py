@@ -488,6 +488,22 @@ def test_a_recipe_of_a_plan_states_the_errors_that_the_fit_has(bench, tmp_path):
     assert ("sensor", "second order") not in stated("plan")
 
 
+def test_errors_that_dwells_share_are_no_noise_of_a_plan_from_their_run(planned, tmp_path):
+    """Residuals hold both; the plan assumes the shared errors beside the noise."""
+    plans.simulate(planned, tmp_path / "logs", 4)
+    spec = instruments.parse_recipe(recipe.find(str(planned / "recipe.toml")))
+    fitted = instruments.find("accelerometer").fit(
+        spec, tmp_path / "logs", ["positions.csv"], instruments.silent
+    )
+    earlier = {f"{one.stage}.json": one for one in fitted.results}
+    (triad,) = earlier["accel_affine.json"].models
+    noise = [one.value for one in triad.parameters if one.name.startswith("noise_")]
+    task = Task(equipment.read_equipment(None), earlier=earlier)
+    assumed = instruments.optional("accelerometer", "prepare_plan")(spec, task).assumed
+    assert assumed.noise == pytest.approx(np.sqrt(np.mean(np.square(noise))))
+    assert assumed.noise < triad.residual_rms
+
+
 def test_check_holds_logs_against_the_schedule_beside_the_recipe(planned, tmp_path):
     """Two dwells and the withheld log are missing."""
     logs, path = tmp_path / "logs", planned / "recipe.toml"

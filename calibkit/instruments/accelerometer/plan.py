@@ -53,6 +53,8 @@ TWO_AXIS, HEAD = "two-axis", "dividing-head"
 mountings.
 """
 RANGE_DEGC = (-20.0, 125.0)
+NOISES = ("noise_x", "noise_y", "noise_z")
+"""Parameters of a triad's model that state the noise of a dwell along each axis [g]."""
 COUNTS = (*range(6, 17), 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 46, 50)
 """Numbers of attitudes that the search takes."""
 POSITIONS = (*range(12, 20), 24, 30, 40)
@@ -322,7 +324,10 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         )
     else:
         records = read_earlier(task, name, *(f"{stage}.json" for stage in COMPENSATIONS.values()))
-        scatter = [model.residual_rms for record in records for model in record.models]
+        models = [model for record in records for model in record.models]
+        # residuals hold the errors that dwells share, which are assumed beside the noise
+        known = [p.value for model in models for p in model.parameters if p.name in NOISES]
+        noises = known or [model.residual_rms for model in models]
         assumed = assume(
             spec,
             task,
@@ -330,7 +335,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             shared_errors.UNITS,
             default_degc=RANGE_DEGC,
             earlier=seen_errors(records),
-            noise=rms(scatter) if scatter else None,
+            noise=rms(noises) if noises else None,
         )
     if task.have:
         have = triad_dwells.collect_dwells(task.have, spec)
