@@ -110,7 +110,7 @@ def plan(
     if not task.withheld and not any(log.startswith(WITHHELD) for log in logs):
         proposal = replace(proposal, notes=(*proposal.notes, UNJUDGED))
     summary = page.summarize(proposal, spec.title or spec.procedure, within_h)
-    text_of_recipe = document.write_recipe(spec, proposal, added=bool(task.have))
+    text_of_recipe = document.write_recipe(spec, proposal.campaign, added=bool(task.have))
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, text_of_recipe))
     beside = {

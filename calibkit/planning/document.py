@@ -88,11 +88,10 @@ class Plan:
         return {name: value for name, value in wanted.items() if value is not None}
 
 
-def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
+def write_recipe(spec: Recipe, design: Design, *, added: bool) -> str:
     """Text of the recipe by which the logs of a plan are fitted, with the errors that were assumed.
     Logs that are `added` stand beside those that the recipe reads already.
     """
-    design = proposal.campaign
     tables = spec.model_dump(mode="json", by_alias=True, exclude_unset=True)
     files = list(design.logs)
     if added:
@@ -100,9 +99,6 @@ def write_recipe(spec: Recipe, proposal: Proposal, *, added: bool) -> str:
     else:
         tables = {name: value for name, value in tables.items() if name not in _OF_OTHER_LOGS}
     tables["logs"] = {**tables["logs"], "files": files}
-    if proposal.components:
-        assumed = [error.model_dump(mode="json") for error in proposal.components]
-        tables["errors"] = {**tables.get("errors", {}), "component": assumed}
     for name, value in design.changes.items():
         tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
     # a line begins with a bracket where a table does

@@ -114,8 +114,6 @@ class Proposal:
     """Result → wished expanded uncertainty in its unit."""
     assumed: Assumed
     coefficients: tuple[PredictedCoefficient, ...]
-    components: tuple[ErrorComponent, ...]
-    """Assumed errors that the recipe of the campaign states."""
     curve: tuple[Design, ...]
     """Campaigns none of which another one beats in both hours and uncertainty."""
     notes: tuple[str, ...]
@@ -288,12 +286,14 @@ def propose(bench: Bench) -> Proposal:
             " or lower the orders of the recipe",
         )
     best = choose(candidates, wishes, task.within_h, name)
+    errors = [error.model_dump(mode="json") for error in bench.passed_on(best)]
+    if errors:
+        best = replace(best, changes={"errors": {"component": errors}, **best.changes})
     return Proposal(
         best,
         wishes,
         assumed,
         tuple(bench.coefficients(best)),
-        tuple(bench.passed_on(best)),
         tuple(find_front(candidates, name)),
         (*bench.notes(best), *assumed.notes),
     )
