@@ -1,15 +1,13 @@
 """Figures of gyros on a rate table, a row of panels for each gyro: what the held rates leave of the
-best straight line, K over temperature with what the runs leave of it, and for three axes the angles
-between the input axes.
+best straight line, and K over temperature with what the runs leave of it.
 
     (F_j − F̂_j)/max |F_j|,   (F_j − F̂_j)/|K Ω_j|,   F̂_j = K Ω_j + F0          (`published`, (1))
 
-N, γ and α of a pair, one value each, stand in the tables alone.
+Angles between gyros, a value each at a temperature, stand in the tables alone.
 """
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -38,7 +36,6 @@ PANELS = 3
 """Rows of panels on one page."""
 FINE_PPM = 20.0
 """Deviation up to which the scale of a panel is linear."""
-MRAD = 1e3
 
 
 def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
@@ -53,8 +50,6 @@ def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
     for start in range(0, len(campaign.own), PANELS):
         gyros = [channel.gyro for channel in campaign.own[start : start + PANELS]]
         figures.append(_draw_errors(title, lines, gyros))
-    if campaign.sets:
-        figures.append(_draw_axes(title, campaign))
     return Drawn(tuple(figures), fitted.summary)
 
 
@@ -73,7 +68,6 @@ def _draw_errors(
                 "color": COLOURS[k % len(COLOURS)],
                 "marker": MARKERS[k % len(MARKERS)],
                 "ms": 3.5,
-                "capsize": 2,
                 "elinewidth": 0.7,
                 "alpha": 0.85,
             }
@@ -143,46 +137,4 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
         left.legend(loc="best")
         left.set(title=f"gyro {channel.gyro}", ylabel="K/K_reference - 1 [ppm]")
         right.set(title=f"gyro {channel.gyro}: band U, bars k = 2", ylabel="K - polynomial [ppm]")
-    return figure
-
-
-def _draw_axes(title: str, campaign: Campaign) -> Figure:
-    """Angles between input axes, and components of the input axes across their main axes, against
-    temperature, or side by side at a single one.
-    """
-    figure, panels = page(1, 2, title=f"{title}: input axes", height=5.2)
-    panels[0].set(title="90° - angle between input axes, bars U", ylabel="[°]")
-    panels[1].set(title="input axes across their main axis, bars U", ylabel="[mrad]")
-    own, sets = campaign.own, campaign.sets
-    angles = {
-        f"{a}, {b}": f"orthogonality_error_deg.{a}_{b}"
-        for a, b in combinations([channel.gyro for channel in own], 2)
-    }
-    across = {
-        f"{channel.gyro} to {axis}": f"misalignment.{channel.gyro}{axis}"
-        for channel in own
-        for axis in forms.AXES
-        if axis != channel.axis
-    }
-    degc = np.array([one_set.temp_degc for one_set in sets])
-    order = np.argsort(degc)
-    for ax, names, unit in zip(panels, (angles, across), (1.0, MRAD), strict=True):
-        ax.axhline(0.0, color=MUTED, lw=0.6)
-        for k, (label, name) in enumerate(names.items()):
-            entries = [sets[number].figures[name] for number in order]
-            factor = gum.coverage_factor(min(e.effective_dof or np.inf for e in entries))
-            value = unit * np.array([entry.value for entry in entries])
-            U = unit * factor * np.array([entry.standard_uncertainty for entry in entries])
-            where = degc[order] if len(sets) > 1 else [float(k)]
-            colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
-            style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5, "lw": 0.9}
-            ax.errorbar(where, value, U, capsize=4, label=label, **style)
-        if len(sets) > 1:
-            ax.set_xlabel("case temperature [°C]")
-            ax.margins(y=0.25)
-            if names:
-                ax.legend(loc="upper center", ncols=3)
-        else:
-            ax.set_xticks(range(len(names)), [*names])
-            ax.set_xlim(-0.6, len(names) - 0.4)
     return figure

@@ -356,13 +356,16 @@ def _fit_axes(
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies.
     """
-    known, S = spec.known_errors(), run_lines.sensitivity()
-    run_scale, mounting = run_lines.run_scale(known.get("scale")), None
+    # errors move no value: a refit of nearly the same runs leaves them out
+    known = {} if near else spec.known_errors()
+    S, run_scale, mounting = run_lines.sensitivity(), None, None
+    if not near:
+        run_scale = run_lines.run_scale(known.get("scale"))
     if "angle" in known:
         # a tilt toward one of the other axes
         across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
         mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
-    stated = [error for error in (run_scale, mounting) if error]
+    stated = None if near else [error for error in (run_scale, mounting) if error]
     of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
     degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
     logged = bool(np.isfinite(degc).all())
@@ -420,18 +423,19 @@ def _fit_axes(
 def _fit_set(
     spec: GyroTriadRecipe,
     run_lines: Lines,
-    stated: Sequence[Shared],
+    stated: Sequence[Shared] | None,
     runs: Sequence[TableRun],
     number: int,
     suffix: str,
 ) -> AxesSet:
     """Sensitivities of one set of runs, what follows from them, and biases F0 − K ω where ω, the
-    earth's rate about the table's axis, is known.
+    earth's rate about the table's axis, is known; `stated` are errors of known size, None where
+    nothing is to be said of errors.
     """
     chosen, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
-    errors = [*stated]
-    if vertical_dps is not None:
+    errors = [*(stated or ())]
+    if vertical_dps is not None and stated is not None:
         errors += run_lines.run_zeros(chosen, vertical_dps)
 
     def S_and_B(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
@@ -461,7 +465,7 @@ def _fit_set(
         valid=table_runs.valid_ranges(runs),
     )
     model = replace(
-        model, dof=min(one.dof for one in of_runs), components=stated_components(*stated)
+        model, dof=min(one.dof for one in of_runs), components=stated_components(*(stated or ()))
     )
     degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})

@@ -17,7 +17,6 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.shared import Shared
@@ -86,16 +85,11 @@ def list_undetermined(campaign: Campaign) -> tuple[str, ...]:
     return tuple(lacks)
 
 
-def of_uncertain(names: Sequence[str], K: Value) -> Iterator[str]:
-    """Flags for poorly determined scale factors [r] about a gyro's own axis: a run was too slow,
-    too short or too noisy.
-    """
-    for name, share in zip(names, K.u / np.abs(K.value), strict=True):
-        if not share < UNCERTAIN:
-            yield (
-                f"{name}: K is known to {100.0 * share:.2g} % only: hold faster rates, or hold"
-                " them longer"
-            )
+def of_uncertain(name: str, K: float, u: float) -> Iterator[str]:
+    """Flag for a poorly determined scale factor: a run was too slow, too short or too noisy."""
+    if not u < UNCERTAIN * abs(K):
+        known = f"{name}: K is known to {100.0 * u / abs(K):.2g} % only"
+        yield f"{known}: hold faster rates, or hold them longer"
 
 
 def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe) -> Iterator[str]:
@@ -108,7 +102,8 @@ def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe
         name, gyro, repeated = channel.name, channel.gyro, channel.repeated
         K = run_lines.of_runs(runs, gyro)
         if channel.response is None:  # a bend of the response is no noise of the line of a run
-            yield from of_uncertain([f"{name} in {run.log.file}" for run in runs], K)
+            for run, K_of_run, u in zip(runs, K.value, K.u, strict=True):
+                yield from of_uncertain(f"{name} in {run.log.file}", K_of_run, u)
         yield from of_contradicted_runs(name, repeated, run_lines.of_runs(repeated, gyro))
         yield from _of_repeats(channel, spec)
         if channel.curves:
@@ -237,7 +232,8 @@ def of_pair(
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         K = run_lines.of_runs(runs[gyro], gyro)
-        yield from of_uncertain([name] * len(runs[gyro]), K)
+        for K_of_run, u in zip(K.value, K.u, strict=True):
+            yield from of_uncertain(name, K_of_run, u)
         yield from of_contradicted_runs(name, runs[gyro], K)
 
 
@@ -306,23 +302,15 @@ def of_sets(
     """Flags for left-handed input axes, poorly determined scale factors, and biases that are
     inconsistent or unknown.
     """
-    left_handed = False
     for one in sets:
         yield from (f"{_place(one)}{flag}" for flag in of_directions(one.figures, spec.gyros))
-        directions = [one.misalignment(gyro) for gyro in spec.gyros]
-        three = len(spec.gyros) == len(forms.AXES)
-        left_handed |= three and bool(np.linalg.det(directions) < 0.0)
-    if left_handed:
+    directions = [[one.misalignment(gyro) for gyro in spec.gyros] for one in sets]
+    if len(spec.gyros) == len(forms.AXES) and np.any(np.linalg.det(directions) < 0.0):
         yield "the input axes make a left-handed system: logs or signs may be exchanged"
     for one in sets:
         for gyro in spec.gyros:
             size = one.figures[f"scale_factor.{gyro}"]
-            share = size.standard_uncertainty / size.value
-            if not share < UNCERTAIN:
-                yield (
-                    f"{_place(one)}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
-                    " hold faster rates, or longer"
-                )
+            yield from of_uncertain(f"{_place(one)}{gyro}", size.value, size.standard_uncertainty)
     if mounting is None and len(spec.gyros) > 1:
         yield Remark(
             "the errors of mounting are not in u of the angles and unit vectors: state how a"
@@ -423,7 +411,7 @@ def of_contradicted_shares(
     # scale factor [lines] of each gyro about its own axis at the temperature of each line
     size = np.empty(table.K.size)
     for number in np.unique(table.set_of):
-        chosen: Mask = table.set_of == number
+        chosen = table.set_of == number
         s = table.sensitivity(chosen)
         size[chosen] = np.linalg.norm(s, axis=1)[table.gyro_of[chosen]]
     share, noise = table.K / size, table.u_K / size
@@ -434,8 +422,7 @@ def of_contradicted_shares(
     for log, run in enumerate(runs):
         here, rest = across & (log_of == log), across & (log_of != log)
         count = np.bincount(channel[rest], minlength=channel.max() + 1)
-        of_here = channel[here]
-        if not here.any() or count[of_here].min() < LEAST_OTHERS:
+        if not here.any() or count[channel[here]].min() < LEAST_OTHERS:
             continue
         mean = np.bincount(channel[rest], share[rest], count.size) / np.maximum(count, 1)
         dof = int(np.count_nonzero(rest) - np.count_nonzero(count))
@@ -443,35 +430,25 @@ def of_contradicted_shares(
         variance = max(scatter, float(np.mean(noise[rest] ** 2)))
         # the largest |e| of (1) by chance in so many tests
         t = float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
-        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[of_here]))
-        about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
+        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[channel[here]])) * size[here]
+        K, expected = table.K[here], (mean[channel] * size)[here]
         names = [gyros[g] for g in table.gyro_of[here].tolist()]
-        expected = mean[of_here] * size[here]
-        yield from _name_cause(about, names, table.K[here], expected, limit, size[here])
-
-
-def _name_cause(
-    about: str, gyros: Sequence[str], K: Array, expected: Array, limit: Array, size: Array
-) -> Iterator[str]:
-    """Flags on the gyros of a log whose K [1/deg] is off what the other logs about the axis let
-    expect, by more than the limit of each; limits are relative to the scale factors `size`.
-    """
-    limit = limit * size
-    off = np.flatnonzero(np.abs(K - expected) > limit)
-    of_expected = np.abs(K / expected - 1.0)
-    if off.size > 1 and np.all(np.abs(K[off][::-1] - expected[off]) <= limit[off]):
-        listed = " and ".join(gyros[k] for k in off.tolist())
-        text = f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
-        yield Contradiction.of(of_expected[off].max(), text)
-        return
-    for k in off.tolist():
-        values = f"K is {K[k]:+.4g} 1/deg, {expected[k]:+.4g} in the other logs"
-        if abs(-K[k] - expected[k]) <= limit[k]:
-            text = f"{about} the sign of gyro {gyros[k]} is turned: its {values}"
-            yield Contradiction.of(of_expected[k], text)
-        else:
+        about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
+        off = np.flatnonzero(np.abs(K - expected) > limit)
+        relative = np.abs(K / expected - 1.0)
+        if off.size > 1 and np.all(np.abs(K[off][::-1] - expected[off]) <= limit[off]):
+            listed = " and ".join(names[k] for k in off.tolist())
+            text = f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
+            yield Contradiction.of(relative[off].max(), text)
+            continue
+        for k in off.tolist():
+            values = f"K is {K[k]:+.4g} 1/deg, {expected[k]:+.4g} in the other logs"
+            if abs(-K[k] - expected[k]) <= limit[k]:
+                text = f"{about} the sign of gyro {names[k]} is turned: its {values}"
+                yield Contradiction.of(relative[k], text)
+                continue
             text = (
-                f"{about} either gyro {gyros[k]} contradicts the other logs, or its axis turns that"
+                f"{about} either gyro {names[k]} contradicts the other logs, or its axis turns that"
                 f" much with temperature: its {values}; repeat the log"
             )
-            yield Contradiction.of((K[k] - expected[k]) / size[k], text)
+            yield Contradiction.of((K[k] - expected[k]) / size[here][k], text)

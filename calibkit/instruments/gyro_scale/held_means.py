@@ -125,12 +125,12 @@ def average(
         return np.array([part.average(motion, column[part.rows]) for part in parts])
 
     values = means(indication)
-    variance, noise_flags = _noise(motion, indication, parts, wave, values)
+    variance, squares, noise_flags = _noise(motion, indication, parts, wave, values)
     for j, part in enumerate(parts):
         if wave.earth and not part.revolutions:
             mean = part.average(motion, _basis(motion, part.rows))
             values[j] -= mean @ wave.factors[:2]
-            variance[j] += wave.variance * float(mean @ wave.unit_covariance @ mean)
+            variance[j] += squares / wave.dof * float(mean @ wave.unit_covariance @ mean)
     rate = means(motion.rate_dps)
     nan = np.full(len(parts), np.nan)
     by_angle = [part.average(motion, motion.by_turn(part.first, part.stop)) for part in parts]
@@ -249,8 +249,8 @@ class _Modulation:
     """[5, m]."""
     unit_covariance: Array
     """[2, 2] of the factors of cos and sin, for unit variance."""
-    variance: Array
-    """Variance [m] of one sample about the fit."""
+    dof: int
+    """Of the samples about the fit."""
     earth: bool
     """Whether the factors of cos and sin, the earth's horizontal rate, are separable from the
     others.
@@ -298,31 +298,28 @@ def _fit_modulation(motion: Motion, indication: Array, parts: list[_Part]) -> _M
     determined = values > SINGULAR * max(float(values[-1]), np.finfo(np.float64).tiny)
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
     factors = (inverse @ (inverse_length[:, None] * product)) * inverse_length[:, None]
-    dof = max(count - len(parts) - int(determined.sum()), 1)
-    left = sum(
-        np.sum((target - columns @ factors) ** 2, axis=0)
-        for columns, target in (part.centred(motion, indication) for part in parts)
-    )
     earth_alone = np.all(np.abs(vectors[:2, ~determined]) < INVOLVED)
     return _Modulation(
         factors=factors,
         unit_covariance=(inverse * np.outer(inverse_length, inverse_length))[:2, :2],
-        variance=np.asarray(left / dof, dtype=np.float64),
+        dof=max(count - len(parts) - int(determined.sum()), 1),
         earth=bool(present[:2].all() and earth_alone),
     )
 
 
 def _noise(
     motion: Motion, indication: Array, parts: list[_Part], wave: _Modulation, values: Array
-) -> tuple[Array, tuple[str, ...]]:
+) -> tuple[Array, Array, list[str]]:
     """Variance [p, m] of the means from the noise within held rates, raised where the noise is not
-    white, and flags.
+    white; sum of squares [m] of what (1) leaves of the samples; flags.
     """
     variances, ratios, creeping = [], [], 0
+    squares = np.zeros(indication.shape[1])
     least = ONE_PPM * float(np.max(np.abs(values)))
     for part in parts:
         columns, target = part.centred(motion, indication)
         noise = target - columns @ wave.factors
+        squares += np.sum(noise**2, axis=0)
         if part.revolutions and not motion.angle_logged:
             # the phase of the earth's rate differs between held rates
             basis = _basis(motion, part.rows)
@@ -359,4 +356,4 @@ def _noise(
             f"{creeping} of {len(parts)} plateaus begin off their mean: the gyro had not"
             " settled, allow a longer plateaus.settle_s"
         )
-    return np.array(variances) * raised, tuple(flags)
+    return np.array(variances) * raised, squares, flags

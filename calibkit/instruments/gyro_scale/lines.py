@@ -287,11 +287,12 @@ class Lines:
         as that of scale factors; ω is the earth's rate about the table's axis [°/s].
         """
         count = self.gyro_of.size
-        bias = self.fit.of(lambda p: p[count : 2 * count] - vertical_dps * p[:count])
+        G = np.hstack((-vertical_dps * np.eye(count), np.eye(count), np.zeros((count, count))))
+        bias = G @ self.fit.parameters
+        variance = np.einsum("ip,pq,iq->i", G, self.fit.total_covariance, G)
         for gyro in range(self.gyro_of.max() + 1):
             same = chosen & (self.gyro_of == gyro)
-            scatter = float(np.var(bias.value[same], ddof=1))
-            square = max(scatter, float(np.mean(bias.u[same] ** 2)))
+            square = max(float(np.var(bias[same], ddof=1)), float(np.mean(variance[same])))
             yield Shared(
                 group="run",
                 effect="zero",

@@ -104,20 +104,21 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     """Decision on rates, times, indications [n], and shapes [n, k] of the response."""
     from scipy.special import fdtri
 
-    w, t = rate / np.max(np.abs(rate)), t / t.max()
+    unit = float(np.max(np.abs(rate)))
+    w, t = rate / unit, t / t.max()
     line = np.column_stack((w, np.ones_like(w)))
     left = _left(np.column_stack((line, bent)), w * t)
     separable = float(np.linalg.norm(left) / np.linalg.norm(w * t))
     hold = float(np.min(np.diff(np.sort(t))))
     taus = np.geomspace(hold, 1.0, TAUS)
-    courses = [*(np.exp(-t[:, None] / tau) for tau in taus), t[:, None]]
-    designs = []
-    for phi in courses:
+    designs, squares = [], []
+    for phi in (*(np.exp(-t / tau) for tau in taus), t):
+        design = np.column_stack((line, w * phi))
         # φ itself only where it is not a line over rates that follow time closely
-        separable_zero = np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean())
-        zero = phi[:, : int(separable_zero)]
-        designs.append(np.column_stack((line, w[:, None] * phi, zero)))
-    squares = [float(np.sum(_left(design, F) ** 2)) for design in designs]
+        if np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean()):
+            design = np.column_stack((design, phi))
+        designs.append(design)
+        squares.append(float(np.sum(_left(design, F) ** 2)))
     best = int(np.argmin(squares))
     of_time, of_line = squares[best], float(np.sum(_left(line, F) ** 2))
     of_bend = float(np.sum(_left(np.column_stack((line, bent)), F) ** 2))
@@ -129,19 +130,17 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     D = (of_bend - of_time) / noise
     if D < -CERTAIN:
         return Ordering("response", 0.0, 0.0, separable)
-    # K of time, at the end of the run: that without φ, and what φ is there
+    # K of time, at the end of the run: that without φ, and what φ is there; known to the change
+    # since the beginning, or where φ has gone by half of the run, to what is left of it
     K, _, by_phi = np.linalg.lstsq(designs[best], F)[0][:3]
-    linear = best == TAUS
-    at_end = 1.0 if linear else float(np.exp(-1.0 / taus[best]))
-    at_begin = 0.0 if linear else 1.0
-    to = 0.0 if not linear and taus[best] < 0.5 else at_begin
-    unit = float(np.max(np.abs(rate)))
-    shift = (K + by_phi * at_end - np.linalg.lstsq(line, F)[0][0]) / unit
-    half_width = abs(by_phi * (to - at_end)) / unit
+    at_begin, at_end = 0.0, 1.0
+    if best < TAUS:
+        at_begin, at_end = float(taus[best] >= 0.5), float(np.exp(-1.0 / taus[best]))
+    shift = float(K + by_phi * at_end - np.linalg.lstsq(line, F)[0][0]) / unit
+    half_width = float(abs(by_phi * (at_begin - at_end))) / unit
     if D > CERTAIN:
-        return Ordering("time", float(shift), float(half_width), separable)
-    half = 0.5 * abs(float(shift))
-    return Ordering("undecided", 0.5 * float(shift), half + float(half_width), separable)
+        return Ordering("time", shift, half_width, separable)
+    return Ordering("undecided", 0.5 * shift, 0.5 * abs(shift) + half_width, separable)
 
 
 def _left(design: Array, values: Array) -> Array:
