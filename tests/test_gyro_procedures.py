@@ -963,7 +963,7 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
             for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
         ]
-        (gyro,) = gyro_fit.fit_runs(spec, {"": runs}).channels
+        (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
         found = {figure.name.partition(".")[2]: figure for figure in gyro.figures}
         ratios.append(
             [

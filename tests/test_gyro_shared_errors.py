@@ -36,7 +36,7 @@ def fit(logs, spec=SPEC):
         )
         for name, columns in logs.items()
     ]
-    (found,) = coefficient_files.list_results(gyro_fit.fit_runs(spec, {"": runs}), spec)
+    (found,) = coefficient_files.list_results(gyro_fit.fit_campaign(spec, {"": runs}), spec)
     return found
 
 

@@ -51,8 +51,8 @@ def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
     asymmetry *= equation.turns_both_ways(rows.rate_dps)
     # and each run hardly tells an odd power from the even one beside it
     bent = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
-    chosen = _best(rows, bent, MARGIN_OF_ONE_WAY)
-    return replace(chosen, shapes=asymmetry + chosen.shapes)
+    best_terms = _best(rows, bent, MARGIN_OF_ONE_WAY)
+    return replace(best_terms, shapes=asymmetry + best_terms.shapes)
 
 
 def _best(
@@ -61,12 +61,12 @@ def _best(
     """The first terms whose error, at runs that are left out, of a single run at rates, no later
     ones lower to a share of it.
     """
-    chosen, least = candidates[0], _left_out_rms(rows, candidates[0])
+    best_terms, least = candidates[0], _left_out_rms(rows, candidates[0])
     for terms in candidates[1:]:
         error = _left_out_rms(rows, terms)
         if error < margin * least:
-            chosen, least = terms, error
-    return chosen
+            best_terms, least = terms, error
+    return best_terms
 
 
 def _left_out_rms(rows: equation.Rows, terms: equation.Terms) -> float:

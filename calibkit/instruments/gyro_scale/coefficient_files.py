@@ -62,7 +62,7 @@ class Channel:
     """K and F0 at the mean temperature of the repeated runs; None where runs about three axes give
     them together.
     """
-    over: equation.Fitted | None = None
+    fitted: equation.Fitted | None = None
     """Equation (1) of all runs."""
     in_time: Ordering | None = None
     """Whether K changes with time since the runs began."""
@@ -79,7 +79,7 @@ class Channel:
     @property
     def response(self) -> equation.Fitted | None:
         """Equation (1) where it has powers of the rate."""
-        return self.over if self.over is not None and self.over.terms.powers else None
+        return self.fitted if self.fitted is not None and self.fitted.terms.powers else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ class Campaign:
     """These, the interval of α, and γ of A about B's axis."""
     sets: tuple[AxesSet, ...] = ()
     """Runs about three axes, a set for each temperature."""
-    over: equation.Fitted | None = None
+    fitted: equation.Fitted | None = None
     """Equation (1) of all runs about three axes over temperature."""
     bias_curves: tuple[Model, ...] = ()
     """Biases of the gyros over temperature."""

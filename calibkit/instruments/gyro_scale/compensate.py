@@ -43,8 +43,8 @@ RESTED = (
 
 def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
     """Matrices of a run; raises CoefficientError where they cannot be solved for rates."""
-    known = read_matrices(spec, records)
-    for matrix in known if isinstance(spec, GyroTriadRecipe) else ():
+    matrices = read_matrices(spec, records)
+    for matrix in matrices if isinstance(spec, GyroTriadRecipe) else ():
         matrix.require_biases()
         rows, _ = matrix.reference
         unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
@@ -54,76 +54,70 @@ def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[Gyr
                 " cannot be had",
                 hint="log a gyro of the missing direction too",
             )
-    return known
+    return matrices
 
 
 def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Add compensated rates to every row of a log: of each gyro about its own axis, or about the
     axes of the base.
     """
-    known = read_invertible(spec, records)
-    log = _read(spec, data, known)
-    added, flags, last = 0.0, [*log.notes], []
+    matrices = read_invertible(spec, records)
+    log = _read(spec, data, matrices)
+    flags = [*log.notes]
+    inertial_dps, triad = 0.0, isinstance(spec, GyroTriadRecipe)
     if not isinstance(spec, GyroTriadRecipe):
-        added = read_earth_rate(spec, records, CoefficientError)
-        last = [RESTED] if added == 0.0 else []
+        inertial_dps = read_earth_rate(spec, records, CoefficientError)
+    columns, rows = log.frame.columns, len(log.frame)
+    temperature = np.broadcast_to(0.0, rows)
+    if TEMPERATURE in columns:
+        temperature = values(log.frame, TEMPERATURE)
     derived: dict[str, Array] = {}
-    for matrix in known:
-        if missing := {*map(gyro_column, matrix.gyros)} - {*log.frame.columns}:
+    for matrix in matrices:
+        if missing := {*map(gyro_column, matrix.gyros)} - {*columns}:
             left_out = f"gyro {matrix.gyros[0]} is left out"
             flags.append(f"{log.file}: no column '{missing.pop()}', {left_out}")
             continue
-        rates, new = _compensate(log, matrix, added)
+        if matrix.over_temperature:
+            require(log.file, columns, [TEMPERATURE])
+        indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
+        rates = {name: log.allocate(rows) for name in matrix.outputs}
+        (low, high), beyond = matrix.rate_limits, 0
+        for a, b in chunks.ranges_along(*indications, temperature, *rates.values()):
+            F = np.column_stack([indication[a:b] for indication in indications])
+            of_chunk = matrix.rates(F, temperature[a:b])
+            beyond += int(np.count_nonzero((of_chunk < low) | (of_chunk > high)))
+            for output, rate in zip(rates.values(), of_chunk.T, strict=True):
+                output[a:b] = rate + inertial_dps
         derived |= rates
-        flags += new
-    return write_back.rewrite_log(spec, data, log, {}, derived), tuple(
-        dict.fromkeys([*flags, *last])
-    )
+        if TEMPERATURE in columns:
+            flags += flag_temperatures(log.file, matrix, temperature)
+        if beyond:
+            flags.append(
+                f"{log.file}: gyro {matrix.gyros[0]} beyond the fitted {low:g} to {high:g} °/s over"
+                f" {100.0 * (beyond / rows):.1f} % of the rows"
+            )
+    flags += [RESTED] * (not triad and inertial_dps == 0.0)
+    return write_back.rewrite_log(spec, data, log, {}, derived), tuple(dict.fromkeys(flags))
 
 
-def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
+def _read(spec: AnyRecipe, data: Path, matrices: Sequence[GyroMatrix]) -> Log:
     """Read a log with its temperature where it is needed or logged; a triad needs all its gyros,
     else the gyros in the log are read.
     """
-    columns = tuple(gyro_column(gyro) for matrix in known for gyro in matrix.gyros)
+    gyros = tuple(gyro_column(gyro) for matrix in matrices for gyro in matrix.gyros)
     if isinstance(spec, GyroTriadRecipe):
-        needed = (*columns, TEMPERATURE) if known[0].over_temperature else columns
+        needed = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
         log = logs.read_log(spec, data, data.name, needed, (TEMPERATURE,))
     else:
-        log = logs.read_log(spec, data, data.name, (), (TEMPERATURE, *columns))
-        there = [name for name in columns if name in log.frame.columns] or [columns[0]]
-        there += [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
-        log = logs.read_log(spec, data, data.name, there, ("time_s",))
-    present = list(log.frame.columns)
-    refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, present)])
-    if TEMPERATURE in present:
+        log = logs.read_log(spec, data, data.name, (), (TEMPERATURE, *gyros))
+        logged = [name for name in gyros if name in log.frame.columns] or [gyros[0]]
+        logged += [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
+        log = logs.read_log(spec, data, data.name, logged, ("time_s",))
+    columns = list(log.frame.columns)
+    refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, columns)])
+    if TEMPERATURE in columns:
         refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
     return log
-
-
-def _compensate(
-    log: Log, matrix: GyroMatrix, added_dps: float
-) -> tuple[dict[str, Array], list[str]]:
-    """Rates [n, °/s] by column name, and flags."""
-    if matrix.over_temperature:
-        require(log.file, log.frame.columns, [TEMPERATURE])
-    logged, rows = TEMPERATURE in log.frame.columns, len(log.frame)
-    temperature = values(log.frame, TEMPERATURE) if logged else np.broadcast_to(0.0, rows)
-    indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
-    made, beyond = {name: log.allocate(rows) for name in matrix.outputs}, 0
-    low, high = matrix.rate_limits
-    for a, b in chunks.ranges_along(*indications, temperature, *made.values()):
-        rates = matrix.rates(np.column_stack([one[a:b] for one in indications]), temperature[a:b])
-        beyond += int(np.count_nonzero((rates < low) | (rates > high)))
-        for output, rate in zip(made.values(), rates.T, strict=True):
-            output[a:b] = rate + added_dps
-    flags = flag_temperatures(log.file, matrix, temperature) if logged else []
-    if beyond:
-        flags.append(
-            f"{log.file}: gyro {matrix.gyros[0]} beyond the fitted {low:g} to {high:g} °/s over"
-            f" {100.0 * (beyond / rows):.1f} % of the rows"
-        )
-    return made, flags
 
 
 def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list[str]:
@@ -137,7 +131,9 @@ def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list
     beyond = chunks.count(temperature, lambda part: (part < low - slack) | (part > high + slack))
     if not beyond:
         return []
-    constant = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
-    what = "clamped" if matrix.over_temperature else f"but {constant} are taken as constant"
+    consequence = "clamped"
+    if not matrix.over_temperature:
+        letters = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
+        consequence = f"but {letters} are taken as constant"
     share = f"{100.0 * beyond / temperature.size:.1f} % of the rows"
-    return [f"{file}: temperature outside {low:.1f} … {high:.1f} °C over {share}, {what}"]
+    return [f"{file}: temperature outside {low:.1f} … {high:.1f} °C over {share}, {consequence}"]

@@ -28,7 +28,7 @@ from which a delay is measured, at least.
 """
 
 
-def _find_late(log: Log, held: HeldMeans, column: str) -> list[Finding]:
+def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
     """A gyro that still indicates the last held rate, or already the next one, while the table
     holds: its rows are stamped late or early, or it is filtered.
 
@@ -37,7 +37,7 @@ def _find_late(log: Log, held: HeldMeans, column: str) -> list[Finding]:
     """
     time, data = values(log.frame, "time_s"), values(log.frame, column)
     # a filter has settled in the second half of a held rate, if it does at all
-    halves = [(first, (first + stop) // 2, stop) for first, stop in held.span.tolist()]
+    halves = [(first, (first + stop) // 2, stop) for first, stop in means.span.tolist()]
     levels = [order_statistics.median(data[middle:stop]) for _, middle, stop in halves]
     noise = [
         MAD_TO_SIGMA * order_statistics.median_magnitude(data[middle:stop], level)
@@ -53,7 +53,7 @@ def _find_late(log: Log, held: HeldMeans, column: str) -> list[Finding]:
         # the last row of one held rate, and the first row of the next
         off = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]])
         between.append(bool(np.max(off / change) > max(BETWEEN, clear / abs(change))))
-        sides = ((column, levels[k : k + 2]), (forms.RATE, held.rate_dps[k : k + 2]))
+        sides = ((column, levels[k : k + 2]), (forms.RATE, means.rate_dps[k : k + 2]))
         rows_after = [
             chunks.count(
                 values(log.frame, name)[start:end],
@@ -93,7 +93,7 @@ def _is_beyond(data: Array, level: float, change: float) -> Mask:
     return np.asarray((data - level) * np.sign(change) > 0.0, dtype=np.bool_)
 
 
-def find(log: Log, held: HeldMeans, columns: Sequence[str]) -> Iterator[Finding]:
+def find(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterator[Finding]:
     """Findings on the first dropout of each gyro's column, with the number of rows and what the
     other held rates let expect there.
 
@@ -103,19 +103,19 @@ def find(log: Log, held: HeldMeans, columns: Sequence[str]) -> Iterator[Finding]
     """
     for column in columns:
         data = values(log.frame, column)
-        middle = np.array([order_statistics.median(data[a:b]) for a, b in held.span.tolist()])
-        if "time_s" in log.frame.columns and (late := _find_late(log, held, column)):
+        middle = np.array([order_statistics.median(data[a:b]) for a, b in means.span.tolist()])
+        if "time_s" in log.frame.columns and (late := _find_late(log, means, column)):
             yield from late
             continue
-        fast = np.abs(held.rate_dps) >= np.median(np.abs(held.rate_dps))
+        fast = np.abs(means.rate_dps) >= np.median(np.abs(means.rate_dps))
         # a gyro across the axis may respond less than it indicates at rest
-        line = np.polyfit(held.rate_dps, middle, 1) if np.ptp(held.rate_dps) > 0.0 else (0.0, 0.0)
+        line = np.polyfit(means.rate_dps, middle, 1) if np.ptp(means.rate_dps) > 0.0 else (0.0, 0.0)
         rest = float(line[1])
-        K = float(np.median((middle[fast] - rest) / held.rate_dps[fast]))
+        K = float(np.median((middle[fast] - rest) / means.rate_dps[fast]))
         least = RESOLVED * max(map(abs, log.extremes(column)))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
-            held.span.tolist(), held.rate_dps.tolist(), middle.tolist(), strict=True
+            means.span.tolist(), means.rate_dps.tolist(), middle.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             deficit = SHARE * abs(K * rate)

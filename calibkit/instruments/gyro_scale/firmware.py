@@ -27,7 +27,6 @@ from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
     GyroTriadRecipe,
-    OwnAxisRecipe,
     RateTableRecipe,
 )
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
@@ -45,38 +44,31 @@ def files(spec: AnyRecipe) -> tuple[str, ...]:
 
 
 def chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the rates S(T)⁻¹ (F − B(T)); raises OutputError where the models have no firmware
-    form.
+    """Chain of the rates S(T)⁻¹ (F − B(T)) about the axes of a base, or (F − F0(T))/K(T) of gyros;
+    for a pair also the rate perpendicular to the first gyro's axis, in the plane of both axes.
+
+    Raises OutputError where the models have no firmware form.
     """
     for name in files(spec):
         required_record(records, name, spec)
-    known = read_matrices(spec, records)
+    matrices = read_matrices(spec, records)
     if isinstance(spec, GyroTriadRecipe):
-        return _chain_about_base(spec, known[0])
-    return _chain_about_own_axes(spec, records, known)
-
-
-def _chain_about_own_axes(
-    spec: OwnAxisRecipe, records: Mapping[str, Record], known: Sequence[GyroMatrix]
-) -> Chain:
-    """Chain of the rates (F − F0(T))/K(T) of gyros; for a pair also the rate perpendicular to the
-    first gyro's axis, in the plane of both axes.
-    """
-    added_dps = read_earth_rate(spec, records, OutputError)
+        return _chain_about_base(spec, matrices[0])
+    earth_dps = read_earth_rate(spec, records, OutputError)
     draft = Draft(padded=spec.export.layout == "padded")
-    for matrix in known:
+    for matrix in matrices:
         if matrix.response is not None:
             raise OutputError(
                 f"{matrix.model.name}: a response that is not a straight line has no firmware form",
                 hint="fit with response = 'line'",
             )
-        _add_quotient(draft, matrix, added_dps, Fraction(spec.full_scale("rate_dps")))
-    forms = [matrix.model.form for matrix in known]
+        _add_quotient(draft, matrix, earth_dps, Fraction(spec.full_scale("rate_dps")))
+    forms = [matrix.model.form for matrix in matrices]
     if isinstance(spec, GyroPairRecipe):
         pair = records[ORTHOGONALITY_FILE].model("pair")
         _add_across(draft, pair, spec.gyros)
         forms.append(pair.form)
-    end = ", the earth's rate left in" if added_dps else ", zero at rest on the laboratory's table"
+    end = ", the earth's rate left in" if earth_dps else ", zero at rest on the laboratory's table"
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
 
@@ -115,15 +107,15 @@ def _polynomials(
     if matrix.curves:
         middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], over)
         order = HIGHEST_ORDER if draft.padded else 0
-        found = [
+        constants = [
             exact.padded(exact.mapped(powers(model, "p"), middle, half), order)
             for model in matrix.curves
         ]
     else:
-        found = [numbers(matrix.model, name) for name in matrix.names]
+        constants = [numbers(matrix.model, name) for name in matrix.names]
     axes, gyros = len(matrix.outputs), len(matrix.gyros)
-    rows = [found[axes * g : axes * (g + 1)] for g in range(gyros)]
-    return rows, found[axes * gyros :]
+    rows = [constants[axes * g : axes * (g + 1)] for g in range(gyros)]
+    return rows, constants[axes * gyros :]
 
 
 def _add_indication(
@@ -148,9 +140,9 @@ def _add_indication(
 
 
 def _add_quotient(
-    draft: Draft, matrix: GyroMatrix, added_dps: float, full_scale_dps: Fraction
+    draft: Draft, matrix: GyroMatrix, earth_dps: float, full_scale_dps: Fraction
 ) -> None:
-    """Add the rate of one gyro about its own axis to the draft; added_dps [°/s] is the earth's
+    """Add the rate of one gyro about its own axis to the draft; earth_dps [°/s] is the earth's
     rate, which the recipe may leave in the result.
     """
     (gyro,) = matrix.gyros
@@ -164,10 +156,10 @@ def _add_quotient(
     draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, over))
     source = f"rate_{gyro}"
     draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
-    if added_dps:
+    if earth_dps:
         source = draft.sum(
             f"inertial_{gyro}",
-            draft.polynomial("earth_rate", (Fraction(added_dps),), ""),
+            draft.polynomial("earth_rate", (Fraction(earth_dps),), ""),
             factor(source),
         )
     draft.output(matrix.outputs[0], "deg/s", source, f"rate about the axis of gyro {gyro}")

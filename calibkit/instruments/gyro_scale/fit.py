@@ -70,8 +70,8 @@ PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """Gyro and table axis of K_A, K_B, K_Ba and K_Ab."""
 
 
-def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> Campaign:
-    """Fit a procedure's runs; `near` is a fit of nearly the same runs, whose sizes of errors and
+def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: Campaign | None = None) -> Campaign:
+    """Fit a procedure's runs; `frozen` is a fit of nearly the same runs, whose sizes of errors and
     choices are kept, and which has the flags.
 
     Raises FitError for a gyro that does not follow the table, for two γ of opposite sign, and for
@@ -85,18 +85,18 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, near: Campaign | None = None) -> C
         [(number, run) for number, axis in enumerate(spec.logs_of_axes) for run in group[axis]]
         for group in groups
     ]
-    run_lines = Lines.of(sets, near.run_lines if near else None)
-    if not near:
+    run_lines = Lines.of(sets, frozen.run_lines if frozen else None)
+    if not frozen:
         run_lines.require_followed()
     if isinstance(spec, GyroPairRecipe):
-        return _fit_pair(spec, runs, run_lines, near)
+        return _fit_pair(spec, runs, run_lines, frozen)
     if isinstance(spec, GyroTriadRecipe):
-        return _fit_axes(spec, runs, groups, run_lines, near)
+        return _fit_axes(spec, runs, groups, run_lines, frozen)
     channels = []
     for number, gyro in enumerate(spec.gyros):
-        before = near.channels[number].over if near else None
-        channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, before))
-    of_runs = () if near else dict.fromkeys(flags.of_runs(channels, run_lines, spec))
+        frozen_fit = frozen.channels[number].fitted if frozen else None
+        channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, frozen_fit))
+    of_runs = () if frozen else dict.fromkeys(flags.of_runs(channels, run_lines, spec))
     return Campaign(tuple(channels), run_lines, tuple(of_runs))
 
 
@@ -105,7 +105,7 @@ def _fit_over_runs(
     gyro: str,
     runs: tuple[TableRun, ...],
     run_lines: Lines,
-    near: equation.Fitted | None,
+    frozen: equation.Fitted | None,
 ) -> Channel:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
     temperature where the temperature varies.
@@ -115,16 +115,16 @@ def _fit_over_runs(
     room = room if room.any() else ~room
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows = run_lines.rows_of(runs, gyro)
-    if near:
-        over = near.refit(rows)
+    if frozen:
+        fitted = frozen.refit(rows)
     else:
         terms = _terms(spec, rows, varies=varies)
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
         errors = [*errors, *(e for e in shared if e.group != "run")]
-        over = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
-    terms = over.terms
-    polynomials, in_time = _over_temperature(over)
+        fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+    terms = fitted.terms
+    polynomials, in_time = _over_temperature(fitted)
     size = len(polynomials.parameters) // 2
     K, F0 = polynomials.part(slice(size)), polynomials.part(slice(size, None))
     # at the mean temperature of the runs that count as repeated
@@ -133,10 +133,10 @@ def _fit_over_runs(
     name = forms.line_name(gyro)
     repeated = tuple(run for run, chosen in zip(runs, room, strict=True) if chosen)
     # what differs from run to run and from side to side
-    sizes = [s for s in over.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
+    sizes = [s for s in fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
     mean_line = polynomials.restated(lambda p: of_room @ p)
     mean = line_model(name, mean_line, run_lines, gyro, repeated, components_of(sizes))
-    channel = Channel(gyro, "", True, runs, repeated, mean, over, in_time)  # noqa: FBT003
+    channel = Channel(gyro, "", True, runs, repeated, mean, fitted, in_time)  # noqa: FBT003
     slope = None
     if varies:
         curves = (
@@ -217,8 +217,8 @@ def _figures(
         scatters.append((dof, float(np.var(K[room], ddof=1))))
     if slope is None:
         return
-    near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
-    if near.any() and not near.all():
+    at_reference = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
+    if at_reference.any() and not at_reference.all():
         at = temperature, spec.reference_temp_degc
         value = published.temperature_sensitivity(K, *at)
         curve = channel.curves[0]
@@ -242,7 +242,7 @@ def _figures(
 
 
 def _fit_pair(
-    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, near: Campaign | None
+    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, frozen: Campaign | None
 ) -> Campaign:
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
@@ -278,9 +278,9 @@ def _fit_pair(
         bent = None
         if gyro == axis and spec.response == "auto":
             rows = run_lines.rows_of(runs[axis], gyro)
-            if near:
-                before = near.channels[number].over
-                bent = before.refit(rows) if before else None
+            if frozen:
+                frozen_fit = frozen.channels[number].fitted
+                bent = frozen_fit.refit(rows) if frozen_fit else None
             else:
                 # without errors that the runs share
                 terms = _terms(spec, rows, varies=False)
@@ -290,7 +290,7 @@ def _fit_pair(
     components = stated_components(run_scale, mounting)
     pair, figures = write_pair(run_lines, runs, ratios, from_a, components)
     of_pair: list[str] = []
-    if not near:
+    if not frozen:
         known_by_gamma = (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known else None
         within = run_scale is None
         of_pair += flags.of_gamma(by_noise, from_a)
@@ -351,21 +351,21 @@ def _fit_axes(
     runs: Runs,
     groups: Sequence[Runs],
     run_lines: Lines,
-    near: Campaign | None,
+    frozen: Campaign | None,
 ) -> Campaign:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies.
     """
     # errors move no value: a refit of nearly the same runs leaves them out
-    known = {} if near else spec.known_errors()
+    known = {} if frozen else spec.known_errors()
     S, run_scale, mounting = run_lines.sensitivity(), None, None
-    if not near:
+    if not frozen:
         run_scale = run_lines.run_scale(known.get("scale"))
     if "angle" in known:
         # a tilt toward one of the other axes
         across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
         mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
-    stated = None if near else [error for error in (run_scale, mounting) if error]
+    stated = None if frozen else [error for error in (run_scale, mounting) if error]
     of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
     degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
     logged = bool(np.isfinite(degc).all())
@@ -376,12 +376,12 @@ def _fit_axes(
         sets.append(_fit_set(spec, run_lines, stated, group, s, suffix))
     flags.require_own_axes(sets, spec.gyros)
     all_runs = [run for axis in forms.AXES for run in runs[axis]]
-    over: equation.Fitted | None = None
+    fitted: equation.Fitted | None = None
     curves: list[Model] = []
     if len(sets) > 1:
         rows = replace(run_lines.rows, line=run_lines.rows.channel)
-        if near and near.over:
-            over = near.over.refit(rows)
+        if frozen and frozen.fitted:
+            fitted = frozen.fitted.refit(rows)
         else:
             order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
             shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
@@ -393,16 +393,16 @@ def _fit_axes(
                 if run_scale and error.name == run_scale.name:
                     size, dof = run_scale.size, run_scale.size_dof
                     errors[number] = replace(error, size=size, size_dof=dof)
-            over = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+            fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
         vertical = table_runs.vertical_rate_dps(spec)
-        curves = list(_list_curves(over, spec.gyros, all_runs, mounting, vertical))
+        curves = list(_list_curves(fitted, spec.gyros, all_runs, mounting, vertical))
     channels = []
     for at, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
         curve = tuple(curves[at : at + 1])
         channels.append(Channel(gyro, axis, axis == senses, runs[axis], curves=curve))
     of_axes: list[str] = []
-    if not near:
+    if not frozen:
         in_order = [run for group in of_groups for run in group]
         of_axes = [flag for run in all_runs for flag in run.flags]
         of_axes += [flags.UNLOGGED] * (not logged and len(all_runs) > len(forms.AXES))
@@ -415,7 +415,7 @@ def _fit_axes(
         tuple(dict.fromkeys(of_axes)),
         run_scale is None,
         sets=tuple(sets),
-        over=over,
+        fitted=fitted,
         bias_curves=tuple(curves[len(channels) :]),
     )
 
@@ -472,14 +472,14 @@ def _fit_set(
 
 
 def _list_curves(
-    over: equation.Fitted,
+    fitted: equation.Fitted,
     gyros: Sequence[str],
     runs: Sequence[TableRun],
     mounting: Shared | None,
     vertical_dps: float | None,
 ) -> Iterator[Model]:
     """Sensitivities and biases over temperature."""
-    fit, rows, terms = over
+    fit, rows, terms = fitted
     line = equation.best_line(terms, rows.rate_dps)
     K = fit.restated(lambda p: line(p)[equation.SCALE].ravel())
     K = K.widened_by([mounting] if mounting else [])

@@ -125,8 +125,8 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
     """Flags on what the runs cannot tell of their repeatability and of the response."""
     name, cure = channel.name, 'state [[errors.component]] group = "run"'
     assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
-    assert channel.over is not None  # noqa: S101
-    _, rows, terms = channel.over
+    assert channel.fitted is not None  # noqa: S101
+    _, rows, terms = channel.fitted
     stated = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated]
     if len(channel.runs) == 1 and unknown:
@@ -157,11 +157,11 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
 
 def refuse_opposite(by_noise: Value, from_a: Value) -> None:
     """Raise FitError for two γ that are equal and opposite, by more than mountings can be off."""
-    one, other = float(by_noise.value), float(from_a.value)
+    gamma, gamma_a = float(by_noise.value), float(from_a.value)
     limit = OPPOSITE * float(np.hypot(by_noise.u, from_a.u))
-    if abs(other - one) > max(limit, MOUNTED) and limit > abs(other + one):
+    if abs(gamma_a - gamma) > max(limit, MOUNTED) and limit > abs(gamma_a + gamma):
         raise FitError(
-            f"gamma is {one:.6g} from B about A's axis and {other:.6g} from A"
+            f"gamma is {gamma:.6g} from B about A's axis and {gamma_a:.6g} from A"
             " about B's: equal and opposite",
             hint=(
                 "one gyro, or the table, has opposite signs in the two logs; state the sign in"
@@ -253,9 +253,9 @@ def of_axes_lines(
     yield from run_lines.flag_drifts()
     axis_of = run_lines.axis_of[:: len(spec.gyros)]
     main = np.abs(run_lines.sensitivity()).argmax(axis=1)
-    for gyro, most in zip(spec.gyros, main, strict=True):
-        about = [run for axis, run in zip(axis_of, runs, strict=True) if axis == most]
-        name = forms.line_name(gyro, forms.AXES[most])
+    for gyro, axis in zip(spec.gyros, main, strict=True):
+        about = [run for turned, run in zip(axis_of, runs, strict=True) if turned == axis]
+        name = forms.line_name(gyro, forms.AXES[axis])
         yield from of_contradicted_runs(name, about, run_lines.of_runs(about, gyro))
     yield from of_contradicted_shares(run_lines, runs, spec.gyros)
     yield from of_time(run_lines, spec.gyros)
@@ -265,14 +265,14 @@ def require_own_axes(sets: Sequence[AxesSet], gyros: Sequence[str]) -> None:
     """Raise FitError where a gyro named x, y or z senses another of these axes most: logs or
     columns are exchanged.
     """
-    for one in sets:
+    for axes_set in sets:
         for gyro in gyros:
-            row = one.misalignment(gyro)
-            most = forms.AXES[int(np.argmax(np.abs(row)))]
-            if gyro in forms.AXES and most != gyro:
+            row = axes_set.misalignment(gyro)
+            axis = forms.AXES[int(np.argmax(np.abs(row)))]
+            if gyro in forms.AXES and axis != gyro:
                 raise FitError(
-                    f"{_place(one)}gyro {gyro} senses table axis {most} most"
-                    f" ({row[forms.AXES.index(most)]:+.3f})",
+                    f"{_place(axes_set)}gyro {gyro} senses table axis {axis} most"
+                    f" ({row[forms.AXES.index(axis)]:+.3f})",
                     hint=(
                         "logs are exchanged under [axes], or columns; gyros that are not mounted so"
                         " need other names"
@@ -280,9 +280,9 @@ def require_own_axes(sets: Sequence[AxesSet], gyros: Sequence[str]) -> None:
                 )
 
 
-def _place(one: AxesSet) -> str:
+def _place(axes_set: AxesSet) -> str:
     """Beginning of the flags of a set."""
-    return f"{one.temp_degc:.0f} °C: " if np.isfinite(one.temp_degc) else ""
+    return f"{axes_set.temp_degc:.0f} °C: " if np.isfinite(axes_set.temp_degc) else ""
 
 
 def of_directions(figures: Mapping[str, Figure], gyros: Sequence[str]) -> Iterator[str]:
@@ -302,15 +302,19 @@ def of_sets(
     """Flags for left-handed input axes, poorly determined scale factors, and biases that are
     inconsistent or unknown.
     """
-    for one in sets:
-        yield from (f"{_place(one)}{flag}" for flag in of_directions(one.figures, spec.gyros))
-    directions = [[one.misalignment(gyro) for gyro in spec.gyros] for one in sets]
+    for axes_set in sets:
+        yield from (
+            f"{_place(axes_set)}{flag}" for flag in of_directions(axes_set.figures, spec.gyros)
+        )
+    directions = [[axes_set.misalignment(gyro) for gyro in spec.gyros] for axes_set in sets]
     if len(spec.gyros) == len(forms.AXES) and np.any(np.linalg.det(directions) < 0.0):
         yield "the input axes make a left-handed system: logs or signs may be exchanged"
-    for one in sets:
+    for axes_set in sets:
         for gyro in spec.gyros:
-            size = one.figures[f"scale_factor.{gyro}"]
-            yield from of_uncertain(f"{_place(one)}{gyro}", size.value, size.standard_uncertainty)
+            size = axes_set.figures[f"scale_factor.{gyro}"]
+            yield from of_uncertain(
+                f"{_place(axes_set)}{gyro}", size.value, size.standard_uncertainty
+            )
     if mounting is None and len(spec.gyros) > 1:
         yield Remark(
             "the errors of mounting are not in u of the angles and unit vectors: state how a"
@@ -321,15 +325,15 @@ def of_sets(
             "the latitude is not known ([site] latitude_deg): the bias stays mixed with the earth's"
             " rate about each table axis, and `apply` is refused"
         )
-    for one in sets:
+    for axes_set in sets:
         # a bias that differs between the attitudes depends on acceleration, or the earth's rate is
         # wrong
-        biases = [figure for name, figure in one.figures.items() if name.startswith("bias.")]
+        biases = [figure for name, figure in axes_set.figures.items() if name.startswith("bias.")]
         largest = max((bias.standard_uncertainty for bias in biases), default=0.0)
         if largest > 1.0:
             yield (
-                f"{_place(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
-                " table axes (latitude, table axis, or a bias that depends on acceleration)"
+                f"{_place(axes_set)}the bias is known to {largest:.2g} °/h only: it differs between"
+                " the table axes (latitude, table axis, or a bias that depends on acceleration)"
             )
 
 
@@ -358,12 +362,12 @@ def judge_contradictions(flags: Iterable[str]) -> tuple[Criterion, ...]:
     return (at_most(what, PPM * max(off), PPM * ANOTHER, "ppm", "calibkit"),) if off else ()
 
 
-def of_contradicted_runs(name: str, runs: Sequence[TableRun], found: Value) -> Iterator[str]:
+def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) -> Iterator[str]:
     """Flags on runs of a gyro about one axis whose K [r] the others contradict; FitError where that
     is because their thermometer was in °F.
     """
     temp_degc = np.array([run.temp_degc for run in runs])
-    files, K, u = [run.log.file for run in runs], found.value, found.u
+    files, K, u = [run.log.file for run in runs], K_of_runs.value, K_of_runs.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
         off = np.abs(K / np.median(K) - 1.0)
         if off.max() > ANOTHER:

@@ -71,9 +71,9 @@ class Lines:
 
     @classmethod
     def of(
-        cls, sets: Sequence[Sequence[tuple[int, TableRun]]], near: "Lines | None" = None
+        cls, sets: Sequence[Sequence[tuple[int, TableRun]]], frozen: "Lines | None" = None
     ) -> "Lines":
-        """Lines of sets of runs, each with the number of its axis; `near` are those of nearly the
+        """Lines of sets of runs, each with the number of its axis; `frozen` are those of nearly the
         same runs, of which sizes of errors and what changes with time are kept.
         """
         columns: list[Array] = []
@@ -95,9 +95,9 @@ class Lines:
         line_of = line_of.astype(np.int64)
         channel = (gyro_of * axes + axis_of)[line_of]
         rows = equation.Rows(rate, F, line_of, degc, hours, line_of, channel)
-        if near:
-            fitted = near.fitted.refit(rows)
-            fit = replace(near.fit, parameters=_best_lines(fitted, fitted.fit.parameters))
+        if frozen:
+            fitted = frozen.fitted.refit(rows)
+            fit = replace(frozen.fit, parameters=_best_lines(fitted, fitted.fit.parameters))
         else:
             shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
             terms = equation.Terms(lines=len(lines), shapes=shapes)
@@ -114,7 +114,7 @@ class Lines:
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
-        in_time = near.in_time if near else tuple(run_lines._find_in_time())
+        in_time = frozen.in_time if frozen else tuple(run_lines._find_in_time())
         return replace(run_lines, in_time=in_time)
 
     def _find_in_time(self) -> Iterator[tuple[int, Mask, ordering.Ordering]]:

@@ -17,7 +17,9 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
     """Sentence, facts and values of a fit; `scales` is what gyro_scale.json will hold."""
     largest = []
     for what, (name, _, _) in RUN_LIMITS.items():
-        same = [one for one in scales.figures if FigureName.of(one.name)[:2] == (what, GJB)]
+        same = [
+            figure for figure in scales.figures if FigureName.of(figure.name)[:2] == (what, GJB)
+        ]
         if same:
             worst = max(same, key=lambda figure: abs(figure.value))
             unit = worst.unit.replace("degC", "°C")

@@ -62,8 +62,8 @@ class TableRun:
     @property
     def rate_dps(self) -> Array:
         """Reference [p] [°/s]."""
-        held = self.plateaus
-        return held.rate_dps if self.reference == "rate" else held.angle_rate_dps
+        means = self.plateaus
+        return means.rate_dps if self.reference == "rate" else means.angle_rate_dps
 
     @property
     def slopes(self) -> Array:
@@ -82,15 +82,15 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
     """Read one log of the table in canonical columns; table angle and temperature are optional, and
     times of rows that are means over a held rate each.
     """
-    needed: tuple[str, ...] = (forms.RATE, *map(forms.gyro_column, spec.gyros))
+    required: tuple[str, ...] = (forms.RATE, *map(forms.gyro_column, spec.gyros))
     optional: tuple[str, ...] = (ANGLE, forms.TEMPERATURE)
     if spec.plateaus.one_row:
         optional = ("time_s", *optional)
     else:
-        needed = ("time_s", *needed)
+        required = ("time_s", *required)
     if spec.table.reference == "angle":
-        needed, optional = (*needed, ANGLE), (forms.TEMPERATURE,)
-    return reader(spec, data / file, file, needed, optional)
+        required, optional = (*required, ANGLE), (forms.TEMPERATURE,)
+    return reader(spec, data / file, file, required, optional)
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:
@@ -142,11 +142,11 @@ def group_by_temperature(
 
 def faults(spec: AnyRecipe, log: Log) -> Examined:
     """Findings of one log, and its held rates."""
-    findings, held = _find_faults(spec, log)
-    if held is None:
+    findings, means = _find_faults(spec, log)
+    if means is None:
         return Examined(tuple(findings), ())
     pinned = stated_segments.stated_rows(log, spec, ["rate"]) is not None
-    rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True)
+    rates = zip(means.span.tolist(), means.rate_dps.tolist(), strict=True)
     return Examined(
         tuple(findings), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
     )
@@ -154,12 +154,12 @@ def faults(spec: AnyRecipe, log: Log) -> Examined:
 
 def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     """Held rates of one log; raises FrameError or FitError that names it."""
-    findings, held = _find_faults(spec, log)
+    findings, means = _find_faults(spec, log)
     refuse(findings)
-    if held is None:
+    if means is None:
         raise FitError(f"{log.file}: no held rates")
     # a remark stays one
-    notes = (type(note)(f"{log.file}: {note}") for note in (*log.notes, *held.flags))
+    notes = (type(note)(f"{log.file}: {note}") for note in (*log.notes, *means.flags))
     flags = (*notes, *(str(finding) for finding in findings if finding.flagged))
     low = high = float("nan")
     if forms.TEMPERATURE in log.frame.columns:
@@ -168,9 +168,9 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
         )
         low, high = chunks.extremes(temperature)
         if high - low > ONE_SOAK_DEGC:
-            ends = [chunks.extremes(temperature[a:b]) for a, b in held.span.tolist()]
+            ends = [chunks.extremes(temperature[a:b]) for a, b in means.span.tolist()]
             low, high = min(end[0] for end in ends), max(end[1] for end in ends)
-    return TableRun(log, spec.gyros, held, spec.table.reference, flags, (low, high))
+    return TableRun(log, spec.gyros, means, spec.table.reference, flags, (low, high))
 
 
 def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.HeldMeans | None]:
@@ -204,17 +204,17 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.H
     if any(finding.refused for finding in findings):
         return findings, None
     try:
-        held = _average_held_rates(spec, log)
+        means = _average_held_rates(spec, log)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
         expected = "held rates of the table"
         findings.append(Finding(log.file, error.message, expected, advice, name="held_rates"))
         return findings, None
-    findings += _find_wrong_rates(spec, log, held)
+    findings += _find_wrong_rates(spec, log, means)
     if not one_row and not any(finding.refused for finding in findings):
         findings += _find_suspicious(spec, log)
-    findings += dropouts.find(log, held, gyros)
-    return findings, held
+    findings += dropouts.find(log, means, gyros)
+    return findings, means
 
 
 def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
@@ -254,11 +254,11 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     motion = held_rates.Motion.of(
         columns["time_s"], rate, columns.get(ANGLE), allocate=log.allocate
     )
-    held = stated_segments.stated_rows(log, spec, ["rate"])
-    if held is None:
-        held = held_rates.find(motion, spec.plateaus)
+    spans = stated_segments.stated_rows(log, spec, ["rate"])
+    if spans is None:
+        spans = held_rates.find(motion, spec.plateaus)
     along_axis = spec.procedure == "rate_table"
-    return held_means.average(motion, signals, held, temp_degc, along_axis=along_axis)
+    return held_means.average(motion, signals, spans, temp_degc, along_axis=along_axis)
 
 
 def _quantile(counts: Array, share: float, of: Callable[[Array], Array] = np.asarray) -> float:
@@ -268,7 +268,7 @@ def _quantile(counts: Array, share: float, of: Callable[[Array], Array] = np.asa
     )
 
 
-def _find_wrong_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) -> Iterator[Finding]:
+def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -> Iterator[Finding]:
     """Findings on fewer distinct held rates than a line and its range need, where rates closer than
     a held rate may vary count as one; and on table angle and table rate that differ by more than a
     table can: one is in another unit or sign.
@@ -276,7 +276,7 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) ->
     The angle is unwrapped about the turn expected from the rate. Where that is half a turn or more
     from row to row, the angle agrees with any rate within half a turn and cannot contradict it.
     """
-    rates, rules = np.sort(held.rate_dps), spec.plateaus
+    rates, rules = np.sort(means.rate_dps), spec.plateaus
     near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
     rates = rates[np.concatenate(([True], np.diff(rates) > near))]
     if rates.size < rules.min_rates:
@@ -284,14 +284,14 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) ->
         count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
         yield Finding(
             log.file,
-            f"{count} ({listed} °/s) on {held.rate_dps.size} plateaus",
+            f"{count} ({listed} °/s) on {means.rate_dps.size} plateaus",
             f"at least {rules.min_rates} different ones",
             "hold more rates, or allow shorter ones: plateaus.shortest_s",
             name="held_rates",
         )
-    if np.isnan(held.angle_rate_dps).any():
+    if np.isnan(means.angle_rate_dps).any():
         return
-    turn = np.abs(held.rate_dps) * log.steps.usual
+    turn = np.abs(means.rate_dps) * log.steps.usual
     slow = turn < HALF_TURN_DEG
     place = f"{log.file}: column '{ANGLE}'"
     if not slow.all():
@@ -307,7 +307,7 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, held: held_means.HeldMeans) ->
             "aliased",
             figure=float(fast.max()),
         )
-    angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
+    angle, rate = means.angle_rate_dps[slow], means.rate_dps[slow]
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
     if abs(ratio - 1.0) > ONE_TABLE:
         text = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"

@@ -62,8 +62,10 @@ def validate(
     of a pair, also N and γ.
     """
     matrices = compensate.read_invertible(spec, records)
-    sensitivities = {one.name: one for one in quantities.list_sensitivities(records, spec)}
-    within = quantities.hold_within_runs(records.values())
+    sensitivities = {
+        quantity.name: quantity for quantity in quantities.list_sensitivities(records, spec)
+    }
+    within_runs = quantities.hold_within_runs(records.values())
     triad = isinstance(spec, GyroTriadRecipe)
     runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
     entries: list[Entry] = []
@@ -98,8 +100,8 @@ def validate(
                 flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         if not triad:
             entry["gyros"] = of_gyros
-        errors += [(log.file, one) for one in ([entry] if triad else of_gyros)]
-        if not within:
+        errors += [(log.file, error) for error in ([entry] if triad else of_gyros)]
+        if not within_runs:
             criteria.append(_judge_scale_factors(log.file, scale_factors))
     body: Entry = {"logs": entries}
     tables = [_tabulate_errors(errors, triad=triad)]
@@ -109,8 +111,8 @@ def validate(
         of_pair = again.flags
         body["pair"] = [*_compare_pair(records, again, spec.type_b)]
         tables.append(_tabulate_pair(body["pair"]))
-        criteria += _judge_pair(body["pair"], within=within)
-    limits, undecided = _judge_limits(spec, [error for _, error in errors], within=within)
+        criteria += _judge_pair(body["pair"], within_runs=within_runs)
+    limits, undecided = _judge_limits(spec, [error for _, error in errors], within_runs=within_runs)
     criteria += [*limits, *acceptance.judge_noise(straight, spec.acceptance)]
     flags += [*undecided, *of_pair]
     return body, Summary("", tuple(tables), tuple(dict.fromkeys(flags)), tuple(criteria))
@@ -125,19 +127,19 @@ def _judge_scale_factors(file: str, scale_factors: Sequence[tuple[Value, Value]]
     return over_u(f"{file}: rms error of K", judged.to_object())
 
 
-def _judge_pair(compared: Sequence[Entry], *, within: bool) -> Iterator[Criterion]:
+def _judge_pair(compared: Sequence[Entry], *, within_runs: bool) -> Iterator[Criterion]:
     """Criteria that γ of unseen runs, and N where runs tell how scale factors repeat, differ as
     their uncertainties state.
     """
-    for one in compared:
-        if one["name"] == "gamma" or (one["name"] == "N" and not within):
-            error, u = np.array([one["difference"]]), np.array([[one["standard_uncertainty"]]])
-            over = unseen(error, u, dof=(one["dof"], np.inf)).to_object()
-            yield over_u(f"pair: error of {one['name']}", over)
+    for entry in compared:
+        if entry["name"] == "gamma" or (entry["name"] == "N" and not within_runs):
+            error, u = np.array([entry["difference"]]), np.array([[entry["standard_uncertainty"]]])
+            over = unseen(error, u, dof=(entry["dof"], np.inf)).to_object()
+            yield over_u(f"pair: error of {entry['name']}", over)
 
 
 def _judge_limits(
-    spec: AnyRecipe, errors: Sequence[Entry], *, within: bool
+    spec: AnyRecipe, errors: Sequence[Entry], *, within_runs: bool
 ) -> tuple[list[Criterion], list[str]]:
     """Criteria of the recipe's limits, and flags for those that decide nothing: where scale factors
     hold within their runs, a run beyond a limit of theirs rejects, and one within it accepts
@@ -147,12 +149,12 @@ def _judge_limits(
     if isinstance(spec, GyroTriadRecipe):
         errors, limits = [error["after"] for error in errors], acceptance.UNSEEN_BASE_LIMITS
     criteria, flags = [], []
-    for one in acceptance.judge_unseen(errors, limits, spec.acceptance):
-        if within and one.passed and one.name in OF_SCALE:
-            size = f"{one.name} {one.value:.3g} {one.unit}"
+    for criterion in acceptance.judge_unseen(errors, limits, spec.acceptance):
+        if within_runs and criterion.passed and criterion.name in OF_SCALE:
+            size = f"{criterion.name} {criterion.value:.3g} {criterion.unit}"
             flags.append(f"{size} of these runs decides no limit: {WITHIN}")
         else:
-            criteria.append(one)
+            criteria.append(criterion)
     return criteria, flags
 
 
@@ -168,7 +170,7 @@ def _scale_factors(
     the run's temperature, clamped to the fitted range.
     """
     model, degc = matrix.model, float(np.nan_to_num(run.plateaus.temp_degc).mean())
-    at = {one.column: min(max(degc, one.low), one.high) for one in quantity.inputs}
+    at = {x.column: min(max(degc, x.low), x.high) for x in quantity.inputs}
     point = quantity.point(at)
     ((_, u, dof),) = point.type_a()
     K = point.value
@@ -331,19 +333,19 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
     """
     along, across = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
     rows = []
-    for name, one in errors:
-        before, after = one["before"], one["after"]
-        gain = f"{one['rate_gain']:.6f}"
+    for name, entry in errors:
+        before, after = entry["before"], entry["after"]
+        gain = f"{entry['rate_gain']:.6f}"
         if triad:
             sizes = [f"{part[kind]:.1f}" for kind in (along, across) for part in (before, after)]
-            rows.append((f"{name} about {one['axis']}", *sizes, gain))
+            rows.append((f"{name} about {entry['axis']}", *sizes, gain))
             continue
-        u = one["scale_factor_error_standard_uncertainty_ppm"]
+        u = entry["scale_factor_error_standard_uncertainty_ppm"]
         rows.append(
             (
-                f"{name} {one['gyro']}",
-                f"{one['K']:.4f}",
-                f"{one['K_frozen']:.4f}",
+                f"{name} {entry['gyro']}",
+                f"{entry['K']:.4f}",
+                f"{entry['K_frozen']:.4f}",
                 f"{before['scale_factor_error_ppm']:+.1f}",
                 f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
                 f"{before[along]:.1f}",
