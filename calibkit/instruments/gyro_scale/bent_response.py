@@ -1,8 +1,11 @@
-"""Powers of the rate that the response of a gyro asks for.
+"""Powers of the rate that the response of a gyro asks for, chosen on runs that are left out.
 
-A fibre-optic gyro without feedback is a sine whose constants follow temperature: to ± 150 °/s a
-cubic leaves 0.11 °/s of it, the fifth power with coefficients that are linear in temperature
-0.03 °/s; with their squares K(T) is right too (`equation`).
+    e_r = F_r − (fit of the other runs)_r,   less its own line in K and F0 of run r          (1)
+
+Powers are taken where the rms of e over all runs falls below `MARGIN` of that with fewer; with a
+single run each rate is left out. A fibre-optic gyro without feedback is a sine whose constants
+follow temperature: to ± 150 °/s a cubic leaves 0.11 °/s of it, the fifth power with coefficients
+that are linear in temperature 0.03 °/s; with their squares K(T) is right too (`equation`).
 """
 
 from collections.abc import Sequence

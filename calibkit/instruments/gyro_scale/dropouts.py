@@ -1,5 +1,10 @@
-"""Rows of held rates in which a gyro indicates far less than the table turns: pulses were lost, or
-the gyro follows the table late or early.
+"""Rows of held rates in which a gyro indicates far less than the table turns.
+
+    F < F0 + ½ K Ω (towards rest), between rows that respond: pulses were lost               (1)
+    F passes halfway between two held rates later, or earlier, than the table's rate does    (2)
+
+K and F0 are medians over the held rates; (2) means that rows of the gyro are stamped late or early,
+or that it is filtered.
 """
 
 from collections.abc import Iterator, Sequence

@@ -252,42 +252,35 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
     """
     ppm = np.abs(K)[rows.channel] * PPM * rows.rate_dps
     dph = np.abs(own_K)[rows.channel] / DPH_PER_DPS
-
-    def of_runs(effect: str, loading: Array, unit: str) -> Shared:
-        return Shared(
-            group="run", effect=effect, level=rows.run, loading=loading[:, None], unit=unit
-        )
-
-    yield of_runs("scale", ppm, "ppm")
-    yield of_runs("zero", dph, "deg/h")
-    if rows.hours.any():
-        yield of_runs("zero drift", dph * rows.hours, "deg/h/h")
+    errors = [
+        ("run", "scale", rows.run, ppm, "ppm"),
+        ("run", "zero", rows.run, dph, "deg/h"),
+    ]
+    timed = bool(rows.hours.any())
+    if timed:
+        errors.append(("run", "zero drift", rows.run, dph * rows.hours, "deg/h/h"))
     warmer = rows.row_degc - rows.temp_degc[rows.run]
     logged = bool(np.isfinite(warmer).all())
     if logged and warmer.any() and not terms.order:
-        yield of_runs("scale over temperature", ppm * warmer, "ppm/degC")
-    elif not logged and rows.hours.any():
-        yield of_runs("scale drift", ppm * rows.hours, "ppm/h")
-    if not rows.both_ways:
-        return
-    pattern = response_pattern(rows)
-    if pattern.size:
-        loading = (np.abs(K)[rows.channel] / DPH_PER_DPS)[:, None] * pattern
+        errors.append(("run", "scale over temperature", rows.run, ppm * warmer, "ppm/degC"))
+    elif not logged and timed:
+        errors.append(("run", "scale drift", rows.run, ppm * rows.hours, "ppm/h"))
+    if rows.both_ways:
+        pattern = response_pattern(rows)
+        if pattern.size:
+            of_rates = (np.abs(K)[rows.channel] / DPH_PER_DPS)[:, None] * pattern
+            errors.append(("rate", "response", rows.channel, of_rates, "deg/h"))
+        side = 2 * rows.run + (rows.rate_dps < 0.0)
+        errors.append(("side", "zero", side, dph, "deg/h"))
+        errors.append(("side", "scale", rows.run, np.abs(ppm), "ppm"))
+    for group, effect, level, loading, unit in errors:
         yield Shared(
-            group="rate", effect="response", level=rows.channel, loading=loading, unit="deg/h"
-        )
-    side = 2 * rows.run + (rows.rate_dps < 0.0)
-    for effect, level, loading, unit in (
-        ("zero", side, dph, "deg/h"),
-        ("scale", rows.run, np.abs(ppm), "ppm"),
-    ):
-        yield Shared(
-            group="side",
+            group=group,
             effect=effect,
             level=level,
-            loading=loading[:, None],
+            loading=loading.reshape(level.size, -1),
             unit=unit,
-            optional=True,
+            optional=group == "side",
         )
 
 

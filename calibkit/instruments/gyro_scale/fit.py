@@ -434,6 +434,7 @@ def _fit_set(
     """
     chosen, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
+    runs_about = np.bincount(run_lines.axis_of[chosen])
     errors = [*(stated or ())]
     if vertical_dps is not None and stated is not None:
         errors += run_lines.run_zeros(chosen, vertical_dps)
@@ -442,7 +443,8 @@ def _fit_set(
         K, F0 = p.reshape(2, count, 3)
         if vertical_dps is None:
             return K.ravel()
-        return np.concatenate((K.ravel(), np.mean(F0 - vertical_dps * K, axis=1)))
+        biases = np.average(F0 - vertical_dps * K, axis=1, weights=runs_about)
+        return np.concatenate((K.ravel(), biases))
 
     fit = run_lines.mean_lines(chosen).restated(S_and_B).widened_by(errors)
     figures = [*of_input_axes(fit.part(slice(3 * count)), spec.gyros)]
