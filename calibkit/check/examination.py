@@ -139,25 +139,25 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         for outcome in outcomes
         if outcome.drift_slope is not None
     }
-    ramps = {
-        o.report.file: [condition.level for condition in o.report.held if condition.kind == "ramp"]
-        for o in outcomes
-    }
-    rates = {file: ramp_rates[0] for file, ramp_rates in ramps.items() if len(ramp_rates) == 1}
+    rates = {}
+    for outcome in outcomes:
+        ramps = [condition for condition in outcome.report.held if condition.kind == "ramp"]
+        if len(ramps) == 1:
+            rates[outcome.report.file] = ramps[0].level
     driven = {
         o.report.file: (rates[o.report.file], o.report.facts.duration_s, o.lag_s)
         for o in outcomes
         if o.report.file in rates and o.report.facts is not None and o.lag_s
     }
-    measured = {
-        o.report.file: [
-            (column.name, column.low, column.high)
-            for column in o.report.facts.columns
-            if column.name in THERMOMETERS and column.missing < o.report.facts.rows
-        ]
-        for o in outcomes
-        if o.report.facts is not None
-    }
+    measured = {}
+    for outcome in outcomes:
+        log_facts = outcome.report.facts
+        if log_facts is not None:
+            measured[outcome.report.file] = [
+                (column.name, column.low, column.high)
+                for column in log_facts.columns
+                if column.name in THERMOMETERS and column.missing < log_facts.rows
+            ]
     return [
         *_copies(outcomes),
         *magnitude.find_compensated_logs(slopes),

@@ -159,11 +159,11 @@ class CheckedCampaign:
 
 def _judge_logs(reports: Sequence[LogReport]) -> str:
     """How many logs of a campaign are ok, and which are refused for what, in a line."""
-    refused = [
-        f"{report.file} ({next(finding.found for finding in report.findings if finding.refused)})"
-        for report in reports
-        if report.refused
-    ]
+    refused = []
+    for report in reports:
+        if report.refused:
+            first = next(finding for finding in report.findings if finding.refused)
+            refused.append(f"{report.file} ({first.found})")
     ok, noun = len(reports) - len(refused), "log" if len(reports) == 1 else "logs"
     overflow = [f"{len(refused) - MOST_NAMED} more"] if len(refused) > MOST_NAMED else []
     refused_text = "; ".join([*refused[:MOST_NAMED], *overflow])

@@ -456,8 +456,13 @@ def check_rates_in_names(measured: Mapping[str, float]) -> list[tuple[str, Findi
     """
     numbers = _numbers_in_names(measured)
     places = range(min(map(len, numbers.values()), default=0))
-    rates = ({file: (numbers[file][k], rate) for file, rate in measured.items()} for k in places)
-    return next(filter(None, map(_find_fahrenheit, rates)), [])
+    for k in places:
+        # the number in this place of the names may be what was ordered
+        rates = {file: (numbers[file][k], rate) for file, rate in measured.items()}
+        findings = _find_fahrenheit(rates)
+        if findings:
+            return findings
+    return []
 
 
 def measure_lag(time: Array, case: Array, air: Array) -> float:
@@ -575,15 +580,15 @@ def _find_ends_in_degf(ends: Mapping[str, Array], column: str) -> list[tuple[str
     """Logs over a range that in °F is the range of another log, and goes beyond all of those in °C;
     sure where it goes further than such logs do in °C.
     """
-    twins = {
-        file: [
-            other
-            for other, pair in ends.items()
-            if np.abs(_from_degf(own_ends) - pair).max() <= SAME_DEGC and other != file
-        ]
-        for file, own_ends in ends.items()
-        if np.ptp(own_ends) >= NAMED_SPREAD
-    }
+    twins = {}
+    for file, ends_degf in ends.items():
+        if np.ptp(ends_degf) >= NAMED_SPREAD:
+            ends_degc = _from_degf(ends_degf)
+            twins[file] = [
+                other
+                for other, pair in ends.items()
+                if np.abs(ends_degc - pair).max() <= SAME_DEGC and other != file
+            ]
     in_degc = {file: pair for file, pair in ends.items() if not twins.get(file)}
     highest = max((pair[1] for pair in in_degc.values()), default=np.inf)
     findings = []

@@ -46,6 +46,7 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     zero_errors = {memory.name: 0.0 for memory in driven}
     analysis = _Analysis(chain, program, value_ranges, zero_errors).run()
     start = analysis.inner
+    # errors of remembered values go on linearly: an error of 1 in each gives a column of the matrix
     columns = [analysis.again(zero_errors | {m.name: 1.0}).inner for m in driven]
     growth = [[column[m.source] - start[m.source] for column in columns] for m in driven]
     settled_errors = _settled(growth, [start[m.source] for m in driven])

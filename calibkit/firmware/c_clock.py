@@ -77,9 +77,8 @@ def render(export: FirmwareRun, home: Home, head: str, invalid: str) -> str:
     update = UPDATE.replace("@head", head).replace("@invalid", invalid)
     update = update.replace("@passed", home.passed)
     update = update.replace("@restart", restart).replace("@starting", starting)
-    fields, outputs = (
-        [entry.name for entry in side] for side in (structure.inputs, structure.outputs)
-    )
+    fields = [entry.name for entry in structure.inputs]
+    outputs = [output.name for output in structure.outputs]
     copied_outputs = _copied("state->before.", "state->last.", outputs)
     update = update.replace("@kept", _indented(copied_outputs, 8))
     update = update.replace("@began", _indented(copied_outputs, 12))

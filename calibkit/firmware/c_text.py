@@ -90,12 +90,12 @@ def verdict_mark(lines: Iterable[str]) -> str:
 
 def list_verdicts(accepted: Mapping[str, bool | None]) -> str:
     """What verify appends for a file of several devices (serial → accepted, None: no verdict)."""
-    serials_by_mark = (
-        (mark, [serial for serial, value in accepted.items() if value is ACCEPTED[verdict]])
-        for verdict, mark in MARKS.items()
-        if mark
-    )
-    return "".join(f"{mark}: {', '.join(serials)}" for mark, serials in serials_by_mark if serials)
+    text = ""
+    for verdict, mark in MARKS.items():
+        serials = [serial for serial, value in accepted.items() if value is ACCEPTED[verdict]]
+        if mark and serials:
+            text += f"{mark}: {', '.join(serials)}"
+    return text
 
 
 def ascii_only(text: str) -> str:

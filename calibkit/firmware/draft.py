@@ -218,12 +218,11 @@ class Draft:
 
 def _rename(step: Step, new_name: Callable[[str], str]) -> Step:
     """A step whose values and tables have other names."""
-    changed: dict[str, Any] = {
-        field.name: new_name(value)
-        for field in fields(step)
-        if field.name not in ("flag", "group", "start")
-        and isinstance(value := getattr(step, field.name), str)
-    }
+    changed: dict[str, Any] = {}
+    for attribute in fields(step):
+        value = getattr(step, attribute.name)
+        if isinstance(value, str) and attribute.name not in ("flag", "group", "start"):
+            changed[attribute.name] = new_name(value)
     if isinstance(step, Sum):
         changed["terms"] = tuple(
             replace(

@@ -76,11 +76,10 @@ class _Lags:
                 else:
                     driven[row] += term.sign * weight * float(chain.usual[factor])
         ramped = np.array([float(chain.ramped[name]) for name in names])
-        by = bounds.find_gains(chain, program.quantise(chain, formats.FORMATS["f64"]))
-        gains = {
-            output: np.array([output_gains[name] for name in names])
-            for output, output_gains in by.items()
-        }
+        gains = {}
+        quantised = program.quantise(chain, formats.FORMATS["f64"])
+        for output, output_gains in bounds.find_gains(chain, quantised).items():
+            gains[output] = np.array([output_gains[name] for name in names])
         return cls(names, decay, driven, ramped, gains)
 
     def weigh(self, values: Array) -> dict[str, float]:
@@ -188,7 +187,8 @@ def by_the_clock(chain: Chain, trials: Trials) -> Trials:
         added = vectors.coarsen(0.5 * (low + high) + offsets, 8.0 * move)
         inputs[name] = np.concatenate([column, added])
     calls = [(count, round(share * interval)) for _, count, share in CLOCK]
-    if settling_updates := int(chain.tables[pace.table][0]):  # STARTING ends
+    settling_updates = int(chain.tables[pace.table][0])
+    if settling_updates:  # one call up to the end of STARTING, and one without it
         inputs = {name: np.append(column, [column[-1]] * 2) for name, column in inputs.items()}
         calls += [(settling_updates, 0), (1, interval)]
     updates, elapsed = zip(*calls, strict=True)

@@ -246,11 +246,11 @@ def _thermal(export: FirmwareRun, pilot: _Pilot) -> _Thermal:
     structure, tables = export.structure, export.chain.tables
     columns = {c.output: c.column for c in export.chain.corrections if not c.product}
     sums = {step.name: step.terms for step in structure.steps if isinstance(step, Sum)}
-    over_u = {
-        columns[output.name]: tables[terms[0].table]
-        for output in structure.outputs
-        if output.name in columns and len(terms := sums.get(output.source, ())) == 1
-    }
+    over_u = {}
+    for output in structure.outputs:
+        terms = sums.get(output.source, ())
+        if output.name in columns and len(terms) == 1:
+            over_u[columns[output.name]] = tables[terms[0].table]
     names = [entry.name for entry in structure.inputs]
     if names != ["temp_case_degc"] or len(over_u) < len(structure.outputs) or structure.has_memory:
         raise OutputError(

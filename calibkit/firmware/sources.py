@@ -41,6 +41,7 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
     from a column of the logs.
     """
     input_units = {entry.name: entry.unit for entry in chain.structure.inputs}
+    corrected = [entry.column for entry in chain.corrections if entry.column not in input_units]
     return (
         *(
             f"input         {name} [{unit}] ="
@@ -49,9 +50,7 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
         ),
         *(
             f"indication    {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"
-            for name in [
-                entry.column for entry in chain.corrections if entry.column not in input_units
-            ]
+            for name in corrected
         ),
         *(f"convention    {convention}" for convention in conventions),
         (

@@ -122,10 +122,8 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
     program = layout.read_program(lines, tables, place)
     try:
         file_vectors = json.loads(row["vectors"])
-        inputs, outputs = (
-            {key: tuple(column) for key, column in file_vectors[side].items()}
-            for side in ("inputs", "outputs")
-        )
+        inputs = {name: tuple(column) for name, column in file_vectors["inputs"].items()}
+        outputs = {name: tuple(column) for name, column in file_vectors["outputs"].items()}
         counts = (tuple(file_vectors.get(name, ())) for name in ("updates", "status", "elapsed_ms"))
         updates, status, elapsed = counts
         rows = vectors.Vectors(inputs, updates, outputs, status, elapsed)

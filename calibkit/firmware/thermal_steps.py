@@ -258,11 +258,12 @@ def _weights(h: Fraction, length: int, fewest: int) -> exact.Poly:
             [sum((row[j] * row[k] for row in design), Fraction(0)) for k in range(3)]
             for j in range(3)
         ]
+        # (AᵀA)⁻¹ e₂, whose product with a row of A is the weight of that row's value
         picked = exact.solve(normal, (Fraction(0), Fraction(1), Fraction(0)))
-        weights = [
-            sum((p * entry for p, entry in zip(picked, row, strict=True)), Fraction(0)) * 60 / h
-            for row in design
-        ]
+        weights = []
+        for row in design:
+            weight = sum((p * entry for p, entry in zip(picked, row, strict=True)), Fraction(0))
+            weights.append(weight * 60 / h)
         rows += [*weights[1:], *[Fraction(0)] * (length - m)]
     return tuple(rows)
 

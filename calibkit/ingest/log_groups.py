@@ -134,13 +134,14 @@ def group_logs(folder: Path, sheet: str = "") -> list[Group]:
             continue
         for layout in layouts:
             before = groups.get(layout.key, Group((), layout))
-            texts = before.layout.text, layout.text
-            common_text = {
-                key: value
-                for text in texts
-                for key, value in text.items()
-                if key in _MENDED or all(other.get(key) == value for other in texts)
-            }
+            earlier, later = before.layout.text, layout.text
+            common_text: dict[str, str | int | list[int]] = {}
+            for text, other in ((earlier, later), (later, earlier)):
+                common_text |= {
+                    key: value
+                    for key, value in text.items()
+                    if key in _MENDED or other.get(key) == value
+                }
             groups[layout.key] = Group(
                 (*before.files, path.name), replace(layout, text=common_text)
             )

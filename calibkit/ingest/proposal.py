@@ -70,7 +70,8 @@ def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> RecipeC
         mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
             return RecipeChoice(name, {}, (), {})
-    recognised = [choice for recognise in proposers if (choice := recognise(evidence)) is not None]
+    choices = (recognise(evidence) for recognise in proposers)
+    recognised = [choice for choice in choices if choice is not None]
     if not recognised:
         return None
     of_other_recipes = (choice for choice in recognised if choice.recipe != recognised[0].recipe)

@@ -149,10 +149,8 @@ def _write_mapping(choice: RecipeChoice, group: Group) -> str:
     lines += [
         f"# could be {name} too: {write_value(column.name)}" for name, column in choice.alternatives
     ]
-    used = {
-        column.name
-        for column in (*choice.mapping.values(), *(column for _, column in choice.alternatives))
-    }
+    used = {column.name for column in choice.mapping.values()}
+    used |= {column.name for _, column in choice.alternatives}
     unused = [column.name for column in group.columns if column.name not in used]
     if choice.mapping and unused:
         lines.append(visible(f"# not used: {', '.join(unused)}"))

@@ -58,11 +58,11 @@ class TextLines:
         """
         lines, last = list(self.lines), [self._quote(text) for text in status]
         for row, line in enumerate(self.rows.tolist()):
-            fields = {
-                k: self._number(text)
-                for k, texts in replaced.items()
-                if (text := texts[row]) is not None
-            }
+            fields = {}
+            for k, texts in replaced.items():
+                text = texts[row]
+                if text is not None:
+                    fields[k] = self._number(text)
             added_fields = [self._number(texts[row]) for texts in added.values()]
             lines[line] = self._edit(lines[line], fields, (*added_fields, *last[row : row + 1]))
         for line, fields, names in self._edit_header((*added, *[STATUS][: len(last)]), renamed):

@@ -162,11 +162,11 @@ def _read_segment(
         packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
         _require_samples(_stated_samples(header, 0), len(written), last, file, packets=packets)
     channels = [name for name in names if name != _TIME]
-    channel_units = {
-        name: unit
-        for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
-        if (unit := units.as_stated(label))
-    }
+    channel_units = {}
+    for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False):
+        unit = units.as_stated(label)
+        if unit:
+            channel_units[name] = unit
     line_numbers = np.array(list(parsed), dtype=np.int64)
     numbers = np.searchsorted(np.array(list(written)), line_numbers)
     rows = np.array(list(parsed.values()))

@@ -45,7 +45,8 @@ def _find_parts(path: Path, file: str) -> list[str]:
         f"{folder}/{p.name}" if folder else p.name for p in path.parent.iterdir() if p.is_file()
     ]
     parts = next((parts for parts in group_parts(sorted(siblings)) if file in parts), [file])
-    numbers = [int(numbered["number"]) for part in parts if (numbered := _NUMBERED.fullmatch(part))]
+    numbered_parts = map(_NUMBERED.fullmatch, parts)
+    numbers = [int(numbered["number"]) for numbered in numbered_parts if numbered]
     for (number, part), after in zip(zip(numbers, parts, strict=False), numbers[1:], strict=False):
         if after != number + 1:
             raise LogFormatError(

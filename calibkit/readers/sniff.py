@@ -265,16 +265,17 @@ def _build_dialect(
     width = _usual_width(layout.rows)
     skip, header, names_and_units = _find_header(layout, width, file, spec, names)
     rows = [row for row in layout.rows if len(row) == width]
+    columns = []
+    for k, (name, unit) in enumerate(names_and_units):
+        fields = [row[k] for row in rows]
+        columns.append(_SniffedColumn(name, unit, *_classify_column(fields, decimal)))
     return Dialect(
         encoding,
         layout.delimiter,
         decimal,
         skip,
         header,
-        columns=tuple(
-            _SniffedColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
-            for k, (name, unit) in enumerate(names_and_units)
-        ),
+        columns=tuple(columns),
         guessed=tuple(key for key, value in spec if value == AUTO),
         widths=layout.widths,
         renamed=bool(names) and header > 0,

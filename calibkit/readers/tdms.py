@@ -65,11 +65,11 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         group = _find_group(opened.groups(), file, table)
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _to_numbers(channel[:]) for name, channel in channels.items()}
-        channel_units = {
-            name: unit
-            for name, channel in channels.items()
-            if (unit := units.as_stated(str(channel.properties.get("unit_string", ""))))
-        }
+        channel_units = {}
+        for name, channel in channels.items():
+            unit = units.as_stated(str(channel.properties.get("unit_string", "")))
+            if unit:
+                channel_units[name] = unit
         increments = {_waveform_increment(channel) for channel in channels.values()}
     number_columns = {name: column for name, column in columns.items() if column is not None}
     lengths = {len(column) for column in number_columns.values()}

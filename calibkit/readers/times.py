@@ -102,14 +102,13 @@ def is_decimal(field: str) -> bool:
 
 def recognise_format(fields: Sequence[str]) -> str:
     """Format that most of some fields have, or "" where they are no times."""
-    forms = [form for form in (_recognise_field(field.strip()) for field in fields) if form]
+    stripped = [field.strip() for field in fields]
+    forms = list(filter(None, map(_recognise_field, stripped)))
     if 2 * len(forms) <= len(fields):
         return ""
     with_fraction = [form for form in forms if "%f" in form]
     usual = max(set(with_fraction or forms), key=(with_fraction or forms).count)
-    hours = [
-        int(time_match["h"]) for field in fields if (time_match := _TIME.fullmatch(field.strip()))
-    ]
+    hours = [int(time_match["h"]) for time_match in map(_TIME.fullmatch, stripped) if time_match]
     if usual.startswith("%H") and max(hours, default=0) > 23:
         return ELAPSED
     return usual

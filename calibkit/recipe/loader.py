@@ -256,7 +256,8 @@ def _apply_override(data: dict[str, Any], override: str) -> dict[Location, str]:
 def _format_place(source: Source, location: Location, lines: Mapping[Location, str]) -> str:
     """file:line of the closest place that is written, or the command line's own words."""
     for end in range(len(location), 0, -1):
-        if (line := lines.get(location[:end])) is not None:
+        line = lines.get(location[:end])
+        if line is not None:
             return line if line.startswith("--set") else f"{source.name}:{line}"
     return source.name
 

@@ -123,10 +123,14 @@ class Exclude(Table):
     @property
     def parts(self) -> dict[str, tuple[tuple[int, int], ...]]:
         """Rows, lines, positions or stations that are left out, as ranges with both ends."""
+        excluded = {
+            "rows": self.rows,
+            "lines": self.lines,
+            "positions": self.positions,
+            "stations": self.stations,
+        }
         return {
-            key: tuple(map(_parse_range, entries))
-            for key in ("rows", "lines", "positions", "stations")
-            if (entries := getattr(self, key))
+            key: tuple(map(_parse_range, entries)) for key, entries in excluded.items() if entries
         }
 
     @property

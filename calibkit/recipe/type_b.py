@@ -70,11 +70,11 @@ class TypeB(Table):
 
     @model_validator(mode="after")
     def _one_statement(self) -> Self:
-        statements = {
-            name: value
+        statements = [
+            name
             for name in ("standard_uncertainty", "half_width", "expanded_uncertainty")
-            if (value := getattr(self, name)) is not None
-        }
+            if getattr(self, name) is not None
+        ]
         if len(statements) != 1:
             statements_text = " and ".join(statements) or "none"
             raise ValueError(
