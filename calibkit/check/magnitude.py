@@ -330,9 +330,9 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
     if power == 0.0:
         return []
     gain = fit_drift_slope(x, y)
-    left = y - y.mean() - gain * (x - x.mean())
+    residual = y - y.mean() - gain * (x - x.mean())
     # blocks of one log are not independent: a tenth of them counts
-    uncertainty = float(np.sqrt(np.mean(left**2) * 10.0 / power))
+    uncertainty = float(np.sqrt(np.mean(residual**2) * 10.0 / power))
     if gain + 3.0 * uncertainty > COMPENSATED_SHARE:
         return []
     why = "it may have been compensated before, and must not be twice"

@@ -133,12 +133,12 @@ def _fit_lead(time: Array, follower: Array, driver: Array) -> _Lead:
     nuisance = np.column_stack([np.ones(count), d])
     design = np.column_stack([nuisance, -rate])
     offset, gain, lag = np.linalg.lstsq(design, f, rcond=None)[0].tolist()
-    left_rate, left = (
+    residual_rate, residual = (
         series - nuisance @ np.linalg.lstsq(nuisance, series, rcond=None)[0]
         for series in (-rate, f)
     )
-    power = float(np.sqrt((left_rate @ left_rate) * (left @ left)))
-    correlation = float(left_rate @ left) / power if power > 0.0 else 0.0
+    power = float(np.sqrt((residual_rate @ residual_rate) * (residual @ residual)))
+    correlation = float(residual_rate @ residual) / power if power > 0.0 else 0.0
     return _Lead(gain, offset, lag, correlation, abs(lag) * float(np.ptp(rate)))
 
 

@@ -125,9 +125,9 @@ def _with_every_coefficient(
             trial = {name: column.copy() for name, column in words.items()}
             for name, column in trial.items():
                 column[row] = candidate_inputs[name][best]
-            left = find_unnoticed(program, trial, tolerances)
-            if left <= missed - {coefficient}:
-                words, missed = trial, left
+            still_missed = find_unnoticed(program, trial, tolerances)
+            if still_missed <= missed - {coefficient}:
+                words, missed = trial, still_missed
                 break
     return words
 

@@ -183,16 +183,18 @@ def read_ahead(files: Iterable[str], read: Callable[[str], _Read]) -> Iterator[_
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    left = iter(files)
+    remaining_files = iter(files)
     with ThreadPoolExecutor(1) as reader_thread:
-        coming = deque(reader_thread.submit(read, file) for file in islice(left, 2))
+        coming = deque(reader_thread.submit(read, file) for file in islice(remaining_files, 2))
         try:
             for name in _NEEDED_LATER:
                 importlib.import_module(name)
             while coming:
                 # no reference to the yielded log is kept: two are in memory, never three
                 yield coming.popleft().result()
-                coming.extend(reader_thread.submit(read, file) for file in islice(left, 1))
+                coming.extend(
+                    reader_thread.submit(read, file) for file in islice(remaining_files, 1)
+                )
         finally:
             for future in coming:
                 future.cancel()

@@ -83,7 +83,7 @@ def read_to_disk(
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
         part = mapping.map_log(without_exclusions, table, required_columns, optional)
-        frame, out = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
+        frame, excluded_in_chunk = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
         columns_on_disk = columns_on_disk or {
             str(name): _allocate_column(scan.rows) for name in frame.columns
         }
@@ -92,7 +92,8 @@ def read_to_disk(
             release(column)
         row += len(frame)
         excluded_rows = {
-            number: excluded_rows.get(number, 0) + rows for number, rows in out.items()
+            number: excluded_rows.get(number, 0) + rows
+            for number, rows in excluded_in_chunk.items()
         }
         notes |= dict.fromkeys(part.notes)
         lost += part.lost

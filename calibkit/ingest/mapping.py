@@ -234,12 +234,12 @@ def drop_excluded_rows(
         if offset is None or exclude.whole:
             continue
         rows = _row_numbers(frame, table) if exclude.rows else None
-        out = _find_excluded(frame, exclude, file, rows, offset)
+        excluded = _find_excluded(frame, exclude, file, rows, offset)
         unread = () if table is None else table.left_out
         ranges = exclude.parts.get("lines", ())
         torn = sum(any(a <= line - offset <= b for a, b in ranges) for line in unread)
-        excluded_rows[number] = int(out.sum()) + torn
-        frame = frame[~out] if out.any() else frame
+        excluded_rows[number] = int(excluded.sum()) + torn
+        frame = frame[~excluded] if excluded.any() else frame
     return frame, excluded_rows
 
 
@@ -250,8 +250,8 @@ def _blank_excluded(table: Table, excludes: Sequence[Exclude]) -> Table:
     for exclude in excludes if texts else ():
         offset = _offset_of_part(exclude.log, table.file, table)
         if offset is not None and exclude.lines:
-            out = _find_excluded(frame, exclude, table.file, None, offset)
-            frame = frame.assign(**{str(name): frame[name].mask(out, "") for name in texts})
+            excluded = _find_excluded(frame, exclude, table.file, None, offset)
+            frame = frame.assign(**{str(name): frame[name].mask(excluded, "") for name in texts})
     return replace(table, frame=frame)
 
 
@@ -346,12 +346,12 @@ def _drop_incomplete_rows(
     if recipe.logs.missing == "refuse":
         return frame, (), []
     absent = frame[[name for name in required_columns if name in frame.columns]].isna()
-    out = absent.any(axis=1).to_numpy()
-    if not out.any():
+    incomplete = absent.any(axis=1).to_numpy()
+    if not incomplete.any():
         return frame, (), []
     why = ", ".join(f"{rows} without {name}" for name, rows in absent.sum().items() if rows)
-    lines = format_ranges([int(row) + 2 for row in frame.index[out]])
-    note = f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"'
-    first = absent[out].idxmax(axis=1)
+    lines = format_ranges([int(row) + 2 for row in frame.index[incomplete]])
+    note = f'{int(incomplete.sum())} rows removed ({why}), lines {lines}: missing = "drop"'
+    first = absent[incomplete].idxmax(axis=1)
     lost = [(f"no {name}", rows.index.to_numpy()) for name, rows in first.groupby(first)]
-    return frame[~out], (note,), lost
+    return frame[~incomplete], (note,), lost

@@ -30,23 +30,23 @@ def name_columns(columns: Sequence[Array | None], *, timed: bool = False) -> lis
     if (swept := _find_sweep(columns)) is not None:
         names[swept[0]], names[swept[1]] = "table_rate_dps", "gyro_x_lsb"
         return names
-    left = [k for k, column in enumerate(columns) if column is not None and column.size > 1]
-    clock = None if timed else next((k for k in left if _runs(columns[k])), None)
+    unnamed = [k for k, column in enumerate(columns) if column is not None and column.size > 1]
+    clock = None if timed else next((k for k in unnamed if _runs(columns[k])), None)
     if clock is not None:
         names[clock] = "time_s"
-        left.remove(clock)
-    for first in left:
+        unnamed.remove(clock)
+    for first in unnamed:
         unit = _find_triad([columns[k] for k in range(first, min(first + 3, len(columns)))])
-        if unit and {first, first + 1, first + 2} <= set(left):
+        if unit and {first, first + 1, first + 2} <= set(unnamed):
             for k, axis in enumerate("xyz", start=first):
                 names[k] = f"accel_{axis}_g" if unit == "g" else f"accel {axis} [{unit}]"
                 names[k] = f"accel_{axis}_lsb" if unit == "1" else names[k]
-                left.remove(k)
+                unnamed.remove(k)
             break
-    warm = [k for k in left if _is_temperature(columns[k])][:2]
+    warm = [k for k in unnamed if _is_temperature(columns[k])][:2]
     for k, name in zip(warm, ("temp_case_degc", "temp_env_degc"), strict=False):
         names[k] = name
-    rates = [k for k in left if k not in warm and _varies(columns[k])]
+    rates = [k for k in unnamed if k not in warm and _varies(columns[k])]
     for number, k in enumerate(rates[:3]):
         names[k] = "gyro_dph" if len(rates) == 1 else f"gyro_{'xyz'[number]}_dph"
     return names

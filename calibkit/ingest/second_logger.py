@@ -31,13 +31,13 @@ def exclude_second_logger(chamber: SecondLogger, logs: Sequence[str], folder: Pa
         for pattern in chamber.files
         for path in _match(folder, pattern.replace("{log}", "*"))
     }
-    left = [name for name in logs if name not in second_files]
-    if not left:
+    first_logs = [name for name in logs if name not in second_files]
+    if not first_logs:
         raise FrameError(
             f"{folder}: every log matches [chamber] files too",
             hint="make [logs] files and [chamber] files differ",
         )
-    return left
+    return first_logs
 
 
 def _match(folder: Path, pattern: str) -> list[Path]:
@@ -158,14 +158,14 @@ def _read_first(
     quantity has in it ("" where none is needed).
     """
     log_columns = [name for name in required_columns if name not in chamber.provides]
-    extra = [name for name in optional if name not in chamber.provides]
+    optional_columns = [name for name in optional if name not in chamber.provides]
     if "time_s" not in log_columns:
         log_columns.append("time_s")
     if chamber.clock != "estimate" or chamber.log_column is None:
-        return mapping.read_file(recipe, path, file, log_columns, extra), ""
+        return mapping.read_file(recipe, path, file, log_columns, optional_columns), ""
     probe = f"{_PROBE}_{chamber.shared.rsplit('_', 1)[-1]}"
     probed = recipe.model_copy(update={"columns": {**recipe.columns, probe: chamber.log_column}})
-    return mapping.read_file(probed, path, file, [*log_columns, probe], extra), probe
+    return mapping.read_file(probed, path, file, [*log_columns, probe], optional_columns), probe
 
 
 def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
@@ -280,8 +280,8 @@ def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
     """Note on the rows of the log without a value of the second logger: how many, and why."""
     counts = {place: int(rows.sum()) for place, rows in places.items()}
     parts = ", ".join(f"{count} {place}" for place, count in counts.items())
-    left = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
-    return (left,) if counts else ()
+    note = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
+    return (note,) if counts else ()
 
 
 def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, ...]:
@@ -301,8 +301,8 @@ def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, 
 def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:
     """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
     offset_s, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
-    by = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
-    return f"; clock of {second.file} {by} ({_HOW_RELATED[chamber.clock]})"
+    offset_text = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
+    return f"; clock of {second.file} {offset_text} ({_HOW_RELATED[chamber.clock]})"
 
 
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:

@@ -146,8 +146,10 @@ class Rewritten:
 
     def describe(self) -> list[str]:
         """What was done: rows and the size of the corrections, columns added, rows left out."""
-        left = sum(rows.size for _, rows in self.uncorrected)
-        lines = [f"{self.fields.count - left:,} of {self.fields.count:,} rows corrected"]
+        uncorrected_rows = sum(rows.size for _, rows in self.uncorrected)
+        lines = [
+            f"{self.fields.count - uncorrected_rows:,} of {self.fields.count:,} rows corrected"
+        ]
         for name, source in self.sources.items():
             low, high = _range_of_differences(values(self.log.frame, name), self.columns[name])
             unit = units.column_unit(name)

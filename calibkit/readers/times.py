@@ -272,17 +272,18 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     if not clocks:
         raise refused
     forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[valid]) > 0.0)]
-    left = _without_leaps(forwards or clocks, valid)
-    if len(left) == 1:
-        return left[0]
-    if not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
+    possible_clocks = _without_leaps(forwards or clocks, valid)
+    if len(possible_clocks) == 1:
+        return possible_clocks[0]
+    if not np.array_equal(possible_clocks[0].seconds, possible_clocks[1].seconds, equal_nan=True):
         raise LogFormatError(
             f"{fields.file}: column '{fields.column}': '{fields.texts.iloc[0]}': day and month"
             " could be either",
             hint=f"pin time_format in the recipe: {' or '.join(map(repr, forms.values()))}",
         )
     return _TimeColumn(
-        left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
+        possible_clocks[0].seconds,
+        ("dates: day and month could be either, the seconds are the same",),
     )
 
 

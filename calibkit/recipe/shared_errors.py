@@ -55,8 +55,8 @@ def warn_of_few_levels(
         if levels == 1 and error.optional:
             continue
         coefficient_count = (coefficient_counts or {}).get((error.group, error.effect))
-        left = size.dof if coefficient_count is None else min(size.dof, levels - coefficient_count)
-        if size.known or left >= FEW_DOF or (levels == 1 and size.dof):
+        dof = size.dof if coefficient_count is None else min(size.dof, levels - coefficient_count)
+        if size.known or dof >= FEW_DOF or (levels == 1 and size.dof):
             continue
         if levels == 1:
             flags.append(
@@ -73,7 +73,7 @@ def warn_of_few_levels(
                 f", less {coefficient_count} coefficients of an axis," if coefficient_count else ""
             )
             flags.append(
-                f"{error.effect} of the {group}: {levels} of them{less_text} leave {left} degrees"
+                f"{error.effect} of the {group}: {levels} of them{less_text} leave {dof} degrees"
                 f" of freedom, so intervals are wide; {cure}, or lower an order"
             )
     return tuple(flags)
