@@ -10,12 +10,14 @@ to sample with the model that `read_terms` returns.
 """
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Component, Model, Parameter
-from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.fit import complex_step
+from calibkit.fit.complex_step import Numbers
 from calibkit.fit.unseen import unseen
 from calibkit.forms import Form, Inputs
 from calibkit.numeric import chunks
@@ -51,15 +53,16 @@ UNKNOWN_DOF = (
 )
 
 
-def drivers_at(model: Model, at: Inputs) -> Drivers:
-    """Drivers [n] of a model; where it has lags on a steady ramp, with the lags settled.
+def drivers_at(model: Model, at: Mapping[str, Numbers], lags: Numbers | None = None) -> Drivers:
+    """Drivers [n] of a model; where it has lags on a steady ramp, with the lags settled: those of
+    the model, or others.
 
     Missing inputs are 0, as at rest.
     """
     still = np.zeros_like(at[CASE])
-    lags = _values(model)[len(TERMS) :]
+    lags = _values(model)[len(TERMS) :] if lags is None else lags
     if lags.size:
-        return coil.settled(at[CASE], at.get(RATE, still), *lags.tolist())
+        return coil.settled(at[CASE], at.get(RATE, still), *lags)
     return Drivers(*(at.get(column, still) for column in DRIVERS))
 
 
@@ -68,20 +71,15 @@ def _values(model: Model) -> Array:
     return np.array([coefficient.value for coefficient in model.coefficients])
 
 
-def _sum_terms(model: Model, at: Inputs) -> Array:
-    """Bias [n]."""
-    return drivers_at(model, at).raw_design() @ _values(model)[: len(TERMS)]
+def _bias(model: Model, at: Mapping[str, Numbers], values: Numbers) -> Numbers:
+    """Bias [n] by coefficients and lags [9 + lags]."""
+    terms, lags = values[: len(TERMS)], values[len(TERMS) :]
+    return drivers_at(model, at, lags).raw_design() @ terms
 
 
 def _differentiate(model: Model, at: Inputs) -> Array:
     """Derivatives [n, 9 + lags] of the bias by the coefficients and by the lags [1/s]."""
-    drivers, terms = drivers_at(model, at), _values(model)[: len(TERMS)]
-    per_second = drivers.rate / SECONDS_PER_MINUTE
-    by_lags = (
-        -(drivers.slope_over_temperature() @ terms) * per_second,
-        (drivers.slope_over_gradient() @ terms) * per_second,
-    )
-    return np.column_stack([drivers.raw_design(), *by_lags[: len(model.coefficients) - len(TERMS)]])
+    return complex_step.derivative(lambda values: _bias(model, at, values), _values(model))
 
 
 def sum_of_terms(name: str) -> Form:
@@ -89,7 +87,7 @@ def sum_of_terms(name: str) -> Form:
     return Form(
         name,
         _differentiate,
-        _sum_terms,
+        lambda model, at: _bias(model, at, _values(model)),
         meaning=("interval",),
         further=lambda model, at: np.full(at[CASE].size, model_error(model)[0]),
     )
@@ -118,7 +116,8 @@ def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
 
 def slope_over_case(model: Model, at: Inputs) -> Array:
     """Derivative [n, 1/°C] of the bias by case temperature."""
-    return drivers_at(model, at).slope_over_temperature() @ _values(model)[: len(TERMS)]
+    warmer = {**at, CASE: at[CASE] + 1j * complex_step.STEP}
+    return np.imag(_bias(model, warmer, _values(model))) / complex_step.STEP
 
 
 def list_errors(

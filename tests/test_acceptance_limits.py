@@ -84,7 +84,7 @@ def fog_withheld(value, **limits):
 def fog_unseen(value, **limits):
     """Validation of two logs with a drift rms of 1 before and this after."""
     spec = SimpleNamespace(acceptance=_Acceptance(**limits))
-    return fog._reduced(spec, [fog_log(before=1.0, after=value)] * 2)
+    return fog._judge_reduction(spec, "drift reduction", 1.0 / value)
 
 
 def fog_covered(value, **limits):

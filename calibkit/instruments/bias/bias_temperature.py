@@ -18,7 +18,7 @@ from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.bias import certificate, figures, polynomials, sensitivities
+from calibkit.instruments.bias import certificate, figures, polynomials, sensitivities, tables
 from calibkit.instruments.bias.forms import POLYNOMIALS
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import chunks
@@ -98,11 +98,11 @@ def fit(
     flags += [flag for channel in channels for flag in channel.flags]
     result = polynomials.result(channels, flags)
     influences = sensitivities.find(result)
-    tables = tabulate_fit([result], spec, influences, _list_coefficients)
+    listed = tabulate_fit([result], spec, influences, _list_coefficients)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        polynomials.summary(spec, channels, flags, tables),
+        polynomials.summary(spec, channels, flags, listed),
         figures.BiasReport(spec.polynomials.abscissa, tuple(channel.curve for channel in channels)),
         sensitivities=influences,
     )
@@ -141,7 +141,10 @@ def validate(
     for log in logs:
         refuse(_find_faults(spec, log))
         entries.append(polynomials.validation_entry(log, records[POLYNOMIALS], spec))
-    return {"logs": entries}, polynomials.validation_summary(entries, spec)
+    limit = spec.acceptance.max_residual_over_noise
+    return {"logs": entries}, tables.validation_summary(
+        entries, "Standard deviation", "drift", max_residual_over_noise=limit
+    )
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

@@ -153,18 +153,14 @@ def between_logs(fitted: Fit, J: Array, log: Integers, along: Array) -> tuple[Ar
     wanted = G @ errors
     # what an error of each kind moves the part of each log by
     kinds = parts @ (errors - J @ wanted)
-    factor = _matching_factor(wanted @ wanted.T, np.einsum("pqr,sqr->ps", kinds, kinds))
+    # F with F · expected · Fᵀ = G Σ Gᵀ, the same whatever the columns' units
+    values, vectors = np.linalg.eigh(wanted @ wanted.T)
+    root, inverse = vectors * np.sqrt(values) @ vectors.T, vectors / np.sqrt(values) @ vectors.T
+    expected = np.einsum("pqr,sqr->ps", kinds, kinds)
+    shares, axes = np.linalg.eigh(inverse @ expected @ inverse)
+    factor = root @ (axes / np.sqrt(np.maximum(shares, LEAST_SHARE)) @ axes.T) @ inverse
     moved = factor @ (parts @ fitted.residual)
     products = np.einsum("kp,pqr->kqr", along @ factor, kinds)
     products = products @ np.swapaxes(products, 1, 2)
     dof = np.trace(products, axis1=1, axis2=2) ** 2 / np.sum(products**2, axis=(1, 2))
     return moved @ moved.T, np.maximum(dof, 1.0)
-
-
-def _matching_factor(wanted: Array, expected: Array) -> Array:
-    """Matrix [p, p] F with F · expected · Fᵀ = wanted, the same whatever the columns' units."""
-    values, vectors = np.linalg.eigh(wanted)
-    root, inverse = vectors * np.sqrt(values) @ vectors.T, vectors / np.sqrt(values) @ vectors.T
-    shares, axes = np.linalg.eigh(inverse @ expected @ inverse)
-    scaled = axes / np.sqrt(np.maximum(shares, LEAST_SHARE)) @ axes.T
-    return np.asarray(root @ scaled @ inverse, dtype=np.float64)

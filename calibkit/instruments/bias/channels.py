@@ -176,18 +176,6 @@ def _flag_turn_on_drift(name: str, found: Choice, power_ons: Sequence[PowerOn]) 
     )
 
 
-def flag_one_power_on(power_ons: Sequence[PowerOn], spec: ThermalRecipe) -> tuple[str, ...]:
-    """Flag that one power-on alone was logged and the recipe states no turn-on bias."""
-    if len(power_ons) > 1 or spec.errors.component:
-        return ()
-    return (
-        (
-            f"{EFFECT} of the {GROUP}: one {GROUP} cannot show how another differs, so it is in no"
-            " uncertainty; log more of them, or state the size in [[errors.component]]"
-        ),
-    )
-
-
 def result(
     channels: Sequence[FittedChannel], interval_s: float, flags: Sequence[str]
 ) -> StageResult:

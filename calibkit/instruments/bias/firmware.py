@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import Model, Record
+from calibkit.coefficients import Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
@@ -41,6 +41,8 @@ HISTORY = (
 """Thermal history of the self-test from the reset on: case temperature relative to the half range
 of its input, and number of updates.
 """
+FORMULA = "corrected = indication - bias, each channel in its unit; the bias is 0 "
+AT_REFERENCE = "at {:g} degC, or at the end of the fitted range nearest to it"
 
 
 def files(spec: BiasTemperatureRecipe | ThermalRecipe) -> tuple[str, ...]:
@@ -91,21 +93,11 @@ def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> 
         source = draft.sum(f"bias_{name}", terms)
         meaning = f"bias of {name}, to be subtracted from it"
         draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
-    return draft.chain(
-        [model.form for model in record.models],
-        f"corrected = indication - bias, each channel in its unit; {_zero(spec)}",
-    )
-
-
-def _zero(spec: BiasTemperatureRecipe) -> str:
-    """Where the bias of every channel is 0, in words."""
     column = spec.polynomials.abscissa
-    if not column.endswith("_degc"):
-        return f"the bias is 0 in the middle of the fitted range of {column}"
-    return (
-        f"the bias is 0 at {spec.reference_temp_degc:g} degC, or at the end of the fitted range"
-        " nearest to it"
-    )
+    zero = f"in the middle of the fitted range of {column}"
+    if column.endswith("_degc"):
+        zero = AT_REFERENCE.format(spec.reference_temp_degc)
+    return draft.chain([model.form for model in record.models], FORMULA + zero)
 
 
 def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
@@ -129,34 +121,28 @@ def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach)
     paces = []
     for model in models:
-        _follow_channel(draft, model, h, spec.reference_temp_degc)
+        own, name = Draft(), f"bias_{model.name}"
+        low, high = (model.value(end) for end in CASE_RANGE)
+        followed = thermal_steps.followed(model)
+        mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
+        source = thermal_steps.follow_terms(own, model, h, spec.reference_temp_degc, mapped)
+        draft.include(own, f"_{model.name}")
+        source, unit = f"{source}_{model.name}", model.residual_unit
+        meaning = f"bias of {model.name}, to be subtracted from it"
+        draft.output(name, unit, source, meaning, corrects=model.name)
+        draft.ranges.append(f"{CASE} of {model.name} {exact.limits_text(low, high)} degC")
+        draft.ranges.append(thermal_steps.say_followed(followed))
         paces.append(pace.FASTEST * thermal_steps.largest(model, RATE))
     highest = exact.round_to(float(min(paces)), 3, up=False)
     found = draft.chain(
         [model.form for model in models],
-        "corrected = indication - bias, each channel in its unit; the bias is 0 at rest at"
-        f" {spec.reference_temp_degc:g} degC, or at the end of the fitted range nearest to it",
+        FORMULA + "at rest " + AT_REFERENCE.format(spec.reference_temp_degc),
         interval_s=float(h),
         condition=f"the case moves by no more than {highest:.3g} degC/min",
     )
     rate = min(paces) / pace.FASTEST
     found = pace.keep_time(found, CASE, rate, spec.thermal.max_gap_s)
     return replace(found, trials=_thermal_history(found))
-
-
-def _follow_channel(draft: Draft, model: Model, h: Fraction, reference_degc: float) -> None:
-    """Steps of one channel, which end in its name."""
-    own = Draft()
-    low, high = (model.value(name) for name in CASE_RANGE)
-    followed = thermal_steps.followed(model)
-    mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
-    source = thermal_steps.follow_terms(own, model, h, reference_degc, mapped)
-    draft.include(own, f"_{model.name}")
-    name = f"bias_{model.name}"
-    meaning = f"bias of {model.name}, to be subtracted from it"
-    draft.output(name, model.residual_unit, f"{source}_{model.name}", meaning, corrects=model.name)
-    draft.ranges.append(f"{CASE} of {model.name} {exact.limits_text(low, high)} degC")
-    draft.ranges.append(thermal_steps.say_followed(followed))
 
 
 def _thermal_history(chain: Chain) -> Trials:

@@ -15,7 +15,7 @@ import numpy as np
 from calibkit import units
 from calibkit.arrays import Array
 from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Criterion, Model, Record, StageResult, at_most, over_stated_u
+from calibkit.coefficients import Model, Record, StageResult, at_most
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
@@ -34,7 +34,6 @@ from calibkit.instruments.bias.figures import BiasCurve
 from calibkit.instruments.bias.quantities import reference_of
 from calibkit.instruments.bias.recipe import (
     Bias,
-    BiasAcceptance,
     BiasTemperatureRecipe,
     Polynomials,
 )
@@ -46,7 +45,7 @@ from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.overview import KeyValue, Overview
-from calibkit.report.summary import Summary, number
+from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
 BINS = 200
@@ -119,7 +118,12 @@ def _fit_channel(
         coefficients = fold.linear(
             designs[0][0], rows[0][1], names=names, allocate=allocate
         ).coefficients
-        estimate = estimate.linear(_least_squares(blocks, turned), turned.rows(blocks.indication))
+        # ordinary least squares over all rows makes coefficients P y of the means y of blocks; of
+        # turned ones it makes P (Uᵀ D^½)⁻¹ · turned y, log by log
+        weighted = blocks.design * blocks.count[:, None]
+        P = np.linalg.solve(weighted.T @ blocks.design, weighted.T)
+        of_turned = [np.linalg.solve(turn.T, P[:, part].T).T for part, turn in turned.parts]
+        estimate = estimate.linear(np.hstack(of_turned), turned.rows(blocks.indication))
         estimate = estimate.widened_by([error for error in stated if error.size is not None])
     if not many_logs:  # the rows of one log show nothing of its turn-on bias: it is as stated
         sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in stated)
@@ -153,16 +157,6 @@ def _fit_channel(
     )
 
 
-def _least_squares(blocks: Blocks, turned: Turned) -> Array:
-    """Matrix [p, m] by which ordinary least squares over the rows of all blocks makes coefficients
-    of turned ones.
-    """
-    weighted = blocks.design * blocks.count[:, None]
-    P = np.linalg.solve(weighted.T @ blocks.design, weighted.T)
-    # P y = P (Uᵀ D^½)⁻¹ · turned y, log by log
-    return np.hstack([np.linalg.solve(turn.T, P[:, rows].T).T for rows, turn in turned.parts])
-
-
 def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
     """Refuse turn-on biases that rows of a design [m, p] do not separate from its coefficients."""
     own = error.design(np.arange(len(design)))
@@ -182,16 +176,6 @@ def result(channels: Sequence[ChannelFit], flags: Sequence[str]) -> StageResult:
     """
     models = tuple(channel.model for channel in channels)
     return StageResult("bias", models=models, flags=tuple(flags))
-
-
-def _judge_noise(name: str, over_noise: float, limits: BiasAcceptance) -> list[Criterion]:
-    """Criterion that a channel's residuals are as small as its noise, where the recipe limits
-    them.
-    """
-    limit = limits.max_residual_over_noise
-    if limit is None:
-        return []
-    return [at_most(f"{name}: residual over noise", over_noise, limit, "1")]
 
 
 def summary(
@@ -215,7 +199,9 @@ def summary(
             KeyValue(f"drift of {name}", drift, unit),
             KeyValue(f"residual rms of {name}", left, unit),
         ]
-        limits += _judge_noise(name, channel.over_noise, spec.acceptance)
+        limit = spec.acceptance.max_residual_over_noise
+        if limit is not None:
+            limits.append(at_most(f"{name}: residual over noise", channel.over_noise, limit, "1"))
     first_screen = Overview(drifts[0], tuple(drifts[1:]), tuple(key_values[:4]))
     return Summary(spec.title, tuple(tables), tuple(flags), tuple(limits), overview=first_screen)
 
@@ -278,25 +264,6 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
         "channels": channels,
         "flags": list(flags),
     }
-
-
-def validation_summary(entries: Sequence[dict[str, Any]], spec: BiasTemperatureRecipe) -> Summary:
-    """Summary of a validation."""
-    rows, limits, drifts = [], [], []
-    for entry in entries:
-        for c in entry["channels"]:
-            cells = number(c["before"]), number(c["after"]), c["unit"]
-            rows.append((entry["name"], c["name"], *cells))
-            name = f"{entry['name']} {c['name']}"
-            drifts.append((f"{name}: drift", c))
-            limits += _judge_noise(name, c["residual_over_noise"], spec.acceptance)
-    heads = ("log", "channel", "before", "after", "unit")
-    return Summary(
-        "",
-        (Table("Standard deviation", heads, tuple(rows)),),
-        tuple(flag for entry in entries for flag in entry["flags"]),
-        (*over_stated_u(drifts), *limits),
-    )
 
 
 def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[str, float]:

@@ -20,8 +20,9 @@ def fit_summary(
     """
     models, withheld, drifts, values = [], [], [], []
     criteria: list[Criterion] = []
+    errors: dict[str, list[str]] = {}
     limits = spec.acceptance
-    for channel in channels:
+    for k, channel in enumerate(channels):
         factor, unit = (1e6, "µg") if channel.unit == "g" else (1.0, unit_mark(channel.unit))
         before, after = factor * channel.before, factor * channel.after
         chosen, model = channel.choice.chosen, channel.choice.model
@@ -36,6 +37,9 @@ def fit_summary(
                 unit,
             )
         )
+        for tested in channel.choice.tested:
+            row = errors.setdefault(tested.name, [""] * len(channels))
+            row[k] = f"{number(tested.pooled, 3)}{' *' if tested is chosen else ''}"
         terms = chosen.name if channel.varies else "no drift term needed"
         drifts.append(
             f"{channel.name}: drift in a power-on (rms) {before:.3g} {unit} before,"
@@ -57,7 +61,13 @@ def fit_summary(
         ("channel", "terms", "lags [s]", "before", "after", "model error", "unit"),
         tuple(models),
     )
-    tables = [chosen_terms, _tabulate_left_out(channels)]
+    left_out = Table(
+        "Errors on stretches left out in turn (100 s means, rms); * chosen: the simplest model"
+        " within the noise of the best",
+        ("terms", *(f"{channel.name} [{channel.unit}]" for channel in channels)),
+        tuple((name, *cells) for name, cells in errors.items()),
+    )
+    tables = [chosen_terms, left_out]
     if withheld:
         title = "Withheld stretches: rms about the turn-on biases of the fitted ones"
         tables.append(Table(title, ("channel", "before", "after", "unit"), tuple(withheld)))
@@ -65,41 +75,36 @@ def fit_summary(
     return Summary(spec.title, tuple(tables), tuple(flags), tuple(criteria), overview=first_screen)
 
 
-def _tabulate_left_out(channels: Sequence[FittedChannel]) -> Table:
-    """Errors of all candidates on left-out stretches, one column per channel."""
-    rows: dict[str, list[str]] = {}
-    for k, channel in enumerate(channels):
-        for tested in channel.choice.tested:
-            row = rows.setdefault(tested.name, [""] * len(channels))
-            chosen = " *" if tested is channel.choice.chosen else ""
-            row[k] = f"{number(tested.pooled, 3)}{chosen}"
-    return Table(
-        "Errors on stretches left out in turn (100 s means, rms); * chosen: the simplest model"
-        " within the noise of the best",
-        ("terms", *(f"{channel.name} [{channel.unit}]" for channel in channels)),
-        tuple((name, *cells) for name, cells in rows.items()),
-    )
-
-
-def validation_summary(entries: Sequence[Mapping[str, Any]], spec: ThermalRecipe) -> Summary:
-    """Summary of a validation."""
-    least = spec.acceptance.min_reduction
-    rows, errors = [], []
-    reductions: list[Criterion] = []
+def validation_summary(
+    entries: Sequence[Mapping[str, Any]],
+    title: str,
+    judged: str,
+    *,
+    min_reduction: float | None = None,
+    max_residual_over_noise: float | None = None,
+) -> Summary:
+    """Summary of a validation: each channel before and after, what of it is `judged` by its
+    uncertainty, and criteria of the limits that are stated.
+    """
+    rows: list[tuple[str, ...]] = []
+    errors, criteria = [], []
     for entry in entries:
         for channel in entry["channels"]:
             name = f"{entry['name']} {channel['name']}"
-            share = channel.get("share_within_expanded_uncertainty")
-            within = "" if share is None else f"{share:.0%}"
-            sizes = number(channel["before"]), number(channel["after"])
-            rows.append((entry["name"], channel["name"], *sizes, channel["unit"], within))
-            errors.append((f"{name}: rms error", channel))
-            if least is not None and channel["reduction"] is not None:
-                reductions.append(at_least(f"{name}: reduction", channel["reduction"], least, "1"))
-    table = Table(
-        "Rms about the turn-on biases, and 100 s means within U and noise (95 % expected)",
-        ("log", "channel", "before", "after", "unit", "within"),
-        tuple(rows),
-    )
+            cells = [number(channel["before"]), number(channel["after"]), channel["unit"]]
+            if "share_within_expanded_uncertainty" in channel:
+                cells.append(f"{channel['share_within_expanded_uncertainty']:.0%}")
+            rows.append((entry["name"], channel["name"], *cells))
+            errors.append((f"{name}: {judged}", channel))
+            if min_reduction is not None and channel["reduction"] is not None:
+                what, ratio = f"{name}: reduction", channel["reduction"]
+                criteria.append(at_least(what, ratio, min_reduction, "1"))
+            if max_residual_over_noise is not None:
+                what, ratio = f"{name}: residual over noise", channel["residual_over_noise"]
+                criteria.append(at_most(what, ratio, max_residual_over_noise, "1"))
+    heads = ("log", "channel", "before", "after", "unit", "within")
+    width = max(map(len, rows), default=5)
+    filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
+    table = Table(title, heads[:width], filled)
     flags = tuple(dict.fromkeys(flag for entry in entries for flag in entry["flags"]))
-    return Summary("", (table,), flags, (*over_stated_u(errors), *reductions))
+    return Summary("", (table,), flags, (*over_stated_u(errors), *criteria))

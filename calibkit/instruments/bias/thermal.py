@@ -20,7 +20,7 @@ from calibkit.instruments.bias import (
     tables,
 )
 from calibkit.instruments.bias.figures import Course, ThermalReport
-from calibkit.instruments.bias.recipe import ThermalRecipe
+from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -112,7 +112,11 @@ def fit(
         for name in progress(spec.thermal.channels, "fitting")
     ]
     flags += [flag for channel in fitted for flag in channel.flags]
-    flags += channels.flag_one_power_on(together, spec)
+    if len(together) == 1 and not spec.errors.component:
+        flags.append(
+            f"{EFFECT} of the {GROUP}: one {GROUP} cannot show how another differs, so it is in no"
+            " uncertainty; log more of them, or state the size in [[errors.component]]"
+        )
     flags = list(dict.fromkeys(flags))
     result = channels.result(fitted, interval_s, flags)
     courses = tuple(
@@ -150,7 +154,10 @@ def validate(
         mended = power_ons.mend_clock(log, spec.thermal)
         refuse(_find_unusable(spec, mended, 3))
         entries.append(compensate.validation_entry(mended, log, models, spec))
-    return {"logs": entries}, tables.validation_summary(entries, spec)
+    title = "Rms about the turn-on biases, and 100 s means within U and noise (95 % expected)"
+    return {"logs": entries}, tables.validation_summary(
+        entries, title, "rms error", min_reduction=spec.acceptance.min_reduction
+    )
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

@@ -18,8 +18,7 @@ from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
-from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
-from calibkit.numeric.thermal.left_out import blocks_per_figure
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 CHANCE = 4.0
 """Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
@@ -98,19 +97,6 @@ class Export:
         return StageResult(
             "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
         )
-
-
-def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
-    """Test level and lagged models by leaving out each ramp; an empty choice if the recipe asks for
-    the published scheme alone.
-    """
-    if spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto"):
-        return ThermalChoice((), (), None, None, "")
-    return choice.choose(
-        [log.thermal for log in logs],
-        [one for one in choice.CANDIDATES if spec.model in ("auto", one.form)],
-        figure_blocks=blocks_per_figure(spec.interval_s),
-    )
 
 
 def decide(

@@ -92,21 +92,15 @@ class DriftReport:
 
 
 def pages(report: DriftReport) -> list[Figure]:
-    """Pages of the report: drift before and after, which shows the verdict, logs (six per page),
-    coefficients over rate, residuals.
+    """Pages of the report: drift before and after, which shows the verdict, coefficients over rate,
+    residuals.
     """
-    starts = range(0, len(report.logs), 6)
-    return [
-        before_after_page(report),
-        *(_logs_page(report, report.logs[start : start + 6]) for start in starts),
-        _coefficients_page(report),
-        _residual_page(report),
-    ]
+    return [before_after_page(report), _coefficients_page(report), _residual_page(report)]
 
 
 def before_after_page(report: DriftReport) -> Figure:
-    """Drift of the first logs before and after compensation, one log after the other, with what
-    noise alone gives, above the case temperature.
+    """Drift of the first logs before and after compensation and denoised, one log after the other,
+    with what noise alone gives, above the case temperature.
     """
     shown = report.logs[:SHOWN]
     more = f" (the first {SHOWN} of {len(report.logs)} logs)" if len(report.logs) > SHOWN else ""
@@ -115,7 +109,10 @@ def before_after_page(report: DriftReport) -> Figure:
     )
     group, start = max(1, round(100.0 / report.interval_s)), 0.0
     for number, log in enumerate(shown):
-        hours = start + _means(log.time - log.time[0], group) / SECONDS_PER_HOUR
+        passed = start + (log.time - log.time[0]) / SECONDS_PER_HOUR
+        smooth, hours = log.denoised - log.denoised.mean(), _means(passed, group)
+        named = "denoised" if number == 0 else "_nolegend_"
+        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, label=named)
         curves = ((log.raw, RAW, 2.0, "before"), (log.compensated, GOOD, 1.2, "after"))
         for values, colour, width, label in curves:
             drift = _means(values - values.mean(), group)
@@ -126,42 +123,11 @@ def before_after_page(report: DriftReport) -> Figure:
     band = 2.0 * report.noise
     if band > 0.0:
         axes[0].axhspan(-band, band, color=DENOISED, alpha=0.2, lw=0, label="noise alone (k = 2)")
-    axes[0].legend(loc="best", ncols=3)
+    axes[0].legend(loc="best", ncols=4)
     axes[0].set(
         ylabel="drift [°/h]", title="100 s means, each log about its mean, one log after the other"
     )
     axes[1].set(xlabel="time [h]", ylabel="case temperature [°C]")
-    return figure
-
-
-def _logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
-    """Raw, denoised and compensated indication over time, one panel per log, all with the same
-    scale.
-    """
-    rows = max(1, -(-len(logs) // 2))
-    figure, axes = page(
-        rows,
-        2,
-        title=f"{report.title}: {report.interval_s:g} s means of the indication",
-        height=1.2 + 2.4 * rows,
-    )
-    reach = max(float(np.ptp(log.denoised)) for log in report.logs) * 0.65
-    for ax, log in zip(axes, logs, strict=False):
-        minutes = log.time / 60.0
-        ax.plot(minutes, log.raw, color=RAW, lw=0.6, label="indication")
-        ax.plot(minutes, log.denoised, color=DENOISED, label="denoised")
-        ax.plot(
-            minutes,
-            log.denoised - (log.raw - log.compensated),
-            color=GOOD,
-            label="denoised and compensated",
-        )
-        middle = float(log.denoised.min() + log.denoised.max()) / 2.0
-        ax.set_ylim(middle - reach, middle + reach)
-        ax.set(title=log.name, xlabel="time [min]", ylabel="rate [°/h]")
-    axes[0].legend(loc="best", ncols=3)
-    for ax in axes[len(logs) :]:
-        ax.set_visible(False)
     return figure
 
 
@@ -228,10 +194,10 @@ def _tested(ax: Axes, tested: Sequence[Shown]) -> None:
 
 
 def _residual_page(report: DriftReport) -> Figure:
-    """Residuals after compensation (the mean of each log removed) over case temperature and over
-    time, and the hysteresis.
+    """Residuals after compensation (the mean of each log removed) over case temperature, and the
+    hysteresis.
     """
-    rows = 3 if report.hysteresis else 2
+    rows = 2 if report.hysteresis else 1
     figure, axes = page(
         rows,
         1,
@@ -243,13 +209,11 @@ def _residual_page(report: DriftReport) -> Figure:
         left = _means(log.compensated - log.compensated.mean(), group)
         colour = SIDES["heating" if log.temperature[-1] > log.temperature[0] else "cooling"]
         axes[0].plot(_means(log.temperature, group), left, color=colour, lw=0.9, alpha=0.8)
-        axes[1].plot(_means(log.time, group) / 60.0, left, color=colour, lw=0.9, alpha=0.8)
     axes[0].set(
         xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling"
     )
-    axes[1].set(xlabel="time [min]", ylabel="residual [°/h]")
     if report.hysteresis:
-        _hysteresis(axes[2], report.hysteresis)
+        _hysteresis(axes[1], report.hysteresis)
     return figure
 
 

@@ -11,9 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import drift_figures, published
 from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE
 from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
@@ -77,12 +75,16 @@ class SideChoice:
     flags: tuple[str, ...]
 
 
+def alone(spec: Drift) -> bool:
+    """Whether the recipe asks for the published scheme alone."""
+    return spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto")
+
+
 def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp], tuple[str, ...]]:
     """Fit a0, a1, a2 of every ramp, and flags of ramps that cannot determine them: other models are
     fitted all the same, and the scheme is then tested on no ramp. Raises FitError that names the
     log where no other model is asked for.
     """
-    alone = spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto")
     fitted, flags = [], []
     for log in logs:
         for ramp in log.ramps:
@@ -92,26 +94,12 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp
             try:
                 fit = denoised.fit_ramp(ramp.rate, estimate=spec.estimate, raw=raw.indication)
             except FitError as error:
-                if alone:
+                if alone(spec):
                     raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
                 flags.append(f"gradient_rate: not tested: {ramp.name}: {error.message}")
             else:
                 fitted.append(FittedRamp(ramp, log, fit))
     return fitted, tuple(flags)
-
-
-def drift_result(
-    ramps: Sequence[FittedRamp],
-    logs: Sequence[PreparedLog],
-    spec: Drift,
-    undetermined: Sequence[str],
-) -> StageResult:
-    """drift.json: one model per ramp; its coefficients are per model interval."""
-    return StageResult(
-        "drift",
-        models=tuple(forms.write_ramp(item.ramp.name, item.fit, spec.interval_s) for item in ramps),
-        flags=(*(flag for log in logs for flag in log.flags), *undetermined),
-    )
 
 
 def left_out_rates(
@@ -155,15 +143,6 @@ def left_out_rates(
         name = f"gradient_rate {side}, order {order}"
         tested.append(LeftOutRates(name, tuple(errors), raw, order=order, fitted=fitted))
     return tested
-
-
-def best_order(tested: Sequence[LeftOutRates]) -> LeftOutRates | None:
-    """Result of the order with the smallest pooled error among those that help; None if none do."""
-    return min(
-        (result for result in tested if result.helps),
-        key=lambda result: result.pooled,
-        default=None,
-    )
 
 
 def choose(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
@@ -212,7 +191,8 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
             if result.order == spec.order and not result.helps
         ]
         return SideChoice(side, tuple(tested), chosen, tuple(flags))
-    best = best_order(tested)
+    helping = (result for result in tested if result.helps)
+    best = min(helping, key=lambda result: result.pooled, default=None)
     if best is not None:
         chosen = published.fit_over_rates(fits, best.order, side)
         return SideChoice(side, tuple(tested), chosen, ())

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
-from calibkit.coefficients import Criterion, Record, at_least, at_most, over_stated_u
+from calibkit.coefficients import Criterion, Record, StageResult, at_least, at_most, over_stated_u
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
@@ -27,9 +27,12 @@ from calibkit.instruments.fog_thermal import (
     tables,
     uncertainty,
 )
+from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.thermal.left_out import blocks_per_figure
+from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -56,9 +59,18 @@ def fit(
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     logs = _prepare(spec, data, progress(files, "reading and denoising"))
+    # the published scheme: a0, a1, a2 of every ramp, then polynomials a_j(r) of a side
     fitted, undetermined = gradient_choice.fit_ramps(logs, spec.drift)
     choices = gradient_choice.choose([] if undetermined else fitted, spec.drift)
-    levels = decision.choose_on_levels(logs, spec.drift)
+    # models on levels, chosen on ramps left out; none if the published scheme alone is asked for
+    levels = choice.ThermalChoice((), (), None, None, "")
+    if not gradient_choice.alone(spec.drift):
+        levels = choice.choose(
+            [log.thermal for log in logs],
+            [one for one in choice.CANDIDATES if spec.drift.model in ("auto", one.form)],
+            figure_blocks=blocks_per_figure(spec.drift.interval_s),
+        )
+    # what leaves least of the drift of left-out ramps is exported, if that helps at all
     export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
     model = export.model
     compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
@@ -70,9 +82,19 @@ def fit(
         conditions=bias.conditions(spec),
         flags=(*exported.flags, *at_rest.flags),
     )
-    drift = gradient_choice.drift_result(fitted, logs, spec.drift, undetermined)
+    drift = StageResult(
+        "drift",
+        models=tuple(
+            forms.write_ramp(item.ramp.name, item.fit, spec.drift.interval_s) for item in fitted
+        ),
+        flags=(*(flag for log in logs for flag in log.flags), *undetermined),
+    )
+    # what is taken off is uncertain by so much, and the fitted logs are within it
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
-    covered = uncertainty.check_logs(model, logs, spec.type_b, at_rest.figures)
+    level = uncertainty.RestLevel.find(at_rest.figures)
+    covered = {
+        log.name: uncertainty.check_coverage(model, log.raw, spec.type_b, level) for log in logs
+    }
     tested = tables.list_tested(choices, levels, export)
     rest, ways = at_rest.at_rest, tuple(at_rest.hysteresis)
     influences = sensitivities.find(exported, fitted, spec.drift)
@@ -140,8 +162,14 @@ def _flags(
         *thermometers.check_rates_in_names(rates),
         *thermometers.find_late(driven),
     )
+    idle = [
+        term.name
+        for term in spec.type_b
+        if not type_b.enters(term, uncertainty.RESULT, uncertainty.THERMOMETERS)
+    ]
+    unused = f"type B terms that do not enter the compensated rate: {', '.join(idle)}"
     return [
-        *uncertainty.flag_unused(spec.type_b),
+        *([unused] if idle else []),
         *decision.flag_one_way(logs, model),
         *(str(finding) for _, finding in found),
     ]
@@ -162,12 +190,17 @@ def _fit_criteria(
     noise, and those shared with validation.
     """
     used = [(one.left, one.split.noise) for one in tested if one.exported]
+    reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
+    return (
+        *_judge_reduction(spec, "drift reduction on withheld ramps", reduction),
+        *_common_criteria(spec, logs, export.model, used),
+    )
+
+
+def _judge_reduction(spec: FogThermalRecipe, what: str, reduction: float) -> list[Criterion]:
+    """Criterion of the ratio of the drift before to that after, where the recipe limits it."""
     least = spec.acceptance.min_reduction
-    criteria = []
-    if least is not None:
-        reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
-        criteria.append(at_least("drift reduction on withheld ramps", reduction, least, "1"))
-    return (*criteria, *_common_criteria(spec, logs, export.model, used))
+    return [] if least is None else [at_least(what, reduction, least, "1")]
 
 
 def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
@@ -265,32 +298,25 @@ def validate(
             "one_step removes the true rate (rate gain 0); the table shows the recursive form",
             *flags,
         )
-    reduced = _reduced(spec, compensated) if model.exported else ()
     covered: dict[str, Any] = {
         log.name: entry["uncertainty"] for log, entry in zip(compensated, entries, strict=True)
     }
-    flags += tuple(_flag_offsets(covered))
-    criteria = (*reduced, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
-    return {"logs": entries}, Summary(
-        "",
-        tables.coverage_tables(covered, "validated"),
-        flags,
-        criteria,
-        overview=tables.summarize_validation(compensated, entries),
-    )
-
-
-def _flag_offsets(entries: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Flag of each log whose compensated rate is off the rate at rest of the fit by more than
-    turn-on biases of the fitted logs and U explain.
-    """
-    return [
+    # off the rate at rest of the fit by more than turn-on biases of the fitted logs and U explain
+    flags += tuple(
         f"{name}: the compensated rate is {entry['offset']:+.3g} deg/h off the rate at rest of the"
         f" fit, expected within {entry['offset_expanded_uncertainty']:.2g} deg/h by the turn-on"
         " biases of the fitted logs and U: another attitude or place, or a bias that changed"
-        for name, entry in entries.items()
+        for name, entry in covered.items()
         if "offset" in entry and abs(entry["offset"]) > entry["offset_expanded_uncertainty"]
-    ]
+    )
+    criteria = [*_covered(spec, entries), *_common_criteria(spec, compensated, model)]
+    if model.exported:
+        whens = "before", "after"
+        before, after = (rms([getattr(log, when) for log in compensated]) for when in whens)
+        criteria = [*_judge_reduction(spec, "drift reduction", before / after), *criteria]
+    shown = tables.summarize_validation(compensated, entries)
+    listed = (*filter(None, [shown.table]), *tables.coverage_tables(covered, "validated"))
+    return {"logs": entries}, Summary("", listed, flags, tuple(criteria), overview=shown)
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
@@ -308,17 +334,6 @@ def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple
         what = "share of 100 s means within their uncertainty"
         made.append(at_least(what, float(share), least, "1"))
     return tuple(made)
-
-
-def _reduced(
-    spec: FogThermalRecipe, logs: Sequence[compensate.LogFigures]
-) -> tuple[Criterion, ...]:
-    """Criterion for the drift reduction over the logs of a validation."""
-    least = spec.acceptance.min_reduction
-    if least is None:
-        return ()
-    before, after = (rms([getattr(log, when) for log in logs]) for when in ("before", "after"))
-    return (at_least("drift reduction", float(before / after), least, "1"),)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

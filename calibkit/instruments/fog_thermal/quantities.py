@@ -54,28 +54,24 @@ class OnLevels:
         return (ranged(self.model, CASE), *rests)
 
     def rate(self, at: At) -> Point:
-        """Indicated rate [°/h], on a ramp after the lags have settled."""
+        """Indicated rate [°/h], on a ramp after the lags have settled; a hysteresis is in its
+        uncertainty at rest.
+        """
         columns = {column: np.array([value]) for column, value in at.items()}
         form = forms.ON_LEVELS[self.model.form]
         slope = float(forms.slope_over_case(self.model, columns)[0])
+        spread = 0.0 if at.get(RATE, 0.0) else forms.hysteresis(self.model) / math.sqrt(3.0)
+        further = ((MODEL_ERROR, *model_error(self.model)), (HYSTERESIS, spread, math.inf))
         return Point(
             float(form.evaluate(self.model, columns)[0]),
             ((self.model, form.gradient(self.model, columns)[0]),),
             {CASE: (at[CASE], slope)},
-            self._further(still=not at.get(RATE, 0.0)),
+            tuple(part for part in further if part[1] > 0.0),
         )
 
     def drift(self, at: At) -> Point:
         """Indicated rate less that at rest at the reference."""
         return against_rest(self.rate, {CASE: self.reference})(at)
-
-    def _further(self, *, still: bool) -> tuple[tuple[Words, float, float], ...]:
-        """Standard uncertainties [°/h] by the model error and, at rest, by a hysteresis, with their
-        degrees of freedom; those that are 0 are left out.
-        """
-        spread = forms.hysteresis(self.model) / math.sqrt(3.0) if still else 0.0
-        parts = ((MODEL_ERROR, *model_error(self.model)), (HYSTERESIS, spread, math.inf))
-        return tuple(part for part in parts if part[1] > 0.0)
 
     def beyond(self, at: At) -> str:
         """Why the model does not hold at a point: of one with lags where the coil, or the rate, is
@@ -91,14 +87,10 @@ class OnLevels:
         return "; ".join(filter(None, reasons))
 
 
-def _ramps() -> tuple[tuple[At, ...], ...]:
-    """Rest, and the fastest ramp in each direction."""
-    up, down = (tuple({RATE: way * rate} for rate in RATES) for way in (1.0, -1.0))
-    return ({},), up, down
-
-
 def on_levels(stage: str, levels: OnLevels) -> tuple[Quantity, Quantity]:
     """Drift, and the indicated rate itself, which holds turn-on bias and earth's rate."""
+    # rest, and the fastest ramp in each direction
+    up, down = (tuple({RATE: way * rate} for rate in RATES) for way in (1.0, -1.0))
     drift = Quantity(
         "drift",
         stage,
@@ -107,7 +99,7 @@ def on_levels(stage: str, levels: OnLevels) -> tuple[Quantity, Quantity]:
         "deg/h",
         levels.inputs,
         levels.drift,
-        compared=_ramps(),
+        compared=(({},), up, down),
         beyond=levels.beyond,
         symbol="D",
     )

@@ -125,38 +125,30 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     ]
 
 
-def _refuse_leading_case(log: PreparedLog) -> None:
-    """Refuse a log whose case temperature leads the air temperature: the columns are swapped.
-
-    Without a soak after the ramp, rates do not show this (`check.thermometers`). The lead is
-    compared between the start and the middle of the ramp: towards the end, the lag of a case that
-    was not at rest at the start may shrink, which looks like a lead.
-    """
-    for ramp in log.ramps:
-        grown = float(
-            log.raw.gradient[(ramp.start + ramp.stop) // 2] - log.raw.gradient[ramp.start]
-        )
-        if grown * ramp.rate > 0.0 and abs(grown) > LEAST_LEAD_DEGC:
-            raise FrameError(
-                f"{log.source.name}: at {ramp.rate:+.1f} °C/min the case gains {abs(grown):.1f} °C"
-                " on the chamber air, expected it to lag behind",
-                hint="temp_case_degc and temp_env_degc are swapped, in the log or in [columns]",
-            )
-
-
 def prepare(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> PreparedLog:
     """Denoise, segment and average a checked log; raises FrameError or FitError naming the log."""
     refuse(findings)
     suspected = next((finding for finding in findings if finding.name == "unit"), None)
     try:
         prepared = _prepared(log, recipe, findings)
-        if suspected is None:
-            _refuse_leading_case(prepared)
     except (FrameError, FitError) as error:
         if suspected is None:
             raise
         said = f"{suspected.place}: {suspected.found}; {suspected.advice}"
         raise type(error)(error.message, hint=f"first of all: {said}") from None
+    # Where the case leads the air, the columns are swapped. Without a soak after the ramp, rates do
+    # not show this (`check.thermometers`). The lead is compared between the start and the middle of
+    # the ramp: towards the end, the lag of a case that was not at rest at the start may shrink,
+    # which looks like a lead.
+    gradient = prepared.raw.gradient
+    for ramp in prepared.ramps if suspected is None else ():
+        grown = float(gradient[(ramp.start + ramp.stop) // 2] - gradient[ramp.start])
+        if grown * ramp.rate > 0.0 and abs(grown) > LEAST_LEAD_DEGC:
+            raise FrameError(
+                f"{prepared.source.name}: at {ramp.rate:+.1f} °C/min the case gains"
+                f" {abs(grown):.1f} °C on the chamber air, expected it to lag behind",
+                hint="temp_case_degc and temp_env_degc are swapped, in the log or in [columns]",
+            )
     return prepared
 
 
@@ -173,6 +165,12 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
     del slope  # a column, and denoising takes two
     chunks.release(time, env)
     smooth, noise = _denoised(log, gyro, blocks, recipe)
+    coarse = [
+        f"{column} is read in steps of {segments.quantum(column_values):g} °C: its rate is taken"
+        " over as many minutes as that needs"
+        for column, column_values in (("temp_case_degc", case), ("temp_env_degc", env))
+        if segments.coarse(column_values, recipe.segments.slope_window_s)
+    ]
     # a soak belongs to the ramp before it, the first soak to the first ramp
     begins = [segment.start for segment in parts if segment.kind == "ramp"][1:]
     return PreparedLog(
@@ -183,7 +181,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
         pooled_fit.thermal_blocks(log.name, blocks, means, gyro, begins),
         _ramps(log, parts, blocks, env),
         noise,
-        tuple(f"{log.file}: {note}" for note in (*log.notes, *_coarse(case, env, recipe)))
+        tuple(f"{log.file}: {note}" for note in (*log.notes, *coarse))
         + tuple(str(finding) for finding in findings if finding.flagged),
     )
 
@@ -201,17 +199,6 @@ def block_means(
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (blocks.means(column) for column in (time, case, env, gyro))
     return blocks, published.Blocks.fill(blocks, means, slope)
-
-
-def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
-    """Notes on coarsely quantised thermometers."""
-    window = recipe.segments.slope_window_s
-    return [
-        f"{column} is read in steps of {segments.quantum(values):g} °C: its rate is taken over as"
-        " many minutes as that needs"
-        for column, values in (("temp_case_degc", case), ("temp_env_degc", env))
-        if segments.coarse(values, window)
-    ]
 
 
 def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from calibkit.errors import FitError
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
 HIGHEST_RATE_ORDER = 5
@@ -41,14 +41,12 @@ class Denoise(Table):
     @field_validator("wavelet")
     @classmethod
     def _known(cls, wavelet: str) -> str:
-        import pywt
+        from calibkit.numeric.wavelet.lifting import find_wavelet
 
-        known = ["haar", "cdf53", "cdf97", *pywt.wavelist(kind="discrete")]
-        if wavelet not in known:
-            close = difflib.get_close_matches(wavelet, known, n=1)
-            raise ValueError(
-                f"unknown wavelet '{wavelet}'; did you mean '{close[0] if close else 'cdf97'}'?"
-            )
+        try:
+            find_wavelet(wavelet)
+        except FitError as error:
+            raise ValueError(f"{error.message}; {error.hint}") from None
         return wavelet
 
 

@@ -16,7 +16,6 @@ from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.published import Blocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -36,54 +35,23 @@ POINTS = 5
 """Number of temperatures at which the uncertainty at rest is stated."""
 
 
-def flag_unused(terms: Sequence[TypeB]) -> list[str]:
-    """Flag that names the type B terms without effect on the compensated rate."""
-    idle = [term.name for term in terms if not type_b.enters(term, RESULT, THERMOMETERS)]
-    if not idle:
-        return []
-    return [f"type B terms that do not enter the compensated rate: {', '.join(idle)}"]
-
-
-def _propagate(
-    thermal: OnLevels,
-    time: Array,
-    case: Array,
-    env: Array,
+def along_blocks(
+    model: DriftModel,
+    blocks: Blocks,
     terms: Sequence[TypeB],
-    reference_degc: float,
     *,
     settled: bool = False,
     about_mean: bool = False,
 ) -> uncertainty.Along:
-    """Uncertainty of the drift along a log, or of the drift less its mean: type A, model error,
-    clamping, hysteresis, and type B terms.
+    """Uncertainty of the drift along block means, or of the drift less its mean: type A, model
+    error, clamping, hysteresis, and type B terms; raises UsageError without a model on levels.
 
     A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
     for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
     directly, one with a sensitivity multiplied by it.
     """
-
-    def warmer_by(of_case: float, of_env: float) -> Evaluation:
-        return evaluate.evaluate(
-            thermal, time, case + of_case, env + of_env, reference_degc, settled=settled
-        )
-
-    thermometers = {
-        "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,
-        "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
-    }
-    effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
-    along = warmer_by(0.0, 0.0)
-    return uncertainty.combine_along(thermal, along, effects, about_mean=about_mean)
-
-
-def _along_blocks(
-    model: DriftModel, blocks: Blocks, terms: Sequence[TypeB], *, about_mean: bool = False
-) -> uncertainty.Along:
-    """Uncertainty along block means, of the drift or of the drift less its mean; raises UsageError
-    without a level or lagged model.
-    """
-    if model.thermal is None:
+    thermal, reference = model.thermal, model.reference_temp_degc
+    if thermal is None:
         found = (
             "gradient_rate, whose error on other rates is not known"
             if model.polynomials
@@ -94,15 +62,18 @@ def _along_blocks(
             " rate can be stated",
             hint="set it to false, or fit with drift.model = 'auto'",
         )
-    return _propagate(
-        model.thermal,
-        blocks.time,
-        blocks.case,
-        blocks.case - blocks.gradient,
-        terms,
-        model.reference_temp_degc,
-        about_mean=about_mean,
-    )
+    time, case, env = blocks.time, blocks.case, blocks.case - blocks.gradient
+
+    def warmer_by(of_case: float, of_env: float) -> Evaluation:
+        both = case + of_case, env + of_env
+        return evaluate.evaluate(thermal, time, *both, reference, settled=settled)
+
+    thermometers = {
+        "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,
+        "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
+    }
+    effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
+    return uncertainty.combine_along(thermal, warmer_by(0.0, 0.0), effects, about_mean=about_mean)
 
 
 def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
@@ -111,7 +82,7 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     """
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
-    found = _along_blocks(model, blocks, recipe.type_b)
+    found = along_blocks(model, blocks, recipe.type_b)
     standard = log.allocate(time.size)
     for a, b in chunks.ranges_along(time, standard):
         standard[a:b] = np.interp(time[a:b], blocks.time, found.standard)
@@ -137,14 +108,13 @@ def state_along_logs(
         entry = budget.combine("drift taken off the indication", "deg/h", parts)
         stated.append(entry | {"where": where, "temp_case_degc": degc})
 
-    reference, time = model.reference_temp_degc, np.array([0.0, 1.0])
+    still = np.zeros(2)
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
-    for degc in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
-        still = np.full(2, degc)
-        at_rest = _propagate(model.thermal, time, still, still, terms, reference, settled=True)
-        state("at rest", degc, at_rest, 1)
+    for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
+        resting = Blocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
+        state("at rest", degc, along_blocks(model, resting, terms, settled=True), 1)
     for log in logs:
-        moving = _along_blocks(model, log.raw, terms)
+        moving = along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
         state(log.name, float(log.raw.case[row]), moving, row)
     return stated
@@ -202,7 +172,7 @@ def check_coverage(
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
-    found = _along_blocks(model, blocks, terms)
+    found = along_blocks(model, blocks, terms)
     group = blocks_per_figure(model.interval_s)
     entry: dict[str, Any] = {
         "unit": "deg/h",
@@ -212,19 +182,8 @@ def check_coverage(
         "probability": gum.TWO_SIGMA,
     }
     left, noise = blocks.indication - found.drift, model.thermal.noise
-    centred = _along_blocks(model, blocks, terms, about_mean=True)
+    centred = along_blocks(model, blocks, terms, about_mean=True)
     compared, means, limit = thermal_forms.compare_means(left, found, centred, noise, group)
     if compared and level is not None:
         entry |= level.compare(means, limit)
     return entry | compared
-
-
-def check_logs(
-    model: DriftModel,
-    logs: Sequence[PreparedLog],
-    terms: Sequence[TypeB],
-    figures: Sequence[Figure],
-) -> dict[str, dict[str, Any]]:
-    """JSON object of the coverage along each fitted log, by its name."""
-    level = RestLevel.find(figures)
-    return {log.name: check_coverage(model, log.raw, terms, level) for log in logs}

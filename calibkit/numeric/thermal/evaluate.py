@@ -80,7 +80,20 @@ def evaluate_terms(
     """
     case = np.clip(case, *coil.followed_range(*model.valid.temperature))
     found = _drivers(model, time, case, env, spans)
-    inside = _clamp(found, model)
+    # a driver that no term of the model uses is not clamped
+    terms = set(model.terms)
+    used = (
+        len(terms) > 1,
+        not terms.isdisjoint({"s_rate", "s_temp_rate"}),
+        "s_grad" in terms,
+        "s_grad_rate" in terms,
+    )
+    inside = Drivers(
+        *(
+            np.clip(values, *span) if enters else values
+            for values, span, enters in zip(found, model.valid, used, strict=True)
+        )
+    )
     rest = design_at_rest(model, reference_degc)
     rows = inside.raw_design() - rest
     by_lag = [
@@ -106,25 +119,6 @@ def in_unmeasured_direction(valid: Valid, rate: Array) -> Mask:
     slack = ONE_SIDED * max(-low, high)
     return np.asarray(
         ((rate < -slack) & (low > -2.0 * slack)) | ((rate > slack) & (high < 2.0 * slack))
-    )
-
-
-def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
-    """Drivers [n] clamped to the fitted ranges; a driver that no term of the model uses is not
-    clamped.
-    """
-    terms = set(model.terms)
-    used = (
-        len(terms) > 1,
-        not terms.isdisjoint({"s_rate", "s_temp_rate"}),
-        "s_grad" in terms,
-        "s_grad_rate" in terms,
-    )
-    return Drivers(
-        *(
-            np.clip(values, *span) if enters else values
-            for values, span, enters in zip(drivers, model.valid, used, strict=True)
-        )
     )
 
 

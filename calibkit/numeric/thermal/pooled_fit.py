@@ -308,32 +308,26 @@ class LeastSquares:
         return float(share @ sizes**2 / share.sum())
 
 
-def _isolated(residual: Array, stacked: Stack) -> Array:
-    """Residuals [n] less the median of their neighbours in the same log, which removes slow misfit;
-    a row among its own neighbours would often be the median, and the scale too small.
-    """
-    apart = np.empty_like(residual)
-    half = NEIGHBOURS // 2
-    for rows in stacked.log_rows:
-        around = np.lib.stride_tricks.sliding_window_view(
-            np.pad(residual[rows], half, mode="reflect"), NEIGHBOURS
-        )
-        apart[rows] = residual[rows] - np.median(np.delete(around, half, axis=1), axis=1)
-    return apart
-
-
 def sound_blocks(columns: Array, stacked: Stack) -> Mask:
     """Which blocks [n] are fitted and no spikes about a fit of these columns [n, k].
 
-    It is isolated residuals that are judged, so that rows stay where a model misses a transient of
-    minutes; linearly dependent columns are allowed.
+    It is isolated residuals that are judged, less the median of their neighbours in the same log,
+    so that rows stay where a model misses a transient of minutes; linearly dependent columns are
+    allowed.
     """
     X = np.column_stack([columns, stacked.level_columns])
     X = X / np.maximum(np.linalg.norm(X, axis=0), np.finfo(float).tiny)
     sound = stacked.fitted.copy()
     for _ in range(ITERATIONS):
         coefficients = np.linalg.lstsq(X[sound], stacked.indication[sound], rcond=DEPENDENT)[0]
-        apart = np.abs(_isolated(stacked.indication - X @ coefficients, stacked))
+        residual, half = stacked.indication - X @ coefficients, NEIGHBOURS // 2
+        apart = np.empty_like(residual)
+        for rows in stacked.log_rows:
+            padded = np.pad(residual[rows], half, mode="reflect")
+            around = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+            # a row among its own neighbours would often be the median, and the scale too small
+            median = np.median(np.delete(around, half, axis=1), axis=1)
+            apart[rows] = np.abs(residual[rows] - median)
         before = sound
         sound = stacked.fitted & (apart <= SPIKE * mad_sigma(apart[stacked.fitted]))
         if np.array_equal(sound, before):

@@ -44,24 +44,12 @@ class Drivers(NamedTuple):
         return Valid(*((float(values.min()), float(values.max())) for values in self))
 
     def raw_design(self) -> Array:
-        """Design [n, 9] in raw units, one column per term."""
+        """Design [n, 9] in raw units, one column per term; complex where a driver is."""
         T, r, G, q = self
-        design, square = np.ones((T.size, 9)), T * T
+        design, square = np.ones((T.size, 9), np.result_type(*self)), T * T
         for k, term in enumerate((T, square, square * T, r, G, G * G, T * r, q), start=1):
             design[:, k] = term
         return design
-
-    def slope_over_temperature(self) -> Array:
-        """Derivatives [n, 9] of the terms by the temperature [1/°C]."""
-        T, slope = self.temperature, np.zeros((self.temperature.size, 9))
-        slope[:, 1], slope[:, 2], slope[:, 3], slope[:, 7] = 1.0, 2.0 * T, 3.0 * T**2, self.rate
-        return slope
-
-    def slope_over_gradient(self) -> Array:
-        """Derivatives [n, 9] of the terms by the gradient [1/K]."""
-        slope = np.zeros((self.gradient.size, 9))
-        slope[:, 5], slope[:, 6] = 1.0, 2.0 * self.gradient
-        return slope
 
     def scaled_design(self, scales: "Scales") -> Array:
         """Design [n, 9] of the same terms on scaled drivers, well conditioned."""

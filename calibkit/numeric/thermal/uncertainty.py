@@ -114,22 +114,12 @@ def explain_parts(
         first = int(np.argmax(part == number))
         apart = s - every[rest].mean(axis=0)
         noise = flicker.about_level(first, first + len(s), of_rest=of_rest)
-        yield (
-            inside,
-            [
-                of_coefficients(model, apart, k) + model.noise.flicker**2 * by_flicker
-                for k, by_flicker in zip(NEIGHBOURING, noise, strict=True)
-            ],
-        )
-
-
-def of_coefficients(model: _Stated, sensitivity: Array, lag: int) -> Array:
-    """Covariances [m − lag] that the uncertainty of the coefficients gives to values with these
-    derivatives [m, p] and those a lag behind them.
-    """
-    before = sensitivity[: max(len(sensitivity) - lag, 0)]
-    product = np.einsum("ij,jk,ik->i", sensitivity[lag:], model.covariance, before)
-    return np.asarray(product, dtype=np.float64)
+        known = []
+        for k, by_flicker in zip(NEIGHBOURING, noise, strict=True):
+            before = apart[: max(len(apart) - k, 0)]
+            of_coefficients = np.einsum("ij,jk,ik->i", apart[k:], model.covariance, before)
+            known.append(of_coefficients + model.noise.flicker**2 * by_flicker)
+        yield inside, known
 
 
 def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:

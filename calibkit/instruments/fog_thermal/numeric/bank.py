@@ -16,7 +16,7 @@ ramps ask for them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -227,18 +227,11 @@ class BankModel:
     model_error_dof: float = float("inf")
     entangled: tuple[str, ...] = ()
     flags: tuple[str, ...] = ()
-
-    @property
-    def form(self) -> str:
-        """Family of the model."""
-        return "bank"
-
-    @property
-    def constant_dof(self) -> float:
-        """Degrees of freedom of b0: the sizes of turn-on biases that the logs allow are averaged,
-        so that k = 2 covers 95 %.
-        """
-        return float("inf")
+    form: Literal["bank"] = "bank"
+    constant_dof: float = float("inf")
+    """Degrees of freedom of b0: the sizes of turn-on biases that the logs allow are averaged, so
+    that k = 2 covers 95 %.
+    """
 
     def nearest_fitted(self, temperature: float) -> float:
         """Temperature [°C] clamped to the fitted range."""

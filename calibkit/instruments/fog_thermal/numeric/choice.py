@@ -122,7 +122,10 @@ def choose(
         )
         return ThermalChoice((), (), None, None, reason)
     # all candidates leave out the same rows, so that their errors are comparable
-    basis, one_sided = fits.level_basis(stacked), _one_sided(stacked)
+    basis = fits.level_basis(stacked)
+    case = np.concatenate([log.case for log in stacked.logs])
+    changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
+    one_sided = bool(np.all(np.sign(changes) == np.sign(changes[0])))
     without = leave_out(stacked, basis.rows)
     solved, reasons = solve(candidates, basis)
     refused = tuple(reasons)
@@ -178,13 +181,6 @@ def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int
     if one_sided and banks:
         helping = banks[-1:]
     return simplest(tested, helping) if helping else None
-
-
-def _one_sided(stacked: Stack) -> bool:
-    """Whether the case gets only warmer or only colder from ramp to ramp."""
-    case = np.concatenate([log.case for log in stacked.logs])
-    changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
-    return bool(np.all(np.sign(changes) == np.sign(changes[0])))
 
 
 def _why(chosen: LeftOutErrors, tested: Sequence[LeftOutErrors]) -> str:

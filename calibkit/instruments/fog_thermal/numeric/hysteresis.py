@@ -51,7 +51,9 @@ def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hy
         left = log.indication
         if model is not None:
             left = left - evaluate.evaluate(model, log.time, log.case, log.env).drift
-        rate = _smoothed(np.gradient(log.case, log.time)) * SECONDS_PER_MINUTE
+        # a running mean over nine blocks suppresses the steps of a quantised thermometer
+        padded = np.pad(np.gradient(log.case, log.time), 4, mode="edge")
+        rate = np.convolve(padded, np.full(9, SECONDS_PER_MINUTE / 9.0), mode="valid")
         direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
         parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
     number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
@@ -68,8 +70,3 @@ def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hy
             "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
         )
     return Hysteresis(*np.array(both).T)
-
-
-def _smoothed(values: Array) -> Array:
-    """Running mean [n] over nine blocks, which suppresses the steps of a quantised thermometer."""
-    return np.convolve(np.pad(values, 4, mode="edge"), np.full(9, 1.0 / 9.0), mode="valid")
