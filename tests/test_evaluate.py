@@ -207,10 +207,10 @@ def test_outside_the_calibrated_range_a_value_has_no_uncertainty(tmp_path):
     beyond = one(found, "drift_rate.drift.drift", **{T: -20.0, "temp_rate_degc_min": 9.0})
     far = one(found, "drift_rate.drift.drift", **{T: 90.0, "temp_rate_degc_min": 20.0})
     assert inside.expanded is not None
-    assert inside.status == ""
+    assert inside.outside == ""
     assert beyond.expanded is None
-    assert "the coil is then at -51.5 °C" in beyond.status
-    assert "temp_rate_degc_min 20 is outside -10 … 10" in far.status
+    assert "the coil is then at -51.5 °C" in beyond.outside
+    assert "temp_rate_degc_min 20 is outside -10 … 10" in far.outside
     assert "2 of 3 values are extrapolated" in evaluation.flag_values([inside, beyond, far])[1]
 
 
@@ -222,7 +222,7 @@ def test_increments_of_the_published_scheme_depend_on_gradient_and_rate(tmp_path
     c = RATES.c
     a = c[:, 0] + c[:, 1] * 2.0
     assert value.result.value == pytest.approx(a[0] - 3.0 * a[1] + 9.0 * a[2])
-    assert value.status == ""
+    assert value.outside == ""
 
 
 def test_the_command_writes_csv_figure_and_json(tmp_path, calibkit):
@@ -318,4 +318,4 @@ def test_a_triad_of_gyros_and_a_pair_are_evaluated(tmp_path):
     rates = {"rate_x_dps": 1.0, "rate_y_dps": 2.0, "rate_z_dps": 150.0}
     value = one(found, "gyro_orthogonality.triad.F_y", **rates)
     assert value.result.value == pytest.approx(3.0 + 20006.0 + 450.0 + 7.0)
-    assert "rate_z_dps 150 is outside -100 … 100 deg/s" in value.status
+    assert "rate_z_dps 150 is outside -100 … 100 deg/s" in value.outside
