@@ -413,7 +413,7 @@ def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path)
         made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent
     )
     validation = run_files.AsFoundAsLeft.load(out, run_files.RunFiles.read(made))
-    rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
+    rows = {(row.log, row.quantity.en): (row.as_found, row.as_left) for row in validation.rows}
     entry = document["logs"][0]
     assert rows[entry["name"], "drift rms, 100 s means"] == (
         entry["drift_rms_before"],

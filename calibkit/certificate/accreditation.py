@@ -48,13 +48,13 @@ class Scope:
         u, floor = result.uncertainty, max(floors)
         if u is None or u.expanded_uncertainty >= floor:
             return result
-        whole = floor / u.coverage_factor
-        missing = math.sqrt(whole**2 - u.standard_uncertainty**2)
+        floor_standard_uncertainty = floor / u.coverage_factor
+        missing = math.sqrt(floor_standard_uncertainty**2 - u.standard_uncertainty**2)
         added = Contribution(FLOOR, "CMC", "", missing, "", "normal", math.inf, 1.0, missing)
         raised = replace(
             u,
             contributions=(*u.contributions, added),
-            standard_uncertainty=whole,
+            standard_uncertainty=floor_standard_uncertainty,
             expanded_uncertainty=floor,
         )
         return replace(result, uncertainty=raised)
@@ -62,23 +62,24 @@ class Scope:
 
 def is_raised(result: Result) -> bool:
     """Whether U of a result is the CMC, which is larger than what was found."""
-    found = result.uncertainty
-    return found is not None and any(part.kind == "CMC" for part in found.contributions)
+    uncertainty = result.uncertainty
+    return uncertainty is not None and any(part.kind == "CMC" for part in uncertainty.contributions)
 
 
 def _floors(capabilities: Sequence[Capability], result: Result) -> Iterator[float]:
     """Smallest expanded uncertainties of a result, in its unit."""
-    for number, one in enumerate(capabilities):
-        if not fnmatch.fnmatchcase(result.key, one.result):
+    for number, capability in enumerate(capabilities):
+        if not fnmatch.fnmatchcase(result.key, capability.result):
             continue
-        unit = units.ALIASES.get(one.unit, one.unit)
+        unit = units.ALIASES.get(capability.unit, capability.unit)
         if unit in RELATIVE and result.unit != unit:
-            yield one.expanded_uncertainty * RELATIVE[unit] * abs(result.value)
+            yield capability.expanded_uncertainty * RELATIVE[unit] * abs(result.value)
         elif unit == result.unit:
-            yield one.expanded_uncertainty
+            yield capability.expanded_uncertainty
         else:
             raise RecipeError(
-                f"[[cmc]] '{one.result}' is in '{one.unit}', {result.key} in '{result.unit}'",
+                f"[[cmc]] '{capability.result}' is in '{capability.unit}',"
+                f" {result.key} in '{result.unit}'",
                 hint="state it in the unit of the result, in ppm or in %",
                 at=("cmc", number, "unit"),
             )

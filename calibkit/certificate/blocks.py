@@ -34,7 +34,7 @@ Table = ListTable | GridTable
 
 
 def list_coefficients(
-    stated: Stated,
+    basis: Stated,
     record: Record,
     model: Model,
     title: Words = COEFFICIENTS,
@@ -45,7 +45,7 @@ def list_coefficients(
     inputs that are not given) is stated as that.
     """
     results = tuple(
-        state(stated, quantity, {})
+        state(basis, quantity, {})
         for quantity in fitted_coefficients(record, model, values, origin)
     )
     return ListTable(title, results, COEFFICIENT_NOTE)
@@ -65,8 +65,8 @@ def fitted_coefficients(
     quantities = {}
     for c in model.coefficients:
         if c.value or c.standard_uncertainty:
-            plain = coefficient(record, model, c.name)
-            quantities[c.name] = constants.get(plain.key, plain)
+            fitted = coefficient(record, model, c.name)
+            quantities[c.name] = constants.get(fitted.key, fitted)
     for value in values:
         point = value.point({entry.column: origin.get(entry.column, 0.0) for entry in value.inputs})
         if len(point.parts) != 1:
@@ -83,12 +83,12 @@ def fitted_coefficients(
 def _stated_as(fitted: Quantity, value: Quantity, point: Point) -> Quantity:
     """A coefficient that is the value of a quantity at the origin, which has this point."""
     constant = replace(fitted.point({}), more=point.more)
-    called = value.key, f"{value.model}.{value.name}", value.name
-    return replace(fitted, called=called, point=lambda _: constant)
+    aliases = value.key, f"{value.model}.{value.name}", value.name
+    return replace(fitted, called=aliases, point=lambda _: constant)
 
 
 def tabulate(
-    stated: Stated,
+    basis: Stated,
     title: Words,
     columns: Sequence[tuple[Words, Quantity]],
     points: Sequence[float] | None = None,
@@ -104,17 +104,19 @@ def tabulate(
     abscissa = columns[0][1].inputs[0]
     column = abscissa.column
     if points is None:
-        points = stated.grid(column, abscissa.low, abscissa.high)
+        points = basis.grid(column, abscissa.low, abscissa.high)
     if not points:
         return None
     if principal_at is None:
-        principal_at = stated.reference_degc if column == TEMPERATURE else points[len(points) // 2]
+        principal_at = basis.reference_degc if column == TEMPERATURE else points[len(points) // 2]
 
     def cell(quantity: Quantity, x: float) -> Result | None:
-        at = quantity.complete({column: x})
-        if quantity.outside(at):
+        input_values = quantity.complete({column: x})
+        if quantity.outside(input_values):
             return None
-        return state(stated, quantity, at, principal=quantity.principal and x == principal_at)
+        return state(
+            basis, quantity, input_values, principal=quantity.principal and x == principal_at
+        )
 
     return GridTable(
         title,
@@ -178,17 +180,17 @@ def name_input(column: str, unit: str) -> Words:
     return name_condition(column) + Words(f" [{unit_mark(unit) or 1}]")
 
 
-def note_models(stated: Stated, models: Iterable[Model]) -> list[Words]:
+def note_models(basis: Stated, models: Iterable[Model]) -> list[Words]:
     """Notes of models: what their fits left, in which ranges they hold, and what is not stated."""
     return [
         note
         for model in models
-        for note in (residual_words(model), range_words(model), *stated.left_out(model))
+        for note in (residual_words(model), range_words(model), *basis.left_out(model))
     ]
 
 
 def lay_out_models(
-    stated: Stated,
+    basis: Stated,
     record: Record,
     title: Words,
     equations: Sequence[Equation],
@@ -204,38 +206,40 @@ def lay_out_models(
         name = name_model(model.name)
         of_model = [value for value in values if value.model == model.name]
         coefficients = name + Words(": coefficients", "：系数")
-        tables.append(list_coefficients(stated, record, model, coefficients, of_model))
+        tables.append(list_coefficients(basis, record, model, coefficients, of_model))
         for value in of_model:
             if not value.inputs or any(entry.rest is None for entry in value.inputs[1:]):
                 continue
             head = name_input(value.inputs[0].column, value.inputs[0].unit)
-            over = name + Words(": ", "：") + value.words
-            table = tabulate(stated, over, [(value.words, value)], row_head=head)
+            table_title = name + Words(": ", "：") + value.words
+            table = tabulate(basis, table_title, [(value.words, value)], row_head=head)
             if table is not None:
                 unit = Words(f" [{unit_mark(value.unit) or 1}]")
                 labels = [value.words + Words(" ± U")]
                 tables.append(table)
                 figures.append(plot(table, value.words + unit, x_label=head, labels=labels))
-    listed = {result.quantity for table in tables for result in list_results(table)}
+    tabulated_keys = {result.quantity for table in tables for result in list_results(table)}
     constants = tuple(
-        state(stated, value, {}) for value in values if not value.inputs and value.key not in listed
+        state(basis, value, {})
+        for value in values
+        if not value.inputs and value.key not in tabulated_keys
     )
     if constants:
         tables.append(ListTable(Words("Results", "结果"), constants))
-    return make_block(record, title, equations, tables, figures, note_models(stated, record.models))
+    return make_block(record, title, equations, tables, figures, note_models(basis, record.models))
 
 
-def lay_out_records(stated: Stated, quantities: Iterable[Quantity]) -> tuple[Block, ...]:
+def lay_out_records(basis: Stated, quantities: Iterable[Quantity]) -> tuple[Block, ...]:
     """Blocks of a procedure that lays out none itself: each of its coefficient files with the
     quantities that are of it.
     """
-    listed = [*quantities]
+    all_quantities = [*quantities]
     return tuple(
         lay_out_models(
-            *(stated, record, Words(record.stage.replace("_", " ")), ()),
-            [quantity for quantity in listed if quantity.stage == record.stage],
+            *(basis, record, Words(record.stage.replace("_", " ")), ()),
+            [quantity for quantity in all_quantities if quantity.stage == record.stage],
         )
-        for record in stated.records.values()
+        for record in basis.records.values()
     )
 
 

@@ -50,7 +50,7 @@ class Issued:
             "draft": certificate.draft,
             "verdict": certificate.run.verdict,
             "accepted": ACCEPTED[certificate.run.verdict],
-            "missing": [{"key": item.key, "what": item.what.en} for item in self.missing],
+            "missing": [{"key": item.key, "what": item.description.en} for item in self.missing],
             "results": [
                 {
                     "key": r.key,
@@ -100,13 +100,14 @@ def certify(
     signer = None if key is None else key.load_signer()
     run = run_files.RunFiles.read(store.load(run_folder))
     validated = None if validation is None else run_files.AsFoundAsLeft.load(validation, run)
-    stated, text = profile.load(profile_path, overrides)
+    certificate_profile, text = profile.load(profile_path, overrides)
     with profile.read_source(profile_path, overrides).placing():
         certificate = content.build(
-            run, layout_of, stated, text, validated, dt.date.fromisoformat(date)
+            run, layout_of, certificate_profile, text, validated, dt.date.fromisoformat(date)
         )
     folder = Path() if profile_path is None else profile_path.parent
-    fonts, mark = (folder / font for font in stated.certificate.fonts), _read_mark(stated, folder)
+    fonts = (folder / font for font in certificate_profile.certificate.fonts)
+    mark = _read_mark(certificate_profile, folder)
     typeset = functools.partial(
         pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
     )
@@ -130,9 +131,9 @@ def certify(
 def _refuse_draft(certificate: content.Certificate) -> None:
     """Raise UsageError for a DRAFT, which is not signed."""
     if certificate.draft:
-        listed = ", ".join(item.key for item in certificate.missing)
+        missing_keys = ", ".join(item.key for item in certificate.missing)
         hint = "state what is missing, or leave out --sign"
-        raise UsageError(f"a DRAFT is not signed; missing: {listed}", hint=hint)
+        raise UsageError(f"a DRAFT is not signed; missing: {missing_keys}", hint=hint)
 
 
 def _beside(out: Path) -> Path:
@@ -142,10 +143,10 @@ def _beside(out: Path) -> Path:
             f"--out {str(out)!r} is no name of a PDF",
             hint="name a file that ends in .pdf; its DCC is put beside it",
         )
-    beside = out.with_name(f"{out.stem}.xml")
-    for path in (out, beside):
+    dcc_path = out.with_name(f"{out.stem}.xml")
+    for path in (out, dcc_path):
         new_files.refuse_existing(path)
-    return beside
+    return dcc_path
 
 
 def _rendered(
@@ -158,29 +159,29 @@ def _rendered(
     character.
     """
     digital = dcc.attach_dcc(certificate, lang, schema_dir)
-    whole = replace(certificate, attachments=(*certificate.attachments, digital))
+    with_dcc = replace(certificate, attachments=(*certificate.attachments, digital))
     try:
-        return whole, digital, typeset(whole)
-    except pdf.UnshownError as found:
-        draft = certificate.without_glyphs(found.characters)
+        return with_dcc, digital, typeset(with_dcc)
+    except pdf.UnshownError as error:
+        draft = certificate.without_glyphs(error.characters)
         if draft.unshown == certificate.unshown:
             raise
     return _rendered(draft, lang, typeset, schema_dir)
 
 
-def _read_mark(stated: profile.Profile, folder: Path) -> bytes:
+def _read_mark(certificate_profile: profile.Profile, folder: Path) -> bytes:
     """Image of the accreditation's mark, empty for none; RecipeError for what is no SVG or PNG."""
-    name = stated.accreditation.mark
+    name = certificate_profile.accreditation.mark
     if not name:
         return b""
     try:
-        found = loader.read_limited(folder / name)
+        image = loader.read_limited(folder / name)
     except OSError as error:
         raise RecipeError(
             f"accreditation.mark: {folder / name}: {error.strerror}", hint="name an SVG or PNG file"
         ) from None
-    if not found.startswith(b"\x89PNG") and b"<svg" not in found:
+    if not image.startswith(b"\x89PNG") and b"<svg" not in image:
         raise RecipeError(
             f"accreditation.mark: {folder / name} is neither SVG nor PNG", hint="convert it"
         )
-    return found
+    return image

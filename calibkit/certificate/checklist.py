@@ -55,7 +55,7 @@ class Missing:
     """One item that the certificate lacks: the key that would state it, and what it is."""
 
     key: str
-    what: Words
+    description: Words
 
 
 NO_SENSITIVITIES = Missing(
@@ -109,14 +109,14 @@ def _influences(profile: Profile, results: Sequence[Result]) -> Iterator[Missing
         return
     kinds = dict.fromkeys(result.quantity for result in fits_alone(results))
     if kinds:
-        listed = ", ".join(list(kinds)[:MOST_LISTED])
-        more = len(kinds) - MOST_LISTED
-        listed += f" and {more} more" if more > 0 else ""
-        what = Words(
-            f"type B contribution ([[type_b]]), or type_b_none.reason, of {listed}",
-            f"B 类分量（[[type_b]]）或 type_b_none.reason：{listed}",
+        names = ", ".join(list(kinds)[:MOST_LISTED])
+        unlisted_count = len(kinds) - MOST_LISTED
+        names += f" and {unlisted_count} more" if unlisted_count > 0 else ""
+        description = Words(
+            f"type B contribution ([[type_b]]), or type_b_none.reason, of {names}",
+            f"B 类分量（[[type_b]]）或 type_b_none.reason：{names}",
         )
-        yield Missing("type_b", what)
+        yield Missing("type_b", description)
 
 
 def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Missing]:
@@ -128,34 +128,34 @@ def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Miss
     if not profile.accreditation.body.strip():
         yield Missing("accreditation.body", Words("accreditation body", "认可机构"))
     if all(result.outside_scope for result in results):
-        what = Words(
+        description = Words(
             "a result in the scope of the accreditation ([[cmc]])", "认可范围内的结果（[[cmc]]）"
         )
-        yield Missing("cmc", what)
+        yield Missing("cmc", description)
     for standard in profile.standard:
         for name, words in STATED_OF_STANDARDS.items():
             if not getattr(standard, name):
-                what = words + Words(
+                description = words + Words(
                     f" of the standard '{standard.name}'", f"：标准器“{standard.name}”"
                 )
-                yield Missing(f"standard.{name}", what)
+                yield Missing(f"standard.{name}", description)
 
 
 def missing_glyphs(characters: Iterable[str]) -> Missing:
     """What is missing where no font has these characters."""
-    listed = " ".join(map(character_code, characters))
+    codes = " ".join(map(character_code, characters))
     return Missing(
-        FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}")
+        FONTS, Words(f"characters that no font has: {codes}", f"字体中没有的字符：{codes}")
     )
 
 
 def _fields(profile: Profile) -> Iterator[Missing]:
     """Plain fields that are empty."""
-    for key, what in FIELDS.items():
+    for key, description in FIELDS.items():
         table, _, name = key.partition(".")
         value = getattr(getattr(profile, table), name)
         if value is None or not str(value).strip():
-            yield Missing(key, what)
+            yield Missing(key, description)
 
 
 def _traceability(profile: Profile) -> Iterator[Missing]:
@@ -166,42 +166,42 @@ def _traceability(profile: Profile) -> Iterator[Missing]:
     for standard in profile.standard:
         for name in ("certificate", "date", "laboratory"):
             if not getattr(standard, name):
-                what = Words(
+                description = Words(
                     f"{name} of the standard '{standard.name}'", f"标准器“{standard.name}”的 {name}"
                 )
-                yield Missing(f"standard.{name}", what)
+                yield Missing(f"standard.{name}", description)
         if standard.valid_until is not None and used is not None and standard.valid_until < used:
-            what = Words(
+            description = Words(
                 f"the standard '{standard.name}' was valid until {standard.valid_until}",
                 f"标准器“{standard.name}”有效期至 {standard.valid_until}",
             )
-            yield Missing("standard.valid_until", what)
+            yield Missing("standard.valid_until", description)
         if standard.date is not None and used is not None and standard.date > used:
-            what = Words(
+            description = Words(
                 f"the standard '{standard.name}' was calibrated on {standard.date}, after the work",
                 f"标准器“{standard.name}”的校准日期 {standard.date} 晚于本次工作",
             )
-            yield Missing("standard.date", what)
+            yield Missing("standard.date", description)
 
 
 def _consistency(profile: Profile, issued: dt.date, *, validated: bool) -> Iterator[Missing]:
     """A certificate is not issued before the work is done; an amendment states what it changes; as
     found and as left are stated, or why they are not.
     """
-    done = profile.dates.performed_until or profile.dates.performed
-    if done is not None and done > issued:
-        what = Words(
-            f"the work of {done} is later than the date of issue {issued}",
-            f"校准日期 {done} 晚于签发日期 {issued}",
+    performed = profile.dates.performed_until or profile.dates.performed
+    if performed is not None and performed > issued:
+        description = Words(
+            f"the work of {performed} is later than the date of issue {issued}",
+            f"校准日期 {performed} 晚于签发日期 {issued}",
         )
-        yield Missing("dates.performed", what)
+        yield Missing("dates.performed", description)
     if profile.certificate.amends and not any(
         change.strip() for change in profile.certificate.changes
     ):
         yield Missing("certificate.changes", Words("what the amendment changes", "修改内容"))
     if not validated and not profile.adjustment.statement.strip():
-        what = Words(
+        description = Words(
             "as-found and as-left results (--validation), or adjustment.statement",
             "调整前后结果（--validation）或 adjustment.statement",
         )
-        yield Missing("adjustment.statement", what)
+        yield Missing("adjustment.statement", description)

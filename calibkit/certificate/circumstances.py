@@ -26,9 +26,9 @@ def lay_out_conditions(certificate: Certificate, lang: Lang) -> Rows:
     """Conditions that the profile states, those that the logs measured, and those that the
     coefficient files hold.
     """
-    stated, run = certificate.profile.conditions, certificate.run
-    rows = [(words, getattr(stated, key)) for key, words in CONDITIONS]
-    rows += list_given(*((Words(""), text) for text in stated.others))
+    lab_conditions, run = certificate.profile.conditions, certificate.run
+    rows = [(words, getattr(lab_conditions, key)) for key, words in CONDITIONS]
+    rows += list_given(*((Words(""), text) for text in lab_conditions.others))
     for column, *ends in run.measured:
         label = Words("Measured in the logs: ", "数据中实测：") + names.name_condition(column)
         low, high = (f"{end:.1f} °C".replace("-", "−") for end in ends)
@@ -66,13 +66,13 @@ _CAUSES: dict[Cause, Words] = {
 
 def describe_left_out(fact: LeftOut) -> Words:
     """What a fit did not use, in a customer's words."""
-    what, why = _COUNTED[fact.what], _CAUSES[fact.cause]
+    counted, cause = _COUNTED[fact.what], _CAUSES[fact.cause]
     were = "was" if fact.count == 1 else "were"
-    where = names.name_channel(fact.where) if fact.what == "stations" else Words(fact.where)
-    of, at = (f" of {where.en}", f"{where.zh or where.en} ") if fact.where else ("", "")
+    place = names.name_channel(fact.where) if fact.what == "stations" else Words(fact.where)
+    of_place, place_zh = (f" of {place.en}", f"{place.zh or place.en} ") if fact.where else ("", "")
     return Words(
-        f"{fact.count} of {fact.of} {what.en}{of} {were} {why.en}.",
-        f"{at}{fact.of} {what.zh}中有 {fact.count} {what.zh}{why.zh}。",
+        f"{fact.count} of {fact.of} {counted.en}{of_place} {were} {cause.en}.",
+        f"{place_zh}{fact.of} {counted.zh}中有 {fact.count} {counted.zh}{cause.zh}。",
     )
 
 
@@ -119,12 +119,12 @@ def _uncertainty(standard: Standard) -> str:
 
 def describe_accreditation(certificate: Certificate) -> Words:
     """By whom the laboratory is accredited; empty where it is not."""
-    stated = certificate.profile.accreditation
-    if not stated.number.strip():
+    accreditation = certificate.profile.accreditation
+    if not accreditation.number.strip():
         return Words("")
     return Words(
-        f"Accredited by {stated.body}, {stated.number}.",
-        f"获 {stated.body} 认可，{stated.number}。",
+        f"Accredited by {accreditation.body}, {accreditation.number}.",
+        f"获 {accreditation.body} 认可，{accreditation.number}。",
     )
 
 
@@ -139,7 +139,7 @@ def lay_out_accreditation(certificate: Certificate, lang: Lang) -> str:
 def list_signatories(certificate: Certificate, lang: Lang) -> list[Rows]:
     """Who calibrated, checked and authorised it, as what; the last with the date of issue."""
     profile = certificate.profile
-    found = [
+    first_signatories = [
         in_words([(label, person.name), *list_given((Words("Role", "职务"), person.role))], lang)
         for label, person in (
             (Words("Calibrated by", "校准"), profile.calibrated_by),
@@ -153,4 +153,4 @@ def list_signatories(certificate: Certificate, lang: Lang) -> list[Rows]:
         (Words("Role", "职务"), authorised.role),
         (Words("Date of issue", "签发日期"), str(certificate.issued)),
     ]
-    return [*found, in_words(last, lang)]
+    return [*first_signatories, in_words(last, lang)]

@@ -88,10 +88,10 @@ def judge_results(
     """Statement for every result that a specification names; RecipeError where it names none or in
     another unit.
     """
-    made = []
+    statements = []
     for k, specification in enumerate(specifications):
-        named = [r for r in results if fnmatch.fnmatchcase(r.key, specification.result)]
-        if not named:
+        named_results = [r for r in results if fnmatch.fnmatchcase(r.key, specification.result)]
+        if not named_results:
             close = difflib.get_close_matches(
                 specification.result, [r.key for r in results], n=1, cutoff=0.3
             )
@@ -103,14 +103,15 @@ def judge_results(
                 hint=guess,
                 at=("specification", k, "result"),
             )
-        if not (judged := [r for r in named if not r.by_definition]):
+        results_to_judge = [r for r in named_results if not r.by_definition]
+        if not results_to_judge:
             raise RecipeError(
-                f"[[specification]] result = '{specification.result}' is {named[0].value:g} by"
-                " definition",
+                f"[[specification]] result = '{specification.result}' is"
+                f" {named_results[0].value:g} by definition",
                 hint="there is nothing to judge; name values at other temperatures",
                 at=("specification", k, "result"),
             )
-        for result in judged:
+        for result in results_to_judge:
             if ALIASES.get(specification.unit, specification.unit) != result.unit:
                 raise RecipeError(
                     f"[[specification]] '{specification.result}' is in '{specification.unit}',"
@@ -118,19 +119,19 @@ def judge_results(
                     hint="state the limits in the unit of the result",
                     at=("specification", k, "unit"),
                 )
-            made.append(_statement(result, specification, specification.rule or default))
-    return tuple(made)
+            statements.append(_statement(result, specification, specification.rule or default))
+    return tuple(statements)
 
 
 def _statement(result: Result, specification: Specification, rule: Rule) -> ConformityStatement:
     """Judge one result, on unrounded numbers."""
     lower, upper = specification.lower, specification.upper
-    below, above = _expansion(result)
+    u_below, u_above = _expansion(result)
     acceptance = (lower, upper)
-    if rule != "simple" and math.isfinite(above):
+    if rule != "simple" and math.isfinite(u_above):
         acceptance = (
-            None if lower is None else lower + below,
-            None if upper is None else upper - above,
+            None if lower is None else lower + u_below,
+            None if upper is None else upper - u_above,
         )
     verdict, reason = _judge(result, lower, upper, rule)
     return ConformityStatement(
@@ -164,9 +165,9 @@ def _judge(
     tolerance, which is half the width between two limits; of one limit on a quantity that cannot be
     negative, the limit; else unbounded.
     """
-    below, above = _expansion(result)
+    u_below, u_above = _expansion(result)
     obstacle = result.undecided
-    if obstacle is None and not math.isfinite(above):
+    if obstacle is None and not math.isfinite(u_above):
         obstacle = Words("no uncertainty was determined", "未评定不确定度")
     if obstacle is not None:
         return "no statement possible", obstacle
@@ -174,16 +175,18 @@ def _judge(
     tolerance = (high - low) / 2.0
     if lower is None and result.interval is not None and result.interval[0] >= 0.0:
         tolerance = high
-    if max(below, above) > tolerance:
+    if max(u_below, u_above) > tolerance:
         return "no statement possible", Words("U exceeds the tolerance", "U 大于允差")
-    bottom, top = result.value - below, result.value + above
+    bottom, top = result.value - u_below, result.value + u_above
     inside = min(result.value - low, high - result.value) >= 0.0
     accepted = inside if rule == "simple" else min(bottom - low, high - top) >= 0.0
     if accepted:
         return "pass", Words("")
     if rule != "four_way":
-        near = Words("inside the tolerance, but by less than U", "在允差内但余量小于 U")
-        return "fail", near if inside else Words("")
+        guard_band_reason = Words(
+            "inside the tolerance, but by less than U", "在允差内但余量小于 U"
+        )
+        return "fail", guard_band_reason if inside else Words("")
     if inside:
         return "conditional pass", Words("")
     return ("conditional fail" if max(low - top, bottom - high) <= 0.0 else "fail"), Words("")

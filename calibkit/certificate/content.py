@@ -110,11 +110,11 @@ class Certificate:
     def without_type_b(self) -> Words:
         """Which principal results have no type B contribution, and the laboratory's reason."""
         reason = self.profile.type_b_none.reason.strip()
-        named = [name_result(result) for result in checklist.fits_alone(self.results)]
-        if not (reason and named):
+        result_names = [name_result(result) for result in checklist.fits_alone(self.results)]
+        if not (reason and result_names):
             return Words("")
-        english = "; ".join(dict.fromkeys(one.of("en") for one in named))
-        chinese = "；".join(dict.fromkeys(one.of("zh") for one in named))
+        english = "; ".join(dict.fromkeys(name.of("en") for name in result_names))
+        chinese = "；".join(dict.fromkeys(name.of("zh") for name in result_names))
         return Words(
             f"No type B contribution to {english}: {reason}", f"{chinese} 无 B 类分量：{reason}"
         )
@@ -136,8 +136,10 @@ class Certificate:
         unshown = "".join(sorted({*self.unshown, *characters}))
         if not unshown:
             return self
-        kept = tuple(item for item in self.missing if item.key != checklist.FONTS)
-        return replace(self, missing=(*kept, checklist.missing_glyphs(unshown)), unshown=unshown)
+        other_items = tuple(item for item in self.missing if item.key != checklist.FONTS)
+        return replace(
+            self, missing=(*other_items, checklist.missing_glyphs(unshown)), unshown=unshown
+        )
 
 
 def build(
@@ -154,7 +156,7 @@ def build(
     terms = uncertainty.TypeBTerms.merge(
         type_b.loads(run.document.get("type_b", ())), profile.terms
     )
-    stated = Stated(
+    basis = Stated(
         run.records,
         terms,
         tuple(sorted(set(profile.results.temperatures_degc))),
@@ -162,7 +164,7 @@ def build(
         sensitivities.loads(run.document.get(SENSITIVITIES, []), RUN_FILE),
         Scope.of(profile),
     )
-    blocks = layout.blocks(stated)
+    blocks = layout.blocks(basis)
     results = [result for block in blocks for result in block.results]
     title, validated = profile.certificate.title, as_found is not None
     return Certificate(
@@ -209,15 +211,17 @@ def _attachments(
     sources = "recipe, logs and software of the run"
     files.append(Attachment(RUN_FILE, run.contents[RUN_FILE], JSON, "source", sources))
     if as_found is not None:
-        what = "as-found and as-left results"
-        files.append(Attachment(VALIDATION, as_found.text.encode(), JSON, "data", what))
+        description = "as-found and as-left results"
+        files.append(Attachment(VALIDATION, as_found.text.encode(), JSON, "data", description))
     if profile_text:
-        content, what = profile_text.encode(), "laboratory profile"
-        files.append(Attachment(PROFILE, content, "application/toml", "source", what))
+        content, description = profile_text.encode(), "laboratory profile"
+        files.append(Attachment(PROFILE, content, "application/toml", "source", description))
     return tuple(files)
 
 
 def _name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
     """Names of terms that entered no result."""
-    names = {line.name.en for one in used for line in one.contributions}
+    names = {
+        line.name.en for result_uncertainty in used for line in result_uncertainty.contributions
+    }
     return tuple(term.name for term in terms if term.name not in names)

@@ -33,23 +33,25 @@ def countersign(
         raise UsageError(f"{issued}: no such file", hint="name a signed certificate")
     new_files.refuse_existing(out)
     signer = key.load_signer()
-    found = verify.verify(issued, layout_of, signature_trust.Demands(key.now, trust))
-    if not found.signatures:
+    verified = verify.verify(issued, layout_of, signature_trust.Demands(key.now, trust))
+    if not verified.signatures:
         raise UsageError(
             f"{issued}: is not signed", hint="issue it with calibkit certify --sign first"
         )
-    made = sign_checked(store.read_bytes(issued), signer, key, role)
-    new_files.write_all({out: made.document}, dry_run=dry_run)
-    return (*found.warnings, *made.warnings)
+    signed = sign_checked(store.read_bytes(issued), signer, key, role)
+    new_files.write_all({out: signed.document}, dry_run=dry_run)
+    return (*verified.warnings, *signed.warnings)
 
 
 def sign_checked(document: bytes, signer: Any, key: Key, role: str = "") -> sign.Signed:  # noqa: ANN401 (a class of an optional library)
     """A document with one signature more; OutputError where it would not verify."""
-    made = sign.sign_document(document, signer, key, role)
-    found = verify_signature.check_signatures(made.document, signature_trust.Demands(now=key.now))
-    if faults := [fault for one in found for fault in one.faults]:
+    signed = sign.sign_document(document, signer, key, role)
+    signatures = verify_signature.check_signatures(
+        signed.document, signature_trust.Demands(now=key.now)
+    )
+    if faults := [fault for signature in signatures for fault in signature.faults]:
         raise OutputError(
             f"--sign {key.path}: the signature does not verify: {faults[0]}",
             hint="sign with another key, or without --timestamp",
         )
-    return made
+    return signed

@@ -46,9 +46,9 @@ def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
     """The DCC as a file of the certificate, its structure checked, and validated against the schema
     where a folder has it.
     """
-    made = render(certificate, lang)
-    dcc_check.check(made, schema_dir)
-    return Attachment(FILE, made, *DESCRIBED)
+    document = render(certificate, lang)
+    dcc_check.check(document, schema_dir)
+    return Attachment(FILE, document, *DESCRIBED)
 
 
 def render(certificate: Certificate, lang: Lang) -> bytes:
@@ -67,17 +67,17 @@ def render(certificate: Certificate, lang: Lang) -> bytes:
     )
     root.set(f"{{{xml.XSI}}}schemaLocation", xml.SCHEMA.location)
     xml.identify(root)
-    made: bytes = xml.etree().tostring(
+    document: bytes = xml.etree().tostring(
         root, xml_declaration=True, encoding="UTF-8", pretty_print=True
     )
-    return made
+    return document
 
 
 def _measurements(certificate: Certificate, notation: Notation) -> _Element:
     """One measurement result per coefficient file, then as found and as left."""
     dates = certificate.profile.dates
     used = dates.performed_until or dates.performed
-    equipment = [_equipment(one, used, notation) for one in certificate.profile.standard]
+    equipment = [_equipment(standard, used, notation) for standard in certificate.profile.standard]
     refers = " ".join([ITEM, *(f"measuringEquipment{k + 1}" for k in range(len(equipment)))])
     files = {a.name: a for a in certificate.attachments}
     results = [
@@ -116,7 +116,7 @@ def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> 
         )
         if value
     ]
-    known = [
+    identifications = [
         identification(
             "manufacturer", standard.serial, SERIAL_NUMBER, notation, refType="basic_serialNumber"
         ),
@@ -125,13 +125,13 @@ def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> 
     certificate = None
     if standard.sha256:
         until = standard.valid_until
-        held = None
+        validity = None
         if until is not None and used is not None:
-            held = node("dcc:inValidityRange", str(used <= until).lower())
+            validity = node("dcc:inValidityRange", str(used <= until).lower())
         certificate = digest(
             *("dcc:certificate", CERTIFICATE, standard.certificate, standard.sha256),
             notation,
-            held,
+            validity,
         )
     quantities = _quantities(standard, notation)
     return notation.named(
@@ -139,7 +139,7 @@ def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> 
         standard.name,
         notation.rich("dcc:description", [", ".join(facts)]),
         certificate,
-        None if known == [None, None] else node("dcc:identifications", *known),
+        None if identifications == [None, None] else node("dcc:identifications", *identifications),
         node("dcc:measuringEquipmentQuantities", *quantities) if quantities else None,
     )
 
@@ -147,28 +147,28 @@ def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> 
 def _measured_range(name: str, low: float, high: float, notation: Notation) -> _Element:
     """An influence condition that the logs measured: its lowest and its highest value."""
     ends = (("math_minimum", low), ("math_maximum", high))
-    shown = (
+    quantities = (
         dcc_results.typed("dcc:quantity", value, "degC", notation, kind) for kind, value in ends
     )
     return notation.named(
-        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", *shown)
+        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", *quantities)
     )
 
 
 def _quantities(standard: Standard, notation: Notation) -> list[_Element]:
     """Range and expanded uncertainty of a standard, as far as it states them."""
-    tag, found = "dcc:measuringEquipmentQuantity", []
+    tag, elements = "dcc:measuringEquipmentQuantity", []
     if standard.range.strip():
-        shown = notation.rich("dcc:noQuantity", [standard.range])
-        found.append(node(tag, shown, refType="calibkit_range"))
+        text_element = notation.rich("dcc:noQuantity", [standard.range])
+        elements.append(node(tag, text_element, refType="calibkit_range"))
     U, kind = standard.expanded_uncertainty, "calibkit_expandedUncertainty"
     if U is not None:
         try:
-            found.append(dcc_results.typed(tag, U, standard.unit, notation, kind))
+            elements.append(dcc_results.typed(tag, U, standard.unit, notation, kind))
         except OutputError:  # a unit of the laboratory's own
-            shown = notation.rich("dcc:noQuantity", [f"{U!r} {standard.unit}"])
-            found.append(node(tag, shown, refType=kind))
-    return found
+            text_element = notation.rich("dcc:noQuantity", [f"{U!r} {standard.unit}"])
+            elements.append(node(tag, text_element, refType=kind))
+    return elements
 
 
 def _methods(certificate: Certificate, block: Block, notation: Notation) -> _Element:
@@ -179,40 +179,42 @@ def _methods(certificate: Certificate, block: Block, notation: Notation) -> _Ele
         (Words("Deviations from the method: ", "对方法的偏离："), method.deviations),
         (Words("From external providers: ", "外部提供的部分："), method.external_providers),
     ]
-    given = [label + Words(text) for label, text in facts if text.strip()]
+    description = [label + Words(text) for label, text in facts if text.strip()]
     recipe = Words(
         f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of"
         " run.json): ",
         f"配方 {run.recipe}，文本及 --set 修改的摘要（run.json 的 recipe.sha256 字段）：",
     ) + Words(run.recipe_sha256)
-    where = [equation.where for equation in block.equations]
+    letter_meanings = [equation.where for equation in block.equations]
     latex = [equation.latex for equation in block.equations]
     return node(
         "dcc:usedMethods",
-        notation.named("dcc:usedMethod", method.name, notation.rich("dcc:description", given)),
+        notation.named(
+            "dcc:usedMethod", method.name, notation.rich("dcc:description", description)
+        ),
         notation.named(
             "dcc:usedMethod",
             f"{run.software}: {run.procedure}, {block.stage}",
-            notation.rich("dcc:description", [recipe, run.content_digest, *where], latex),
+            notation.rich("dcc:description", [recipe, run.content_digest, *letter_meanings], latex),
         ),
     )
 
 
 def _influences(certificate: Certificate, notation: Notation) -> _Element:
     """Conditions of the laboratory in words, and those of the computation as numbers."""
-    stated = certificate.profile.conditions
-    texts = [(words, str(getattr(stated, key))) for key, words in CONDITIONS]
-    texts += [(Words("Further conditions", "其他条件"), text) for text in stated.others]
-    shown = [(words, text) for words, text in texts if text.strip()]
-    if not shown and not certificate.run.conditions:
-        shown = [(HEADINGS["conditions"], xml.NOT_STATED)]
+    lab_conditions = certificate.profile.conditions
+    texts = [(words, str(getattr(lab_conditions, key))) for key, words in CONDITIONS]
+    texts += [(Words("Further conditions", "其他条件"), text) for text in lab_conditions.others]
+    condition_texts = [(words, text) for words, text in texts if text.strip()]
+    if not condition_texts and not certificate.run.conditions:
+        condition_texts = [(HEADINGS["conditions"], xml.NOT_STATED)]
     return node(
         "dcc:influenceConditions",
         *(
             notation.named(
                 "dcc:influenceCondition", words, node("dcc:data", notation.text("dcc:text", text))
             )
-            for words, text in shown
+            for words, text in condition_texts
         ),
         *(_measured_range(*measured, notation) for measured in certificate.run.measured),
         *(

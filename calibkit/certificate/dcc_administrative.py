@@ -91,35 +91,35 @@ def _ref_types(notation: Notation) -> list[_Element]:
 def _core(certificate: Certificate, notation: Notation) -> _Element:
     """Number, order, dates, place, the certificate that this one replaces, the one before it."""
     profile, dates = certificate.profile, certificate.profile.dates
-    stated = profile.certificate
+    numbering = profile.certificate
     performed = str(dates.performed or NO_DATE)
     place = profile.laboratory.place_of_work.strip()
     languages = xml.LANGUAGES[notation.lang]
     order = identification(
         "customer",
-        stated.order,
+        numbering.order,
         Words("order", "委托单号"),
         notation,
         refType="basic_orderNumber",
     )
     amended = previous = None
-    if stated.amends.strip():
+    if numbering.amends.strip():
         amended = node(
             "dcc:reportAmendedSubstituted",
             node("dcc:typeOfChange", "substituted"),
-            node("dcc:replacedUniqueIdentifier", xml.one_line(stated.amends)),
+            node("dcc:replacedUniqueIdentifier", xml.one_line(numbering.amends)),
         )
-    if stated.previous.strip():
+    if numbering.previous.strip():
         name = Words("calibration certificate before this one", "上一份校准证书")
         previous = digest(
-            "dcc:previousReport", name, stated.previous, stated.previous_sha256, notation
+            "dcc:previousReport", name, numbering.previous, numbering.previous_sha256, notation
         )
     return node(
         "dcc:coreData",
         node("dcc:countryCodeISO3166_1", profile.laboratory.country or NO_COUNTRY),
         *(node("dcc:usedLangCodeISO639_1", code) for code in languages),
         *(node("dcc:mandatoryLangCodeISO639_1", code) for code in languages),
-        node("dcc:uniqueIdentifier", xml.one_line(stated.number)),
+        node("dcc:uniqueIdentifier", xml.one_line(numbering.number)),
         None if order is None else node("dcc:identifications", order),
         optional("dcc:receiptDate", str(dates.received or "")),
         node("dcc:beginPerformanceDate", performed),
@@ -198,12 +198,12 @@ def _persons(certificate: Certificate, notation: Notation) -> _Element:
         *(
             node(
                 "dcc:respPerson",
-                notation.named("dcc:person", one.name, optional("dcc:eMail", one.email)),
-                optional("dcc:role", one.role or usual),
+                notation.named("dcc:person", person.name, optional("dcc:eMail", person.email)),
+                optional("dcc:role", person.role or usual),
                 node("dcc:mainSigner", main),
             )
-            for one, usual, main in people
-            if one.name.strip() or main == "true"
+            for person, usual, main in people
+            if person.name.strip() or main == "true"
         ),
     )
 
@@ -234,7 +234,7 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
     outside = any(result.outside_scope for result in certificate.results)
     return [
         (Words("Validity", "有效范围"), [SENTENCES["only_item"]], ""),
-        (missing, [Words(f"{m.key}: ") + m.what for m in certificate.missing], ""),
+        (missing, [Words(f"{m.key}: ") + m.description for m in certificate.missing], ""),
         (
             Words("Traceability", "溯源性"),
             [numbering.traceability or SENTENCES["traceability"]] if profile.standard else [],
@@ -257,7 +257,7 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
         (
             Words("Left out", "剔除数据"),
             [
-                *(f"{what}: {why} ({who})" for what, why, who in run.excluded),
+                *(f"{item}: {reason} ({person})" for item, reason, person in run.excluded),
                 *map(circumstances.describe_left_out, run.left_out),
             ],
             "",

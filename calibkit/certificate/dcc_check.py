@@ -102,8 +102,10 @@ def _missing_elements(root: _Element) -> Iterator[str]:
     if root.tag != f"{{{xml.DCC}}}digitalCalibrationCertificate" or not root.get("schemaVersion"):
         yield f"root element {root.tag!r}"
     for path in NEEDED:
-        found = root.findall(path, xml.NAMES)
-        if not found or any(len(one) == 0 and not (one.text or "").strip() for one in found):
+        elements = root.findall(path, xml.NAMES)
+        if not elements or any(
+            len(element) == 0 and not (element.text or "").strip() for element in elements
+        ):
             yield f"no {path}"
     for result in root.iterfind("dcc:measurementResults/dcc:measurementResult", xml.NAMES):
         if any(result.find(child, xml.NAMES) is None for child in ("dcc:name", "dcc:results")):
@@ -124,14 +126,14 @@ def _list_faults(values: _Element) -> Iterator[str]:
     """Faults of a list: parts that differ in length, a covariance of another size or not
     symmetric.
     """
-    stated = values.findall("si:valueXMLList", xml.NAMES)
-    n = len((stated[0].text or "").split()) if stated else 0
+    value_lists = values.findall("si:valueXMLList", xml.NAMES)
+    n = len((value_lists[0].text or "").split()) if value_lists else 0
     for name in ("labelXMLList", "valueXMLList", "unitXMLList", "valueExpandedMUXMLList"):
         for part in values.iterfind(f".//si:{name}", xml.NAMES):
             inside = part.getparent()
             single = inside is not None and str(inside.tag).endswith("}covarianceXMLList")
-            allowed = {1} if single else {1, n} if name == "unitXMLList" else {n}
-            if len((part.text or "").split()) not in allowed:
+            allowed_lengths = {1} if single else {1, n} if name == "unitXMLList" else {n}
+            if len((part.text or "").split()) not in allowed_lengths:
                 yield f"{name} of {n} values is not as long"
     matrix = [
         [float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column]
@@ -161,14 +163,14 @@ def _validate(root: _Element, folder: Path) -> None:
         )
     parser = etree.XMLParser(no_network=True)
     try:
-        found = etree.XMLSchema(etree.parse(str(folder / SCHEMA), parser))
+        schema = etree.XMLSchema(etree.parse(str(folder / SCHEMA), parser))
     except (etree.XMLSchemaParseError, etree.XMLSyntaxError) as error:
         raise UsageError(
             f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0"
         ) from None
-    if not found.validate(root):
+    if not schema.validate(root):
         faults = "; ".join(
-            f"line {entry.line}: {entry.message}" for entry in list(found.error_log)[:3]
+            f"line {entry.line}: {entry.message}" for entry in list(schema.error_log)[:3]
         )
         raise OutputError(
             f"dcc.xml does not fit {SCHEMA}: {faults}", hint="use the schemas of DCC 3.3.0"

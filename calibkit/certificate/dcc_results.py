@@ -40,31 +40,31 @@ RATIO = Words(
 )
 
 
-def tabulate_results(shown: ListTable | GridTable, notation: Notation) -> _Element | None:
+def tabulate_results(table: ListTable | GridTable, notation: Notation) -> _Element | None:
     """A table as one result: single quantities, and a column of one unit as one list of values;
     None for an empty table.
     """
-    if isinstance(shown, ListTable):
-        heads, columns = [shown.title], [shown.results]
+    if isinstance(table, ListTable):
+        heads, columns = [table.title], [table.results]
     else:
-        heads = list(shown.heads)
-        columns = [tuple(filter(None, column)) for column in zip(*shown.cells, strict=True)]
+        heads = list(table.heads)
+        columns = [tuple(filter(None, column)) for column in zip(*table.cells, strict=True)]
     if not any(columns):
         return None
     ratio = notation.gravity is None and any(dsi(r.unit).gravity for c in columns for r in c)
-    notes = [*([shown.note] if shown.note else []), *([RATIO] if ratio else [])]
-    listed: list[_Element] = []
+    notes = [*([table.note] if table.note else []), *([RATIO] if ratio else [])]
+    elements: list[_Element] = []
     for head, column in zip(heads, columns, strict=True):
         certain = tuple(r for r in column if not r.by_definition)
         series = len(certain) > 1 and _uniform(certain)
-        listed += [_quantity(r, notation) for r in column if r.by_definition or not series]
+        elements += [_quantity(r, notation) for r in column if r.by_definition or not series]
         if series:
-            listed.append(_series(certain, head, notation))
+            elements.append(_series(certain, head, notation))
     return notation.named(
         "dcc:result",
-        shown.title,
+        table.title,
         notation.rich("dcc:description", notes),
-        node("dcc:data", node("dcc:list", *listed)),
+        node("dcc:data", node("dcc:list", *elements)),
     )
 
 
@@ -127,13 +127,13 @@ def typed(tag: str, value: float, unit: str, notation: Notation, types: str) -> 
 
 def influence(name: str, value: float, unit: str, notation: Notation, u: float = 0.0) -> _Element:
     """An influence condition that is a number, with its standard uncertainty."""
-    found, uncertainty = notation.unit(unit), None
+    dcc_unit, uncertainty = notation.unit(unit), None
     if u > 0.0:
-        stated = node("si:valueStandardMU", _format_number(u * found.factor))
-        uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", stated))
-    shown = node("dcc:quantity", _real(value, found, uncertainty=uncertainty))
+        u_element = node("si:valueStandardMU", _format_number(u * dcc_unit.factor))
+        uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", u_element))
+    quantity = node("dcc:quantity", _real(value, dcc_unit, uncertainty=uncertainty))
     return notation.named(
-        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", shown)
+        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", quantity)
     )
 
 
@@ -146,10 +146,10 @@ def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Eleme
         notation.named(
             "dcc:quantity",
             names.name_condition(condition),
-            _real_list([r.at[k][1] for r in column], [notation.unit(own)] * count),
+            _real_list([r.at[k][1] for r in column], [notation.unit(condition_unit)] * count),
             refType=f"basic_tableIndex{k}",
         )
-        for k, (condition, _, own) in enumerate(first.at)
+        for k, (condition, _, condition_unit) in enumerate(first.at)
     ]
     uncertainties = [r.uncertainty for r in column if r.uncertainty is not None]
     values = _real_list(
@@ -241,16 +241,16 @@ def _region_factor(parameters: int, dof: float) -> float:
     return math.sqrt(parameters * float(fdtri(parameters, max(dof, 1.0), REGION)))
 
 
-def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Element:
+def as_found_as_left(validation: AsFoundAsLeft | None, notation: Notation) -> _Element:
     """As-found and as-left results of a validation, descriptors but for those that state an
     uncertainty.
     """
-    rows = () if found is None else (*found.rows, *found.check_points)
-    before = [(row, row.found, None) for row in rows if row.found is not None]
+    rows = () if validation is None else (*validation.rows, *validation.check_points)
+    before = [(row, row.as_found, None) for row in rows if row.as_found is not None]
     after = [
-        (row, row.left, (row.left_u, row.left_k) if row.left_u and row.left_k else None)
+        (row, row.as_left, (row.left_u, row.left_k) if row.left_u and row.left_k else None)
         for row in rows
-        if row.left is not None
+        if row.as_left is not None
     ]
     results = [
         notation.named(
@@ -258,12 +258,12 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
             head,
             node(
                 "dcc:data",
-                *(_validated(*row, notation) for row in stated),
-                None if stated else notation.text("dcc:text", xml.NOT_STATED),
+                *(_validated(*row, notation) for row in state_rows),
+                None if state_rows else notation.text("dcc:text", xml.NOT_STATED),
             ),
             refType=kind,
         )
-        for head, stated, kind in (
+        for head, state_rows, kind in (
             (AS_FOUND, before, "calibkit_asFound"),
             (AS_LEFT, after, "calibkit_asLeft"),
         )
@@ -284,7 +284,7 @@ def _validated(
         uncertainty = _expanded_uncertainty(expanded[0] * unit.factor, expanded[1], gum.TWO_SIGMA)
     return notation.named(
         "dcc:quantity",
-        (Words(f"{row.log}: ") if row.log else Words("")) + row.what,
+        (Words(f"{row.log}: ") if row.log else Words("")) + row.quantity,
         _real(value, unit, uncertainty=uncertainty),
         refType=MEASURED,
     )

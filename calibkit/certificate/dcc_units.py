@@ -76,11 +76,11 @@ class DccUnit:
             n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0))
             for n in dict.fromkeys((*self.powers, *other.powers))
         }
-        kept = {name: power for name, power in powers.items() if power}
-        return DccUnit(kept, self.factor * other.factor, self.gravity + other.gravity)
+        nonzero_powers = {name: power for name, power in powers.items() if power}
+        return DccUnit(nonzero_powers, self.factor * other.factor, self.gravity + other.gravity)
 
     def __pow__(self, power: Fraction) -> DccUnit:
-        powers = {name: own * power for name, own in self.powers.items()}
+        powers = {name: exponent * power for name, exponent in self.powers.items()}
         return DccUnit(powers, self.factor ** float(power), self.gravity * power)
 
     def with_gravity(self, gravity_mps2: float | None) -> DccUnit:
@@ -93,12 +93,12 @@ class DccUnit:
     @property
     def text(self) -> str:
         r"""Spelling in D-SI: \degree\hour\tothe{-1}, \one for a pure number."""
-        shown = {name: power for name, power in self.powers.items() if power}
-        if shown != {CELSIUS: 1}:  # a degree of a difference, which is a kelvin
-            shown = {KELVIN if name == CELSIUS else name: power for name, power in shown.items()}
+        powers = {name: power for name, power in self.powers.items() if power}
+        if powers != {CELSIUS: 1}:  # a degree of a difference, which is a kelvin
+            powers = {KELVIN if name == CELSIUS else name: power for name, power in powers.items()}
         parts = (
             name if power == 1 else f"{name}\\tothe{{{float(power):g}}}"
-            for name, power in shown.items()
+            for name, power in powers.items()
         )
         return "".join(parts) or r"\one"
 
@@ -108,35 +108,35 @@ def dsi(unit: str) -> DccUnit:
     tokens = _TOKEN.findall(unit)
     if "".join(tokens) != unit.replace(" ", "") or not tokens:
         raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
-    found, rest = _product(tokens, unit)
-    if rest:
+    dcc_unit, unread_tokens = _product(tokens, unit)
+    if unread_tokens:
         raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
-    return found
+    return dcc_unit
 
 
-def _product(tokens: list[str], whole: str) -> tuple[DccUnit, list[str]]:
+def _product(tokens: list[str], unit_text: str) -> tuple[DccUnit, list[str]]:
     """Product of the factors up to a closing bracket, and the tokens behind it."""
-    made, sign = DccUnit(), Fraction(1)
+    product, sign = DccUnit(), Fraction(1)
     while tokens and tokens[0] != ")":
         head, *tokens = tokens
         if head in {"/", "*"}:
             if not tokens or tokens[0] in {"/", "*", ")"}:
-                raise OutputError(f"unit '{whole}' has no D-SI spelling", hint="this is a bug")
+                raise OutputError(f"unit '{unit_text}' has no D-SI spelling", hint="this is a bug")
             sign = Fraction(-1 if head == "/" else 1)
             continue
         if head in {"(", "sqrt("}:
-            factor, tokens = _product(tokens, whole)
+            factor, tokens = _product(tokens, unit_text)
             tokens = tokens[1:]
             factor = factor ** Fraction(1, 2) if head == "sqrt(" else factor
         else:
-            factor = _atom(head, whole)
+            factor = _atom(head, unit_text)
         if tokens and (power := tokens[0].removeprefix("^")).lstrip("-").replace(".", "").isdigit():
             factor, tokens = factor ** Fraction(power), tokens[1:]
-        made, sign = made * factor**sign, Fraction(1)
-    return made, tokens
+        product, sign = product * factor**sign, Fraction(1)
+    return product, tokens
 
 
-def _atom(name: str, whole: str) -> DccUnit:
+def _atom(name: str, unit_text: str) -> DccUnit:
     """One unit of the tables."""
     if name in REPLACED:
         return dsi(REPLACED[name])
@@ -144,7 +144,7 @@ def _atom(name: str, whole: str) -> DccUnit:
         return DccUnit(factor=GRAVITY[name], gravity=Fraction(1))
     if name not in ATOMS:
         raise OutputError(
-            f"unit '{whole}' has no D-SI spelling: '{name}' is not in the table",
+            f"unit '{unit_text}' has no D-SI spelling: '{name}' is not in the table",
             hint="this is a bug",
         )
     spelling, factor = ATOMS[name]

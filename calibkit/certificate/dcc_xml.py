@@ -44,7 +44,7 @@ class Schema:
         return f"{DCC} {DCC}/v{self.version}/dcc.xsd"
 
 
-SCHEMAS = {one.version: one for one in (Schema("3.3.0", "2.2.1"),)}
+SCHEMAS = {schema.version: schema for schema in (Schema("3.3.0", "2.2.1"),)}
 """Versions that calibkit writes."""
 SCHEMA = SCHEMAS["3.3.0"]
 """Version that is written."""
@@ -69,13 +69,13 @@ def one_line(text: str) -> str:
 def node(name: str, *content: _Element | str | None, **attributes: str) -> _Element:
     """Element `dcc:name` or `si:name` with a text or with elements; None is left out."""
     prefix, _, local = name.partition(":")
-    made: _Element = etree().Element(f"{{{NAMES[prefix]}}}{local}", attributes, nsmap=NAMES)
+    element: _Element = etree().Element(f"{{{NAMES[prefix]}}}{local}", attributes, nsmap=NAMES)
     for part in content:
         if isinstance(part, str):
-            made.text = part
+            element.text = part
         elif part is not None:
-            made.append(part)
-    return made
+            element.append(part)
+    return element
 
 
 def identify(root: _Element) -> None:
@@ -83,7 +83,7 @@ def identify(root: _Element) -> None:
     place of the keys that statements refer to.
     """
     counts = dict.fromkeys(IDENTIFIED, 0)
-    known: dict[str, str] = {}
+    identifiers: dict[str, str] = {}
     for element in root.iter(f"{{{DCC}}}*"):
         name = str(element.tag).rpartition("}")[2]
         if name in counts and element.get("id") is None:
@@ -93,10 +93,12 @@ def identify(root: _Element) -> None:
             for path in ("si:real/si:label", "si:realListXMLList/si:labelXMLList"):
                 labels = element.findtext(path, "", NAMES)
                 split = labels.split() if path.endswith("List") else [labels]
-                known |= {one: element.get("id", "") for one in split if one not in known}
+                identifiers |= {
+                    label: element.get("id", "") for label in split if label not in identifiers
+                }
     for statement in root.iterfind(".//dcc:statement[@refId]", NAMES):
         key = statement.get("refId", "")
-        statement.set("refId", known.get(key) or known[key.replace(" ", "_")])
+        statement.set("refId", identifiers.get(key) or identifiers[key.replace(" ", "_")])
 
 
 @dataclass(frozen=True, slots=True)

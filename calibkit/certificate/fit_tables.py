@@ -29,10 +29,10 @@ def tabulate_fit(
     recipe.
     """
     records = {result.file: result.as_record(UNNAMED, "") for result in results}
-    source, known = TypeBTerms(tuple(spec.type_b)), tuple(sensitivities)
-    stated = Stated(records, source, (), spec.reference_temp_degc, known)
+    source = TypeBTerms(tuple(spec.type_b))
+    basis = Stated(records, source, (), spec.reference_temp_degc, tuple(sensitivities))
     tables: list[Table] = []
-    for block in lay_out(stated):
+    for block in lay_out(basis):
         for table in block.tables:
             if isinstance(table, ListTable):
                 tables.append(_tabulate_list(table))

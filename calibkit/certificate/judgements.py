@@ -49,7 +49,7 @@ def lay_out_conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _statement(s: ConformityStatement, lang: Lang) -> list[str]:
     """Row of one statement of conformity."""
     limits = (s.lower, s.upper)
-    stated = [None if limit is None else tables.format_exact(limit) for limit in limits]
+    limit_texts = [None if limit is None else tables.format_exact(limit) for limit in limits]
     accepted = [
         tables.format_acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
     ]
@@ -57,7 +57,7 @@ def _statement(s: ConformityStatement, lang: Lang) -> list[str]:
         name_result(s.result).of(lang),
         " ".join(filter(None, (s.name, s.source))),
         *tables.format_stated(s.result),
-        with_unit(tables.format_limits(*stated), unit_mark(s.result.unit)),
+        with_unit(tables.format_limits(*limit_texts), unit_mark(s.result.unit)),
         tables.format_limits(*accepted),
         conformity.RULE_NAMES[s.rule].of(lang),
         conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else ""),

@@ -117,30 +117,33 @@ def name_condition(name: str) -> Words:
 
 def name_channel(column: str) -> Words:
     """A sensor or channel by its column or letter; one that is not known without its unit."""
-    if (found := _find_subject(column)) is not None:
-        return found
+    subject = _find_subject(column)
+    if subject is not None:
+        return subject
     return Words(re.sub(r"_(lsb|dph|dps|g|mg|v|mv)$", "", column).replace("_", " "))
 
 
 def name_model(name: str) -> Words:
     """A model of a coefficient file: of which sensor, over what, of which log."""
-    head, _, rest = name.partition(".")
+    head, _, qualifier = name.partition(".")
     words = _MODELS.get(head) or name_channel(head)
-    return words + (Words(", ", "，") + _MODELS.get(rest, Words(rest)) if rest else Words(""))
+    return words + (
+        Words(", ", "，") + _MODELS.get(qualifier, Words(qualifier)) if qualifier else Words("")
+    )
 
 
 def name_criterion(name: str) -> Words:
     """An acceptance limit by its name, with the channel or log that it is of."""
-    of, colon, what = name.rpartition(": ")
+    owner, colon, criterion = name.rpartition(": ")
     for english, chinese in _OF_SOMETHING:
-        if found := re.fullmatch(english, what) or re.fullmatch(english, name):
-            term = _CRITERIA.get(found[1].replace("_", " "), found[1])
-            return Words(name.replace("_", " "), chinese.format(term, *found.groups()[1:]))
-    chinese = _CRITERIA.get(what, "")
-    subject = name_channel(of.replace("gyro ", "")) if colon else Words("")
+        if match := re.fullmatch(english, criterion) or re.fullmatch(english, name):
+            term = _CRITERIA.get(match[1].replace("_", " "), match[1])
+            return Words(name.replace("_", " "), chinese.format(term, *match.groups()[1:]))
+    chinese = _CRITERIA.get(criterion, "")
+    subject = name_channel(owner.replace("gyro ", "")) if colon else Words("")
     if not subject.zh and colon:
-        subject = Words(of, of)
-    english = f"{subject.en}: {what}" if colon else what
+        subject = Words(owner, owner)
+    english = f"{subject.en}: {criterion}" if colon else criterion
     return Words(english, f"{subject.zh}：{chinese}" if colon and chinese else chinese)
 
 
@@ -153,18 +156,18 @@ def name_subject(key: str) -> Words:
     """Which gyro, axis or pair a key is of; empty where there is but one."""
     parts = key.split(".")
     if parts[-2] == "angle_deg":
-        one, _, other = parts[-1].partition("_")
-        return Words(f"{one} to {other}", f"{one} 与 {other}")
-    known = (own for part in parts[1:] if (own := _find_subject(part)) is not None)
+        first_axis, _, second_axis = parts[-1].partition("_")
+        return Words(f"{first_axis} to {second_axis}", f"{first_axis} 与 {second_axis}")
+    subjects = (subject for part in parts[1:] if (subject := _find_subject(part)) is not None)
     counted = parts[1].endswith("_lsb")
-    return next(known, name_channel(parts[1]) if counted else Words(""))
+    return next(subjects, name_channel(parts[1]) if counted else Words(""))
 
 
 def _find_subject(part: str) -> Words | None:
     """Gyro, axis or channel that a part of a key names."""
     for pattern, english, chinese in _SUBJECTS:
-        if found := re.fullmatch(pattern, part):
-            return Words(english.format(*found.groups()), chinese.format(*found.groups()))
+        if match := re.fullmatch(pattern, part):
+            return Words(english.format(*match.groups()), chinese.format(*match.groups()))
     return None
 
 
@@ -174,7 +177,7 @@ def name_result(result: Result) -> Words:
     """
     symbol = show_symbol(result.symbol)
     name = _WORDS.get(result.name.en, result.name) if result.name.en else Words(symbol)
-    said = {*name.en.split()}
+    name_words = {*name.en.split()}
     is_word = len(symbol) > LONGEST_SYMBOL and symbol.islower() and "_" not in symbol
     if symbol and not is_word and symbol not in name.en.split():
         name += Words(f" {symbol}")
@@ -182,21 +185,21 @@ def name_result(result: Result) -> Words:
         name += Words(f" ({result.standard})")
     subject = name_subject(result.quantity)
     letters = {word for word in subject.en.split() if len(word) == 1}
-    if subject.en and not letters <= said:
+    if subject.en and not letters <= name_words:
         name += Words(f", {subject.en}", f"，{subject.zh or subject.en}")
     if result.at:
-        at = ", ".join(
+        conditions = ", ".join(
             with_unit(f"{x:.5g}".replace("-", "−"), unit_mark(u)) for _, x, u in result.at
         )
-        name += Words(f", {at}", f"，{at}")
+        name += Words(f", {conditions}", f"，{conditions}")
     return name
 
 
 def show_symbol(symbol: str) -> str:
     """A symbol as equations have it: K0 → K₀, s_grad → s_G."""
     symbol = _SYMBOLS.get(symbol, symbol)
-    found = re.fullmatch(r"([A-Za-z])(\d+)", symbol)
-    return symbol if found is None else found[1] + found[2].translate(_LOWERED)
+    match = re.fullmatch(r"([A-Za-z])(\d+)", symbol)
+    return symbol if match is None else match[1] + match[2].translate(_LOWERED)
 
 
 _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

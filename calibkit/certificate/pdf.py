@@ -59,13 +59,13 @@ def load_typst() -> Any:  # noqa: ANN401 (an optional library)
 def _scratch_folder() -> Iterator[str]:
     """Folder that goes with the context; OutputError where none can be made."""
     try:
-        made = tempfile.TemporaryDirectory(prefix="calibkit-")
+        temporary = tempfile.TemporaryDirectory(prefix="calibkit-")
     except OSError as error:
         raise OutputError(
             f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
             hint="make room there, or name another folder in TMPDIR",
         ) from None
-    with made as folder:
+    with temporary as folder:
         yield folder
 
 
@@ -97,14 +97,14 @@ def render(
     with _scratch_folder() as folder:
         data["families"] = _families(fonts, Path(folder))
         inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source
-        where = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}
+        font_options = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}
         try:
-            made: bytes = typst.compile(
+            document: bytes = typst.compile(
                 str(TEMPLATE),
                 pdf_standards=["a-3b"],
                 timestamp=dt.datetime.combine(certificate.issued, dt.time(), dt.UTC),
-                sys_inputs=inputs | {"spacing": _choose_spacing(typst, inputs, where)},
-                **where,
+                sys_inputs=inputs | {"spacing": _choose_spacing(typst, inputs, font_options)},
+                **font_options,
             )
         except typst.TypstError as error:
             raise _refusal(error, lang) from error
@@ -116,7 +116,7 @@ def render(
                 f"accreditation.mark: {reason}",
                 hint="give a PNG, or a whole SVG without linked images",
             ) from None
-    return made if made.endswith(b"\n") else made + b"\n"
+    return document if document.endswith(b"\n") else document + b"\n"
 
 
 def _describe_attachment(attached: Attachment) -> dict[str, str]:
@@ -130,12 +130,12 @@ def _describe_attachment(attached: Attachment) -> dict[str, str]:
     }
 
 
-def _choose_spacing(typst: Any, inputs: dict[str, str], where: dict[str, Any]) -> str:  # noqa: ANN401 (an optional library)
+def _choose_spacing(typst: Any, inputs: dict[str, str], font_options: dict[str, Any]) -> str:  # noqa: ANN401 (an optional library)
     """First spacing of lines with which the last page is not nearly empty, else the usual one."""
     for spacing in map(str, SPACINGS):
-        given = inputs | {"spacing": spacing}
+        sys_inputs = inputs | {"spacing": spacing}
         end = typst.query(
-            str(TEMPLATE), "<end>", field="value", one=True, sys_inputs=given, **where
+            str(TEMPLATE), "<end>", field="value", one=True, sys_inputs=sys_inputs, **font_options
         )
         if _is_filled(**json.loads(end)):
             return spacing
@@ -150,9 +150,9 @@ def _refusal(error: Any, lang: Lang) -> Exception:  # noqa: ANN401 (a class of a
     unshown = set("".join(_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in texts))
     if not unshown:
         return OutputError(f"typst: {error.message}", hint="this is a bug")
-    if lang != "en" and (own := sorted(unshown & _chinese())):
+    if lang != "en" and (unshown_chinese := sorted(unshown & _chinese())):
         return UsageError(
-            f"no font has {''.join(own[:10])}",
+            f"no font has {''.join(unshown_chinese[:10])}",
             hint="name a font with Chinese in [certificate] fonts",
         )
     return UnshownError("".join(sorted(unshown)))
@@ -183,14 +183,14 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
             ) from None
     import typst
 
-    found = typst.Fonts(
+    font_book = typst.Fonts(
         include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(folder)]
     )
-    families = sorted({font.family for font in found.fonts()})
+    families = sorted({font.family for font in font_book.fonts()})
     if not families:
-        listed = ", ".join(str(font) for font in fonts)
+        font_names = ", ".join(str(font) for font in fonts)
         raise RecipeError(
-            f"certificate.fonts: no font in {listed}", hint="name .ttf, .otf or .ttc files"
+            f"certificate.fonts: no font in {font_names}", hint="name .ttf, .otf or .ttc files"
         )
     return families
 
@@ -202,7 +202,7 @@ def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
 
     def clean(value: Any) -> Any:  # noqa: ANN401 (walks a JSON value)
         if isinstance(value, str):
-            text = "".join(map(shown, value))
+            text = "".join(map(make_visible, value))
             return re.sub(rf"\S{{{LONGEST_WORD}}}(?=\S)", lambda m: m.group() + "\u200b", text)
         if isinstance(value, list):
             return [clean(item) for item in value]
@@ -210,7 +210,7 @@ def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
             return {key: clean(item) for key, item in value.items()}
         return value
 
-    def shown(character: str) -> str:
+    def make_visible(character: str) -> str:
         visible = (
             character in "\n\t"
             or character in JOINERS
@@ -218,5 +218,5 @@ def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
         )
         return character if visible and character not in unshown else character_code(character)
 
-    made: dict[str, Any] = clean(document)
-    return made
+    cleaned: dict[str, Any] = clean(document)
+    return cleaned

@@ -17,16 +17,16 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 
 def lay_out_figure(figure: CertificateFigure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
-    shown, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
-    x_span = _span([x for series in shown.series for x in series.x])
-    y_span = _span([y for series in shown.series for edge in _edges(series) for y in edge])
+    plotted, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
+    x_span = _span([x for series in plotted.series for x in series.x])
+    y_span = _span([y for series in plotted.series for edge in _edges(series) for y in edge])
     return {
         "title": figure.title.of(lang),
         "x_label": figure.x_label.of(lang),
         "y_label": figure.y_label.of(lang),
         "x_ticks": ticks(*x_span),
         "y_ticks": ticks(*y_span),
-        "series": [_curve(series, x_span, y_span, lang) for series in shown.series if series.x],
+        "series": [_curve(series, x_span, y_span, lang) for series in plotted.series if series.x],
     }
 
 

@@ -136,12 +136,12 @@ class _Dates(Table):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        stated = [
+        dates = [
             date
             for date in (self.received, self.performed, self.performed_until)
             if date is not None
         ]
-        if stated != sorted(stated):
+        if dates != sorted(dates):
             raise ValueError("received, performed and performed_until are out of order")
         return self
 
@@ -219,7 +219,7 @@ class Standard(Table):
         """
         if not self.quantity:
             return ()
-        stated = {
+        term_fields = {
             "name": ", ".join(filter(None, (self.name, self.certificate))),
             "quantity": self.quantity,
             "unit": self.unit,
@@ -227,7 +227,7 @@ class Standard(Table):
             "coverage_factor": self.coverage_factor,
         }
         try:
-            return (TypeB.model_validate(stated),)
+            return (TypeB.model_validate(term_fields),)
         except ValidationError as error:
             raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
 
@@ -311,7 +311,7 @@ class Profile(Table):
     @property
     def terms(self) -> tuple[TypeB, ...]:
         """Type B terms: those of [[type_b]], and those of standards that state their quantity."""
-        return (*self.type_b, *(term for one in self.standard for term in one.terms))
+        return (*self.type_b, *(term for standard in self.standard for term in standard.terms))
 
 
 def read_source(path: Path | None, overrides: tuple[str, ...] = ()) -> loader.Source:
@@ -332,9 +332,9 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
     empty one; RecipeError with every fault, one per line.
     """
     source = read_source(path, overrides)
-    found = source.table(Profile)
+    profile = source.table(Profile)
     with source.placing():
-        for number, standard in enumerate(found.standard):
+        for number, standard in enumerate(profile.standard):
             if standard.dcc or standard.result:
                 raise RecipeError(
                     "[[standard]] dcc: the certificate of a standard is not read",
@@ -342,7 +342,7 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
                     " coverage_factor here, and leave out dcc and result",
                     at=("standard", number, "dcc" if standard.dcc else "result"),
                 )
-    return found, "" if path is None and not overrides else dumps(found)
+    return profile, "" if path is None and not overrides else dumps(profile)
 
 
 def dumps(profile: Profile) -> str:

@@ -60,12 +60,12 @@ class Point:
 
     def type_a(self) -> tuple[tuple[Words, float, float], ...]:
         """Type A uncertainties: of each model from its covariance, and the further ones."""
-        found = []
+        uncertainties = []
         for model, weights in self.parts:
             name = TYPE_A if len(self.parts) == 1 else TYPE_A + Words(f", {model.name}")
             u = float(gum.uncertainty_along(weights[None], np.array(model.covariance))[0])
-            found.append((name, u, dof_along(model, weights)))
-        return (*found, *self.more)
+            uncertainties.append((name, u, dof_along(model, weights)))
+        return (*uncertainties, *self.more)
 
 
 def dof_along(model: Model, weights: Array) -> float:
@@ -138,42 +138,53 @@ class Quantity:
         """Name in certificates and profiles."""
         return ".".join(filter(None, (self.stage, self.model, self.name)))
 
-    def complete(self, at: At) -> dict[str, float]:
+    def complete(self, input_values: At) -> dict[str, float]:
         """Value of every input, by the rest value where none is given; KeyError for one that has
         none.
         """
         return {
-            one.column: at[one.column] if one.rest is None else at.get(one.column, one.rest)
-            for one in self.inputs
+            entry.column: input_values[entry.column]
+            if entry.rest is None
+            else input_values.get(entry.column, entry.rest)
+            for entry in self.inputs
         }
 
-    def outside(self, at: At) -> str:
+    def outside(self, input_values: At) -> str:
         """Why the model does not hold at a point with every input; empty where it holds."""
-        return outside_ranges(self.inputs, at) if self.beyond is None else self.beyond(at)
+        return (
+            outside_ranges(self.inputs, input_values)
+            if self.beyond is None
+            else self.beyond(input_values)
+        )
 
 
-def outside_ranges(inputs: Iterable[QuantityInput], at: At) -> str:
+def outside_ranges(inputs: Iterable[QuantityInput], input_values: At) -> str:
     """Which inputs are outside the ranges in which a model holds; empty where none is."""
     return "; ".join(
-        f"{one.column} {at[one.column]:g} is outside {one.low:.4g} … {one.high:.4g} {one.unit}"
-        for one in inputs
-        if not one.low <= at[one.column] <= one.high
+        f"{entry.column} {input_values[entry.column]:g} is outside"
+        f" {entry.low:.4g} … {entry.high:.4g} {entry.unit}"
+        for entry in inputs
+        if not entry.low <= input_values[entry.column] <= entry.high
     )
 
 
-def state(stated: Stated, quantity: Quantity, at: At, *, principal: bool | None = None) -> Result:
+def state(
+    basis: Stated, quantity: Quantity, input_values: At, *, principal: bool | None = None
+) -> Result:
     """Result of a quantity at a point with every input, its uncertainty combined as on a
     certificate.
     """
-    point = quantity.point(at)
-    influences, parts_of = stated.of_models(point.parts)
+    point = quantity.point(input_values)
+    influences, parts_of = basis.of_models(point.parts)
     if not point.parts and quantity.called:
-        influences = stated.influences({f"{quantity.stage}.{quantity.called[0]}": 1.0})
+        influences = basis.influences({f"{quantity.stage}.{quantity.called[0]}": 1.0})
     for name, (value, slope) in point.influences.items():
         # the run's sensitivities tell more than the slope over an input of the result
-        if not (quantity.inputs and stated.knows(name)):
+        if not (quantity.inputs and basis.knows(name)):
             influences |= {(name, "offset"): slope, (name, "scale"): value * slope}
-    conditions = tuple((one.column, at[one.column], one.unit) for one in quantity.inputs)
+    conditions = tuple(
+        (entry.column, input_values[entry.column], entry.unit) for entry in quantity.inputs
+    )
     by_definition = not (point.parts or point.influences or point.more)
     result = Result(
         quantity.key,
@@ -198,10 +209,10 @@ def state(stated: Stated, quantity: Quantity, at: At, *, principal: bool | None 
         quantity.name,
         *quantity.called,
     )
-    uncertainty = stated.source.uncertainty(
+    uncertainty = basis.source.uncertainty(
         names, point.value, quantity.unit, point.type_a(), influences, parts_of
     )
-    result = stated.scope.raise_to_floor(replace(result, uncertainty=uncertainty))
+    result = basis.scope.raise_to_floor(replace(result, uncertainty=uncertainty))
     if result.uncertainty is None or not quantity.magnitude:
         return result
     return replace(result, interval=interval_of_magnitude(point.value, result.uncertainty))
@@ -228,8 +239,8 @@ def polynomial(model: Model, terms: Sequence[str], column: str) -> Callable[[At]
     coefficients = np.array([c.value for c in model.coefficients])
     powers = np.arange(len(terms))
 
-    def point(at: At) -> Point:
-        x = at.get(column, 0.0)
+    def point(input_values: At) -> Point:
+        x = input_values.get(column, 0.0)
         weights, by_abscissa = np.zeros((2, coefficients.size))
         weights[columns] = x**powers
         by_abscissa[columns[1:]] = powers[1:] * x ** (powers[1:] - 1)
@@ -245,31 +256,31 @@ def numbered(prefix: str, model: Model) -> list[str]:
     return [name for k in range(len(names)) if (name := f"{prefix}{k}") in names]
 
 
-def against_rest(point: Callable[[At], Point], rest: At) -> Callable[[At], Point]:
+def against_rest(point: Callable[[At], Point], rest_values: At) -> Callable[[At], Point]:
     """A result less that at rest: there it is 0 by definition. Further uncertainties and the
     derivatives by the inputs are those of the result itself, as `rest` is no measured value.
     """
 
-    def difference(at: At) -> Point:
-        if all(value == rest.get(name, 0.0) for name, value in at.items()):
+    def difference(input_values: At) -> Point:
+        if all(value == rest_values.get(name, 0.0) for name, value in input_values.items()):
             return Point(0.0)
-        here = point(at)
-        return replace(less(here, point(rest)), influences=here.influences)
+        result_point = point(input_values)
+        return replace(less(result_point, point(rest_values)), influences=result_point.influences)
 
     return difference
 
 
-def less(one: Point, other: Point) -> Point:
+def less(minuend: Point, subtrahend: Point) -> Point:
     """A result less another of the same model; further uncertainties are those of the first."""
-    ((model, weights),), ((_, taken),) = one.parts, other.parts
+    ((model, weights),), ((_, subtrahend_weights),) = minuend.parts, subtrahend.parts
     slopes = {
-        name: (at, slope - other.influences[name][1])
-        for name, (at, slope) in one.influences.items()
+        name: (input_value, slope - subtrahend.influences[name][1])
+        for name, (input_value, slope) in minuend.influences.items()
     }
     return replace(
-        one,
-        value=one.value - other.value,
-        parts=((model, weights - taken),),
+        minuend,
+        value=minuend.value - subtrahend.value,
+        parts=((model, weights - subtrahend_weights),),
         influences=slopes,
     )
 
@@ -281,25 +292,33 @@ def of_form(
     sensitive.
     """
 
-    def evaluate(at: At) -> float:
-        found = form.evaluate(model, {name: np.array([x]) for name, x in at.items()})[0]
-        return float(found if component is None else found[component])
+    def evaluate(input_values: At) -> float:
+        result = form.evaluate(model, {name: np.array([x]) for name, x in input_values.items()})[0]
+        return float(result if component is None else result[component])
 
-    def point(at: At) -> Point:
-        columns = {name: np.array([x]) for name, x in at.items()}
+    def point(input_values: At) -> Point:
+        columns = {name: np.array([x]) for name, x in input_values.items()}
         row = form.gradient(model, columns)[0]
-        influences = {one.column: (at[one.column], slope_by(evaluate, one, at)) for one in inputs}
+        influences = {
+            entry.column: (input_values[entry.column], slope_by(evaluate, entry, input_values))
+            for entry in inputs
+        }
         weights = row if component is None else row[component]
-        return Point(evaluate(at), ((model, weights),), influences)
+        return Point(evaluate(input_values), ((model, weights),), influences)
 
     return point
 
 
-def slope_by(evaluate: Callable[[At], float], one: QuantityInput, at: At) -> float:
+def slope_by(evaluate: Callable[[At], float], entry: QuantityInput, input_values: At) -> float:
     """Numerical derivative of a function of the inputs by one of them."""
-    span = one.high - one.low
-    h = STEP * (span if math.isfinite(span) and span > 0.0 else max(abs(at[one.column]), 1.0))
-    up, down = (evaluate({**at, one.column: at[one.column] + way * h}) for way in (1.0, -1.0))
+    span = entry.high - entry.low
+    h = STEP * (
+        span if math.isfinite(span) and span > 0.0 else max(abs(input_values[entry.column]), 1.0)
+    )
+    up, down = (
+        evaluate({**input_values, entry.column: input_values[entry.column] + way * h})
+        for way in (1.0, -1.0)
+    )
     return (up - down) / (2.0 * h)
 
 
@@ -322,9 +341,9 @@ def of_figure(
     )
 
 
-def ranged(model: Model, column: str, rest: float | None = None) -> QuantityInput:
+def ranged(model: Model, column: str, rest_value: float | None = None) -> QuantityInput:
     """Input with the range in which a model holds; one that the model does not state is
     unlimited.
     """
     low, high = model.valid.get(column, (-math.inf, math.inf))
-    return QuantityInput(column, low, high, rest)
+    return QuantityInput(column, low, high, rest_value)

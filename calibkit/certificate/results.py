@@ -208,15 +208,17 @@ def round_result(value: float, uncertainty: float, *, digits: int = 2) -> _Print
     """Value and uncertainty with two significant digits of the uncertainty, the value to the same
     place (JCGM 100 7.2.6).
     """
-    shown, u = gum.rounded(value, uncertainty, digits=digits)
-    exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
+    value_text, u = gum.rounded(value, uncertainty, digits=digits)
+    exponent = max(
+        Decimal(value_text).adjusted() if Decimal(value_text) else -999, Decimal(u).adjusted()
+    )
     if exponent in PLAIN:
-        return _Printed(shown, u)
+        return _Printed(value_text, u)
     place = Decimal(1).scaleb(
         Decimal(u).adjusted() - digits + 1 - exponent
     )  # zeros before the point are no digits behind it
     scaled = [
-        Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)
+        Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (value_text, u)
     ]
     return _Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 

@@ -123,11 +123,11 @@ def _stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
 
 def _measured(entries: Iterable[Mapping[str, Any]]) -> tuple[tuple[str, float, float], ...]:
     """Lowest and highest reading of the thermometers in all logs; none in runs of before."""
-    found: dict[str, list[float]] = {}
+    readings: dict[str, list[float]] = {}
     for entry in entries:
         for column, ends in entry.get("measured", {}).items():
-            found.setdefault(column, []).extend(ends)
-    return tuple((column, min(ends), max(ends)) for column, ends in found.items())
+            readings.setdefault(column, []).extend(ends)
+    return tuple((column, min(ends), max(ends)) for column, ends in readings.items())
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +137,9 @@ class BeforeAfter:
     """
 
     log: str
-    what: Words
-    found: float | None
-    left: float | None
+    quantity: Words
+    as_found: float | None
+    as_left: float | None
     unit: str
     left_u: float | None = None
     """Expanded uncertainty (about 95 %) of the as-left result where the validation states one."""
@@ -204,14 +204,16 @@ def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Figures of one log, whatever the procedure."""
     log = str(entry["name"])
     if "drift_rms_before" in entry:
-        what = Words("drift rms, 100 s means", "漂移均方根（100 s 平均）")
-        yield BeforeAfter(log, what, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h")
+        quantity = Words("drift rms, 100 s means", "漂移均方根（100 s 平均）")
+        yield BeforeAfter(
+            log, quantity, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h"
+        )
         yield BeforeAfter(log, Words("rate gain", "速率增益"), 1.0, entry["rate_gain"], "1")
     for gyro in entry.get("gyros", ()):
         yield from _gyro(log, gyro)
     for channel in entry.get("channels", ()):
-        what = Words(f"{channel['name']}: standard deviation", f"{channel['name']}：标准差")
-        yield BeforeAfter(log, what, channel["before"], channel["after"], channel["unit"])
+        quantity = Words(f"{channel['name']}: standard deviation", f"{channel['name']}：标准差")
+        yield BeforeAfter(log, quantity, channel["before"], channel["after"], channel["unit"])
     if isinstance(entry.get("before"), dict):
         yield from _angles(log, entry["before"], entry["after"])
 
@@ -220,13 +222,15 @@ def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Scale-factor error of one gyro on one run."""
     before, after = gyro["before"], gyro["after"]
     name = gyro["gyro"]
-    what = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
+    quantity = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
     factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
     u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
     errors = before["scale_factor_error_ppm"], after["scale_factor_error_ppm"]
-    yield BeforeAfter(log, what, *errors, "ppm", u, factor)
-    what = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
-    yield BeforeAfter(log, what, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s")
+    yield BeforeAfter(log, quantity, *errors, "ppm", u, factor)
+    quantity = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
+    yield BeforeAfter(
+        log, quantity, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s"
+    )
 
 
 ANGLES = (
@@ -245,13 +249,13 @@ def _angles(log: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> It
     span = after.get("toolface_inclination_range_deg")
     for key, words, unit in ANGLES:
         if key in before or key in after:
-            what = words
+            quantity = words
             if span and key.startswith("toolface"):
-                what = words + Words(
+                quantity = words + Words(
                     f", inclination {span[0]:g}° to {span[1]:g}°",
                     f"（井斜 {span[0]:g}° 至 {span[1]:g}°）",
                 )
-            yield BeforeAfter(log, what, before.get(key), after.get(key), unit)
+            yield BeforeAfter(log, quantity, before.get(key), after.get(key), unit)
 
 
 def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
@@ -260,18 +264,20 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
         if station.get("refused") or station.get("azimuth_error_after_deg") is None:
             continue
         u = station.get("azimuth_standard_uncertainty_deg")
-        what = Words(
+        quantity = Words(
             f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差"
         )
         before, after = station.get("azimuth_error_before_deg"), station["azimuth_error_after_deg"]
         expanded = () if u is None else (2.0 * u, 2.0)
-        yield BeforeAfter(str(entry["name"]), what, before, after, "deg", *expanded)
+        yield BeforeAfter(str(entry["name"]), quantity, before, after, "deg", *expanded)
 
 
 def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Differences of N, ε, γ, α found on other runs from those of the coefficients."""
     for entry in document.get("pair", ()):
-        what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
+        quantity = Words(
+            f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差"
+        )
         factor = gum.coverage_factor(max(entry.get("dof", math.inf), 1.0))
         u = factor * entry["standard_uncertainty"]
-        yield BeforeAfter("", what, None, entry["difference"], entry["unit"], u, factor)
+        yield BeforeAfter("", quantity, None, entry["difference"], entry["unit"], u, factor)

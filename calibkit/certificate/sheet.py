@@ -42,7 +42,7 @@ def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict
             key: words.of(lang)
             for key, words in (HEADINGS | {f"s_{k}": v for k, v in SENTENCES.items()}).items()
         },
-        "missing": [[m.key, m.what.of(lang)] for m in certificate.missing],
+        "missing": [[m.key, m.description.of(lang)] for m in certificate.missing],
         "rejected": certificate.rejection.of(lang),
         "amendment": _amendment(profile, lang),
         "parties": [
@@ -69,12 +69,12 @@ def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict
 
 def _principal(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Principal results by their names."""
-    shown = [
+    principal_results = [
         replace(result, name=names.name_result(result), standard="", symbol="")
         for result in certificate.results
         if result.principal and not result.by_definition
     ]
-    return tables.lay_out_list(ListTable(Words(""), tuple(shown)), lang)
+    return tables.lay_out_list(ListTable(Words(""), tuple(principal_results)), lang)
 
 
 def _party(party: Party, lang: Lang, order: str = "") -> Rows:
@@ -139,8 +139,8 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
             (Words("Deviations from the method", "对方法的偏离"), method.deviations),
             (Words("From external providers", "外部提供的部分"), method.external_providers),
             *(
-                (Words("Left out", "剔除数据"), f"{what}: {why} ({person})")
-                for what, why, person in run.excluded
+                (Words("Left out", "剔除数据"), f"{item}: {reason} ({person})")
+                for item, reason, person in run.excluded
             ),
             *(
                 (Words("Left out", "剔除数据"), circumstances.describe_left_out(fact).of(lang))
@@ -153,9 +153,9 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
 
 def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Equation, tables, figures and notes of one coefficient file."""
-    shown: list[dict[str, Any]] = []
+    laid_out_tables: list[dict[str, Any]] = []
     for table in block.tables:
-        shown += (
+        laid_out_tables += (
             [tables.lay_out_list(table, lang)]
             if isinstance(table, ListTable)
             else tables.lay_out_grid(table, lang)
@@ -165,7 +165,7 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
         "file": block.file,
         "sha256": next((a.sha256 for a in certificate.attachments if a.name == block.file), ""),
         "equations": [{"form": e.form, "where": e.where.of(lang)} for e in block.equations],
-        "tables": [table for table in shown if table["rows"]],
+        "tables": [table for table in laid_out_tables if table["rows"]],
         "figures": [
             plots.lay_out_figure(figure, lang)
             for figure in block.figures
@@ -177,9 +177,9 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
 
 def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Rows as found and as left, or what the profile states instead."""
-    found = certificate.as_found
+    validation = certificate.as_found
     statement = certificate.profile.adjustment.statement
-    if found is None:
+    if validation is None:
         return {"statement": statement, "tables": [], "notes": []}
     notes = [
         Words(
@@ -188,52 +188,60 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "调整前：未使用本证书系数；调整后：使用本证书系数。所用数据与拟合数据不同。",
         )
     ]
-    notes += map(_criterion, found.criteria)
-    if found.flags:
-        notes.append(circumstances.describe_remarks(len(found.flags), VALIDATION))
-    shown = [
+    notes += map(_criterion, validation.criteria)
+    if validation.flags:
+        notes.append(circumstances.describe_remarks(len(validation.flags), VALIDATION))
+    validation_tables = [
         _before_after(
-            found.rows,
+            validation.rows,
             Words("Validation on logs that were not fitted", "未参与拟合数据的验证"),
             lang,
         )
     ]
-    if found.check_points:
-        shown.append(_before_after(found.check_points, Words("Check points", "检验点"), lang))
-    return {"statement": statement, "tables": shown, "notes": [note.of(lang) for note in notes]}
+    if validation.check_points:
+        validation_tables.append(
+            _before_after(validation.check_points, Words("Check points", "检验点"), lang)
+        )
+    return {
+        "statement": statement,
+        "tables": validation_tables,
+        "notes": [note.of(lang) for note in notes],
+    }
 
 
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = names.name_criterion(criterion.name), criterion.passed
-    whose, shown, limit = Words("Limit of the recipe", "配方限值"), "", ""
+    limit_source, value_text, limit = Words("Limit of the recipe", "配方限值"), "", ""
     if criterion.set_by == "recipe":
-        shown = tables.format_beside(criterion.value, criterion.limit)
+        value_text = tables.format_beside(criterion.value, criterion.limit)
         limit = tables.format_exact(criterion.limit)
     else:
-        whose = Words("Limit of the evaluation", "数据处理限值")
-        shown, limit = tables.format_pair(criterion.value, criterion.limit)
+        limit_source = Words("Limit of the evaluation", "数据处理限值")
+        value_text, limit = tables.format_pair(criterion.value, criterion.limit)
     bound = with_unit(limit, unit_mark(criterion.unit))
-    met = Words("met", "满足") if passed else Words("NOT met", "不满足")
+    verdict = Words("met", "满足") if passed else Words("NOT met", "不满足")
     return Words(
-        f"{whose.en}: {name.en} {shown} against {bound}: {met.en}.",
-        f"{whose.zh}：{name.zh or name.en} {shown}，限值 {bound}：{met.zh}。",
+        f"{limit_source.en}: {name.en} {value_text} against {bound}: {verdict.en}.",
+        f"{limit_source.zh}：{name.zh or name.en} {value_text}，限值 {bound}：{verdict.zh}。",
     )
 
 
 def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict[str, Any]:
     """Table of as-found and as-left results; U where the validation states one."""
     certain = any(row.left_u is not None for row in rows)
-    shown = []
+    table_rows = []
     for row in rows:
-        before, after = (tables.format_plain(value, 3) for value in (row.found, row.left))
+        before, after = (tables.format_plain(value, 3) for value in (row.as_found, row.as_left))
         u = ["", ""] if certain else []
-        if row.left_u and row.left is not None:
-            after, *u = map(tables.format_number, gum.rounded(row.left, row.left_u))
+        if row.left_u and row.as_left is not None:
+            after, *u = map(tables.format_number, gum.rounded(row.as_left, row.left_u))
             u.append(tables.format_coverage(row.left_k))
-            if row.found is not None:
-                before = tables.format_number(gum.rounded(row.found, row.left_u)[0])
-        shown.append([row.log, row.what.of(lang), before, after, *u, unit_mark(row.unit) or "1"])
+            if row.as_found is not None:
+                before = tables.format_number(gum.rounded(row.as_found, row.left_u)[0])
+        table_rows.append(
+            [row.log, row.quantity.of(lang), before, after, *u, unit_mark(row.unit) or "1"]
+        )
     expanded = [tables.U, tables.K] if certain else []
     heads = [Words(""), Words(""), AS_FOUND, AS_LEFT, *expanded, tables.UNIT]
     align = "llrrrrl" if certain else "llrrl"
@@ -242,7 +250,7 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
         "U = k·u（调整后结果），包含概率约 95 %。",
     )
     return tables.text_table(
-        heads, align, shown, lang, title=title, notes=[note] if certain else []
+        heads, align, table_rows, lang, title=title, notes=[note] if certain else []
     )
 
 
@@ -250,16 +258,16 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Budgets of the principal results and of the kinds that statements of conformity rest on, one
     condition of each.
     """
-    chosen = {r.quantity: r for r in certificate.results if r.principal}
+    budget_results = {r.quantity: r for r in certificate.results if r.principal}
     for statement in certificate.statements:
-        chosen.setdefault(statement.result.quantity, statement.result)
+        budget_results.setdefault(statement.result.quantity, statement.result)
     notes = []
     if certificate.unused_terms:
-        listed = ", ".join(certificate.unused_terms)
+        term_names = ", ".join(certificate.unused_terms)
         notes.append(
             Words(
-                f"Type B terms that enter no result of this certificate: {listed}.",
-                f"未用于本证书结果的 B 类分量：{listed}。",
+                f"Type B terms that enter no result of this certificate: {term_names}.",
+                f"未用于本证书结果的 B 类分量：{term_names}。",
             ).of(lang)
         )
     if reason := certificate.without_type_b.of(lang):
@@ -276,7 +284,7 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         ],
         "budgets": [
             tables.lay_out_budget(r, r.uncertainty, lang)
-            for r in chosen.values()
+            for r in budget_results.values()
             if r.uncertainty is not None
         ],
         "notes": notes,
@@ -314,15 +322,16 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 
 def _amendment(profile: Profile, lang: Lang) -> dict[str, Any] | None:
     """Which certificate this one replaces, and what changed."""
-    stated = profile.certificate
-    if not stated.amends:
+    numbering = profile.certificate
+    if not numbering.amends:
         return None
-    issued = f" ({stated.amends_issued})" if stated.amends_issued else ""
+    issued = f" ({numbering.amends_issued})" if numbering.amends_issued else ""
     text = Words(
-        f"This certificate replaces certificate {stated.amends}{issued}, which is no longer valid.",
-        f"本证书替代证书 {stated.amends}{issued}，原证书作废。",
+        f"This certificate replaces certificate {numbering.amends}{issued},"
+        " which is no longer valid.",
+        f"本证书替代证书 {numbering.amends}{issued}，原证书作废。",
     )
     return {
         "text": text.of(lang),
-        "changes": [change for change in stated.changes if change.strip()],
+        "changes": [change for change in numbering.changes if change.strip()],
     }

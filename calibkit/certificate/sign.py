@@ -54,7 +54,7 @@ async def _sign(document: bytes, by: Any, key: Key, role: str) -> Signed:  # noq
         )
         digest, _ = prepared.digest_tbs_document(output=out)
         attributes = PdfCMSSignedAttributes(signing_time=key.now)
-        done = await prepared.perform_signature(
+        post_signature = await prepared.perform_signature(
             digest.document_digest, pdf_cms_signed_attrs=attributes
         )
     except (TimestampRequestError, TimeoutError) as error:
@@ -63,7 +63,7 @@ async def _sign(document: bytes, by: Any, key: Key, role: str) -> Signed:  # noq
             f"--timestamp {key.timestamp}: no time stamp: {str(cause) or type(cause).__name__}",
             hint="ask again, or sign without --timestamp",
         ) from None
-    await done.post_signature_processing(out)
+    await post_signature.post_signature_processing(out)
     return Signed(out.getvalue(), warnings)
 
 
@@ -133,12 +133,12 @@ def _find_stamper(key: Key) -> Any:  # noqa: ANN401 (a class of an optional libr
             """
             try:
                 token = await super().async_timestamp(message_digest, md_algorithm)
-                found = extract_certs_for_validation(token["content"])
+                certificates = extract_certs_for_validation(token["content"])
             except (ValueError, TypeError, KeyError) as error:
                 raise TimestampRequestError("no reply of RFC 3161") from error
-            self.issuers = tuple(found.other_certs)
+            self.issuers = tuple(certificates.other_certs)
             token["content"]["certificates"] = cms.CertificateSet(
-                [cms.CertificateChoices("certificate", found.signer_cert)]
+                [cms.CertificateChoices("certificate", certificates.signer_cert)]
             )
             return token
 
@@ -158,11 +158,16 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
 
     class CertificateChain(SigningCertificateV2Provider):
         async def build_attr_value(self, dry_run: bool = False) -> tsp.SigningCertificateV2:  # noqa: ARG002, FBT001, FBT002 (pyHanko's signature)
-            others = [one for one in by.cert_registry if one.dump() != by.signing_cert.dump()]
-            listed = [
-                as_signing_certificate_v2(one)["certs"][0] for one in (by.signing_cert, *others)
+            other_certificates = [
+                certificate
+                for certificate in by.cert_registry
+                if certificate.dump() != by.signing_cert.dump()
             ]
-            return tsp.SigningCertificateV2({"certs": listed})
+            certificate_ids = [
+                as_signing_certificate_v2(certificate)["certs"][0]
+                for certificate in (by.signing_cert, *other_certificates)
+            ]
+            return tsp.SigningCertificateV2({"certs": certificate_ids})
 
     class Attributes(SignedAttributeProviderSpec):
         def signed_attr_providers(
@@ -182,17 +187,24 @@ async def _embed_revocation(writer: Any, by: Any, stamper: Any, key: Key) -> tup
     from pyhanko.sign.validation.dss import DocumentSecurityStore
     from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
 
-    chains = [[by.signing_cert, *(one for one in by.cert_registry if one != by.signing_cert)]]
+    chains = [
+        [
+            by.signing_cert,
+            *(certificate for certificate in by.cert_registry if certificate != by.signing_cert),
+        ]
+    ]
     if stamper is not None:
         token = await stamper.async_dummy_response("sha256")
-        own = extract_certs_for_validation(token["content"]).signer_cert
-        chains.append([own, *stamper.issuers])
+        stamp_signer = extract_certs_for_validation(token["content"]).signer_cert
+        chains.append([stamp_signer, *stamper.issuers])
     warnings = []
     for chain in chains:
-        offered = any(one.ocsp_urls or one.crl_distribution_points for one in chain)
-        context = await _ask_issuers(chain, key) if offered else None
-        said = context is not None and (context.ocsps or context.crls)
-        if said or (chain is not chains[0] and chain[1:]):
+        has_responders = any(
+            certificate.ocsp_urls or certificate.crl_distribution_points for certificate in chain
+        )
+        context = await _ask_issuers(chain, key) if has_responders else None
+        has_answer = context is not None and (context.ocsps or context.crls)
+        if has_answer or (chain is not chains[0] and chain[1:]):
             DocumentSecurityStore.supply_dss_in_writer(
                 writer,
                 None,
@@ -200,7 +212,7 @@ async def _embed_revocation(writer: Any, by: Any, stamper: Any, key: Key) -> tup
                 ocsps=context.ocsps if context else (),
                 crls=context.crls if context else (),
             )
-        if offered and not said:
+        if has_responders and not has_answer:
             warnings.append(
                 "no data on revocation came from the issuer of"
                 f" {chain[0].subject.human_friendly}: the signature holds none"
@@ -214,7 +226,7 @@ async def _ask_issuers(chain: list[Any], key: Key) -> Any:  # noqa: ANN401 (clas
     """
     from pyhanko_certvalidator import CertificateValidator, ValidationContext, errors
 
-    roots = [one for one in chain if one.self_issued] or chain[1:]
+    roots = [certificate for certificate in chain if certificate.self_issued] or chain[1:]
     context = ValidationContext(
         trust_roots=roots, other_certs=chain, allow_fetching=True, revocation_mode="soft-fail"
     )

@@ -23,17 +23,17 @@ def find_stamps(signer_info: Any) -> list[Any]:  # noqa: ANN401 (classes of an o
 
 def list_changes(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
     """Changes of a signature of a document in what it does not sign."""
-    start, length, after, rest = (int(number) for number in embedded.byte_range)
+    start, length, after, tail_length = (int(number) for number in embedded.byte_range)
     gap = document[start + length : after]
     der = _first_value(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
-    plain = b"<" + der.hex().upper().encode().ljust(len(gap) - 2, b"0") + b">"
+    canonical_gap = b"<" + der.hex().upper().encode().ljust(len(gap) - 2, b"0") + b">"
     stamps = find_stamps(embedded.signer_info)
     attributes = embedded.signer_info["unsigned_attrs"]
     unknown = len(attributes) - len(stamps) if attributes.native else 0
     if (
         start != 0
-        or after + rest > len(document)
-        or gap != plain
+        or after + tail_length > len(document)
+        or gap != canonical_gap
         or not _is_regular(der, embedded.signer_cert)
         or len(stamps) > 1
         or unknown
@@ -56,11 +56,11 @@ def _list_token_changes(token: Any) -> Iterator[str]:  # noqa: ANN401 (a class o
     """Changes of a time-stamp token in what it does not sign."""
     from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
 
-    found = extract_certs_for_validation(token["content"])
-    if not _is_regular(token.dump(), found.signer_cert):
+    certificates = extract_certs_for_validation(token["content"])
+    if not _is_regular(token.dump(), certificates.signer_cert):
         yield "the time stamp's own bytes were changed"
-    own = token["content"]["signer_infos"][0]
-    if not _are_known(own, found.signer_cert, found.other_certs):
+    signer_info = token["content"]["signer_infos"][0]
+    if not _are_known(signer_info, certificates.signer_cert, certificates.other_certs):
         yield "a certificate beside the time stamp's is not one that it was made with"
 
 
@@ -70,27 +70,31 @@ def _is_regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an
     """
     from asn1crypto import cms, core
 
-    found = []
+    encodings = []
     for parameters in ({"parameters": core.Null()}, {}):
-        made = cms.ContentInfo.load(der, strict=True)
-        data = made["content"]
-        own = data["signer_infos"][0]
-        algorithm = {"algorithm": own["digest_algorithm"]["algorithm"].native, **parameters}
-        named = own["sid"].name == "issuer_and_serial_number"
+        container = cms.ContentInfo.load(der, strict=True)
+        data = container["content"]
+        signer_info = data["signer_infos"][0]
+        algorithm = {"algorithm": signer_info["digest_algorithm"]["algorithm"].native, **parameters}
+        by_issuer_serial = signer_info["sid"].name == "issuer_and_serial_number"
         detached = data["encap_content_info"]["content_type"].native == "data"
-        if named:
+        if by_issuer_serial:
             serial = {"issuer": signer.issuer, "serial_number": signer.serial_number}
-            own["sid"] = cms.SignerIdentifier(
+            signer_info["sid"] = cms.SignerIdentifier(
                 "issuer_and_serial_number", cms.IssuerAndSerialNumber(serial)
             )
-        own["version"] = "v1" if named else "v3"
-        data["version"] = "v1" if named and detached else "v3"
-        own["digest_algorithm"] = cms.DigestAlgorithm(algorithm)
+        signer_info["version"] = "v1" if by_issuer_serial else "v3"
+        data["version"] = "v1" if by_issuer_serial and detached else "v3"
+        signer_info["digest_algorithm"] = cms.DigestAlgorithm(algorithm)
         data["digest_algorithms"] = cms.DigestAlgorithms([cms.DigestAlgorithm(algorithm)])
         if detached:
             data["encap_content_info"] = cms.ContentInfo({"content_type": "data"})
-        found.append(made.dump())
-    return der in found and _is_plain(der) and own["signature_algorithm"].dump(force=True) in der
+        encodings.append(container.dump())
+    return (
+        der in encodings
+        and _is_plain(der)
+        and signer_info["signature_algorithm"].dump(force=True) in der
+    )
 
 
 def _is_plain(der: bytes) -> bool:
@@ -107,22 +111,25 @@ def _is_plain(der: bytes) -> bool:
     return True
 
 
-def _are_known(signer_info: Any, signer: Any, others: Any) -> bool:  # noqa: ANN401 (classes of an optional library)
+def _are_known(signer_info: Any, signer: Any, other_certificates: Any) -> bool:  # noqa: ANN401 (classes of an optional library)
     """Whether every certificate that travels with a signature is one that it names; or, where it
     names its signer's alone, one that another of them signed, or whose issuer does not travel.
     """
     from cryptography import x509
 
-    listed = _list_named(signer_info)
-    every = [x509.load_der_x509_certificate(one.dump()) for one in (signer, *others)]
-    for one, certificate in zip(others, every[1:], strict=True):
-        named = hashlib.sha256(one.dump()).digest() in listed
-        issuers = [other for other in every if other.subject == certificate.issuer]
+    named_digests = _list_named(signer_info)
+    certificates = [
+        x509.load_der_x509_certificate(asn1_certificate.dump())
+        for asn1_certificate in (signer, *other_certificates)
+    ]
+    for asn1_certificate, certificate in zip(other_certificates, certificates[1:], strict=True):
+        is_named = hashlib.sha256(asn1_certificate.dump()).digest() in named_digests
+        issuers = [other for other in certificates if other.subject == certificate.issuer]
         related = any(
             _issued(certificate, other) if issuers else _issued(other, certificate)
-            for other in issuers or every
+            for other in issuers or certificates
         )
-        if not named and (len(listed) > 1 or not related):
+        if not is_named and (len(named_digests) > 1 or not related):
             return False
     return True
 

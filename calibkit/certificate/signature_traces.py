@@ -19,8 +19,8 @@ _TYPES = frozenset({"/Sig", "/DocTimeStamp", "/SigRef", "/TransformParams", "/DS
 
 def find_mark(document: bytes) -> str:
     """First bytes in a PDF that signatures alone have, quoted; empty where there are none."""
-    found = _BYTES.search(document)
-    return f"'{found.group()[:20].decode('ascii')}'" if found else ""
+    match = _BYTES.search(document)
+    return f"'{match.group()[:20].decode('ascii')}'" if match else ""
 
 
 def find_trace(document: bytes, reader: Any, pages: Sequence[str]) -> str:  # noqa: ANN401 (a class of an optional library)
@@ -33,7 +33,9 @@ def find_trace(document: bytes, reader: Any, pages: Sequence[str]) -> str:  # no
     printed = compact("".join(pages))
     if any(compact(text) in printed for text in (SENTENCES["signed"].en, SENTENCES["signed"].zh)):
         return "the printed words that it is signed electronically"
-    for number in sorted({n for of in reader.xref.values() for n in of} | set(reader.xref_objStm)):
+    for number in sorted(
+        {n for offsets in reader.xref.values() for n in offsets} | set(reader.xref_objStm)
+    ):
         value = reader.get_object(number)
         if isinstance(value, dict):
             marks = _KEYS & value.keys() | _TYPES & {value.get("/Type"), value.get("/FT")}

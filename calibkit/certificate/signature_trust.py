@@ -44,11 +44,15 @@ class Demands:
         """Certificates that are trusted for signatures, and those for time stamps; UsageError for a
         file that holds none.
         """
-        own = [one for path in self.trust for one in _load_roots("--trust", path)]
-        stamps = [
-            one for path in self.trust_timestamp for one in _load_roots("--trust-timestamp", path)
+        signature_roots = [
+            certificate for path in self.trust for certificate in _load_roots("--trust", path)
         ]
-        return own, own + stamps
+        stamps = [
+            certificate
+            for path in self.trust_timestamp
+            for certificate in _load_roots("--trust-timestamp", path)
+        ]
+        return signature_roots, signature_roots + stamps
 
 
 def _load_roots(option: str, path: Path) -> list[Any]:
@@ -79,8 +83,8 @@ class Signature:
     def __str__(self) -> str:
         """The signature in one clause."""
         trusted = " (trusted)" if self.trusted else ""
-        when = f"time stamp {self.stamped}" if self.stamped else f"who states {self.claimed}"
-        return f"{self.role or 'signed'} by {quoted(self.signer)}{trusted}, {when}"
+        time_clause = f"time stamp {self.stamped}" if self.stamped else f"who states {self.claimed}"
+        return f"{self.role or 'signed'} by {quoted(self.signer)}{trusted}, {time_clause}"
 
     def document(self) -> dict[str, Any]:
         """JSON object of a signature that holds."""
@@ -117,14 +121,14 @@ class JudgedSignature:
     async def judge(self) -> Signature:
         """What the signature states, and what is wrong with it."""
         self.faults += signature_container.list_changes(self.document, self.embedded)
-        own = self.embedded
-        if own.sig_object_type == "/DocTimeStamp":
-            trusted = await self._read_stamp(own.signed_data, own.compute_digest)
+        embedded = self.embedded
+        if embedded.sig_object_type == "/DocTimeStamp":
+            trusted = await self._read_stamp(embedded.signed_data, embedded.compute_digest)
             return self._stated(STAMP, trusted=trusted)
-        for token in signature_container.find_stamps(own.signer_info):
-            await self._read_stamp(token["content"], _imprint(own.signer_info))
+        for token in signature_container.find_stamps(embedded.signer_info):
+            await self._read_stamp(token["content"], _imprint(embedded.signer_info))
         await self._judge_signer()
-        reason = str(own.sig_object.get("/Reason", ""))
+        reason = str(embedded.sig_object.get("/Reason", ""))
         return self._stated(ROLES.get(reason, ""), trusted=bool(self.demands.trust))
 
     def _stated(self, role: str, *, trusted: bool) -> Signature:
@@ -144,14 +148,14 @@ class JudgedSignature:
         """What certificates are held against at a moment; nothing is asked of any network."""
         from pyhanko_certvalidator import ValidationContext
 
-        given: dict[str, Any] = {
+        options: dict[str, Any] = {
             "trust_roots": roots,
             "moment": moment,
             "retroactive_revinfo": True,
         }
         if self.store is None:
-            return ValidationContext(**given)
-        return self.store.as_validation_context(given)
+            return ValidationContext(**options)
+        return self.store.as_validation_context(options)
 
     async def _read_stamp(self, token: Any, imprint: Any) -> bool:  # noqa: ANN401 (classes of an optional library)
         """Judge a time stamp, and return whether it is trusted: broken ones are faults, those of
@@ -166,19 +170,21 @@ class JudgedSignature:
                 token, self._context(self.roots[1], time), imprint
             )
         )
-        own = status.signing_cert
-        who = f"the time stamp of {quoted(own.subject.human_friendly)}"
+        stamp_certificate = status.signing_cert
+        stamp_name = f"the time stamp of {quoted(stamp_certificate.subject.human_friendly)}"
         if not (status.intact and status.valid):
             self.faults.append("its time stamp is of something else, or was changed")
             return False
-        if not status.trusted or not signing_key.is_valid_at(own, time):
+        if not status.trusted or not signing_key.is_valid_at(stamp_certificate, time):
             self.warnings.append(
-                f"{who} is not trusted: it states {time.isoformat(timespec='seconds')}"
+                f"{stamp_name} is not trusted: it states {time.isoformat(timespec='seconds')}"
             )
             return False
         self.stamped = min(time, self.stamped or time)
-        if not signing_key.is_valid_at(own, self.demands.now):
-            self.warnings.append(f"{who} was {signing_key.format_validity(own)}")
+        if not signing_key.is_valid_at(stamp_certificate, self.demands.now):
+            self.warnings.append(
+                f"{stamp_name} was {signing_key.format_validity(stamp_certificate)}"
+            )
         return True
 
     async def _judge_signer(self) -> None:
@@ -203,27 +209,29 @@ class JudgedSignature:
             )
         if status.revoked:
             self.faults.append("the signer's certificate was revoked")
-        self.faults += (f"the signer: {one}" for one in signing_key.list_weaknesses(certificate))
+        self.faults += (
+            f"the signer: {weakness}" for weakness in signing_key.list_weaknesses(certificate)
+        )
         doubts = [*signing_key.list_wrong_uses(certificate), *self._list_doubts(moment)]
         if not status.trusted:
             doubts.append(
                 f"its signer is not trusted: {quoted(certificate.subject.human_friendly)}"
             )
         if self.demands.trust:
-            self.faults += (f"the signature does not count: {one}" for one in doubts)
+            self.faults += (f"the signature does not count: {doubt}" for doubt in doubts)
         else:
-            self.warnings += (f"the signature is intact, but {one}" for one in doubts)
+            self.warnings += (f"the signature is intact, but {doubt}" for doubt in doubts)
 
     def _moment(self) -> dt.datetime:
         """The time for which the signer has to be trusted: that of a time stamp, else on the date
         that was asked for, else now, as nobody can tell.
         """
-        claimed, at = self.embedded.self_reported_timestamp, self.demands.at
+        claimed, signing_date = self.embedded.self_reported_timestamp, self.demands.at
         if self.stamped is not None:
             return self.stamped
-        if at is None:
+        if signing_date is None:
             return self.demands.now
-        end = dt.datetime.combine(at, dt.time(), dt.UTC) + _DAY
+        end = dt.datetime.combine(signing_date, dt.time(), dt.UTC) + _DAY
         return claimed if claimed is not None and abs(end - claimed - _DAY / 2) < _DAY else end
 
     def _list_doubts(self, moment: dt.datetime) -> Iterator[str]:

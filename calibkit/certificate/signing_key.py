@@ -59,8 +59,8 @@ class Key:
                 f"--timestamp {self.timestamp}: not the address of a server",
                 hint="state one that begins with http:// or https://",
             )
-        found = _opened(self)
-        certificate = found.signing_cert
+        signer = _opened(self)
+        certificate = signer.signing_cert
         for fault in (*list_weaknesses(certificate), *list_wrong_uses(certificate)):
             raise UsageError(
                 f"--sign {self.path}: {fault}", hint="sign with a key that was issued for documents"
@@ -70,7 +70,7 @@ class Key:
                 f"--sign {self.path}: the key's certificate is {format_validity(certificate)}",
                 hint="sign with a certificate that is valid now",
             )
-        return found
+        return signer
 
 
 def is_valid_at(certificate: Any, moment: dt.datetime) -> bool:  # noqa: ANN401 (a class of an optional library)
@@ -89,11 +89,14 @@ def format_validity(certificate: Any) -> str:  # noqa: ANN401 (a class of an opt
 def list_weaknesses(certificate: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
     """Why anybody could sign in the name of a certificate: a short key, a broken digest."""
     key = certificate.public_key
-    least = _LEAST_BITS.get(key.algorithm)
-    if least is None:
+    least_bits = _LEAST_BITS.get(key.algorithm)
+    if least_bits is None:
         yield f"its key is of the kind {key.algorithm}: expected RSA or an elliptic curve"
-    elif key.bit_size < least:
-        yield f"its {key.algorithm.upper()} key has {key.bit_size} bits: expected at least {least}"
+    elif key.bit_size < least_bits:
+        yield (
+            f"its {key.algorithm.upper()} key has {key.bit_size} bits: expected at least"
+            f" {least_bits}"
+        )
     if not certificate.self_issued and certificate.hash_algo in _BROKEN_DIGESTS:
         yield f"its certificate is signed with {certificate.hash_algo}: expected SHA-256 or better"
 
@@ -103,13 +106,13 @@ def list_wrong_uses(certificate: Any) -> Iterator[str]:  # noqa: ANN401 (a class
     5280, 4.2.1.3 and 4.2.1.12).
     """
     usage, purposes = certificate.key_usage_value, certificate.extended_key_usage_value
-    stated = set() if usage is None else usage.native
-    if usage is not None and not stated & _USAGES:
-        found = _listed(stated)
-        yield f"its certificate is for {found}: expected digital signature or non repudiation"
+    key_usages = set() if usage is None else usage.native
+    if usage is not None and not key_usages & _USAGES:
+        uses = _listed(key_usages)
+        yield f"its certificate is for {uses}: expected digital signature or non repudiation"
     if purposes is not None and not set(purposes.native) & _PURPOSES:
-        found = _listed(purposes.native)
-        yield f"its certificate is for {found}: expected email protection or document signing"
+        uses = _listed(purposes.native)
+        yield f"its certificate is for {uses}: expected email protection or document signing"
 
 
 def _listed(uses: Any) -> str:  # noqa: ANN401 (a collection of an optional library)
@@ -129,20 +132,20 @@ def _opened(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
     passphrase = key.passphrase.encode() if key.passphrase else None
     with quiet():
         try:
-            found = signers.SimpleSigner.load_pkcs12_data(
+            signer = signers.SimpleSigner.load_pkcs12_data(
                 content, other_certs=(), passphrase=passphrase
             )
         except (ValueError, TypeError):
-            found = None
-    if found is None:
+            signer = None
+    if signer is None:
         state = "is not its passphrase" if key.passphrase else "is not set"
         raise UsageError(
             f"--sign {key.path}: cannot be opened: {PASSPHRASE} {state}, or it is no PKCS#12 file",
             hint=f"set {PASSPHRASE}",
         )
-    if found.signing_cert is None:
+    if signer.signing_cert is None:
         raise UsageError(
             f"--sign {key.path}: holds no certificate for its key",
             hint="export key and certificate together",
         )
-    return found
+    return signer

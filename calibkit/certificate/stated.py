@@ -49,9 +49,13 @@ class Stated:
         names of `Sensitivity`.
         """
         return {
-            (one.input, one.kind): total
-            for one in self.sensitivities
-            if (total := sum(w * one.derivatives.get(key, 0.0) for key, w in weights.items()))
+            (sensitivity.input, sensitivity.kind): total
+            for sensitivity in self.sensitivities
+            if (
+                total := sum(
+                    w * sensitivity.derivatives.get(key, 0.0) for key, w in weights.items()
+                )
+            )
         }
 
     def of_models(
@@ -98,12 +102,12 @@ class Stated:
         outside = [f"{t:g} °C" for t in self.temperatures if not low <= t <= high]
         if not outside:
             return ()
-        listed = ", ".join(outside)
+        temperatures = ", ".join(outside)
         return (
             Words(
-                f"Nothing is stated at {listed}: outside the calibrated range, {low:.1f} °C to"
-                f" {high:.1f} °C.",
-                f"{listed} 超出校准范围（{low:.1f} °C 至 {high:.1f} °C），不给出结果。",
+                f"Nothing is stated at {temperatures}: outside the calibrated range,"
+                f" {low:.1f} °C to {high:.1f} °C.",
+                f"{temperatures} 超出校准范围（{low:.1f} °C 至 {high:.1f} °C），不给出结果。",
             ),
         )
 
@@ -158,12 +162,12 @@ def interval_of_magnitude(value: float, uncertainty: Uncertainty) -> tuple[float
     dof = uncertainty.effective_dof
     # as wide as U, which may be wider than these degrees of freedom make it
     size = uncertainty.expanded_uncertainty / gum.coverage_factor(dof)
-    found = gum.monte_carlo(
+    interval = gum.monte_carlo(
         lambda drawn: np.abs(value + size * drawn[:, 0]),
         _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
         probability=gum.TWO_SIGMA,
     )
-    return found.low, found.high
+    return interval.low, interval.high
 
 
 @lru_cache

@@ -61,25 +61,29 @@ def format_result(result: Result | None) -> tuple[str, str]:
         marked = format_result(replace(result, outside_scope=False))
         return f"{marked[0]}*", marked[1]
     if result.uncertainty is None:
-        shown = round_descriptor(result.value)
-        return format_number(shown.value, shown.exponent), "ref." if result.by_definition else ""
+        printed = round_descriptor(result.value)
+        return format_number(
+            printed.value, printed.exponent
+        ), "ref." if result.by_definition else ""
     expanded = result.uncertainty.expanded_uncertainty
     if result.interval is not None:  # the end that is nearer tells how well the value is known
         reach = (abs(result.value - end) for end in result.interval)
-        expanded = min((one for one in reach if one > ENDS * expanded), default=expanded)
-    shown = round_result(result.value, expanded)
-    if result.interval is None:
-        return format_number(shown.value, shown.exponent), format_number(
-            shown.uncertainty, shown.exponent
+        expanded = min(
+            (distance for distance in reach if distance > ENDS * expanded), default=expanded
         )
-    place = Decimal(1).scaleb(int(Decimal(shown.value).as_tuple().exponent))
+    printed = round_result(result.value, expanded)
+    if result.interval is None:
+        return format_number(printed.value, printed.exponent), format_number(
+            printed.uncertainty, printed.exponent
+        )
+    place = Decimal(1).scaleb(int(Decimal(printed.value).as_tuple().exponent))
     ends = "…".join(
-        f"{Decimal(repr(float(end))).scaleb(-shown.exponent).quantize(place, ROUND_HALF_UP):f}"
+        f"{Decimal(repr(float(end))).scaleb(-printed.exponent).quantize(place, ROUND_HALF_UP):f}"
         for end in result.interval
     )
     return (
-        format_number(shown.value, shown.exponent),
-        format_number(f"[{ends}]", shown.exponent),
+        format_number(printed.value, printed.exponent),
+        format_number(f"[{ends}]", printed.exponent),
     )
 
 
@@ -133,11 +137,15 @@ def format_beside(value: float, limit: float) -> str:
     """
     if not (math.isfinite(value) and math.isfinite(limit)):
         return format_plain(value)
-    found, stated = Decimal(repr(value)), Decimal(repr(limit))
-    first = max(FEWEST, found.adjusted() - int(stated.normalize().as_tuple().exponent) + 1)
+    exact_value, exact_limit = Decimal(repr(value)), Decimal(repr(limit))
+    first = max(
+        FEWEST, exact_value.adjusted() - int(exact_limit.normalize().as_tuple().exponent) + 1
+    )
     for digits in range(first, MOST_DIGITS):
-        shown = Decimal(f"{value:.{digits}g}")
-        if (shown > stated) == (found > stated) and (shown < stated) == (found < stated):
+        rounded_value = Decimal(f"{value:.{digits}g}")
+        if (rounded_value > exact_limit) == (exact_value > exact_limit) and (
+            rounded_value < exact_limit
+        ) == (exact_value < exact_limit):
             return format_plain(value, digits)
     return format_exact(value)
 
@@ -147,41 +155,46 @@ def format_pair(value: float, limit: float) -> tuple[str, str]:
     it lies.
     """
     for digits in range(FEWEST, MOST_DIGITS):
-        shown, bound = (float(f"{one:.{digits}g}") for one in (value, limit))
-        if (shown > bound, shown < bound) == (value > limit, value < limit):
+        rounded_value, rounded_limit = (float(f"{number:.{digits}g}") for number in (value, limit))
+        if (rounded_value > rounded_limit, rounded_value < rounded_limit) == (
+            value > limit,
+            value < limit,
+        ):
             return format_plain(value, digits), format_plain(limit, digits)
     return format_exact(value), format_exact(limit)
 
 
-def format_acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
+def format_acceptance(
+    limit: float | None, stated_limit: float | None, result: Result
+) -> str | None:
     """An acceptance limit: as stated where nothing was taken off, else to one place more than U."""
-    if limit is None or limit == stated or result.uncertainty is None:
+    if limit is None or limit == stated_limit or result.uncertainty is None:
         return None if limit is None else format_exact(limit)
-    shown = round_result(limit, result.uncertainty.expanded_uncertainty, digits=3)
-    return format_number(shown.value, shown.exponent)
+    printed = round_result(limit, result.uncertainty.expanded_uncertainty, digits=3)
+    return format_number(printed.value, printed.exponent)
 
 
 def _significant(value: float) -> str:
     """A standard uncertainty with two significant digits, a trailing zero kept."""
     if not value:
         return "0"
-    shown = round_result(value, value)
-    return format_number(shown.uncertainty, shown.exponent)
+    printed = round_result(value, value)
+    return format_number(printed.uncertainty, printed.exponent)
 
 
 def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     """A list as rows of symbol and name (where any result has one), value, U, unit."""
-    named = any(result.name.en for result in table.results)
-    lettered = not named or any(result.symbol for result in table.results)
+    has_names = any(result.name.en for result in table.results)
+    has_symbols = not has_names or any(result.symbol for result in table.results)
     rows = []
     for result in table.results:
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
         symbol = show_symbol(result.symbol)
-        head = [*[symbol] * lettered, *[name] * named]
+        head = [*[symbol] * has_symbols, *[name] * has_names]
         rows.append([*head, *format_stated(result), unit_mark(result.unit) or "1"])
-    parts = 1 if named else min(3, -(-len(rows) // LONGEST))
+    parts = 1 if has_names else min(3, -(-len(rows) // LONGEST))
     unit = UNIT_OF_BOTH if parts == 1 else UNIT
-    left = lettered + named
+    left = has_symbols + has_names
     heads = [*[Words("")] * left, VALUE, U, K, unit] * parts
     align = ("l" * left + "rrrl") * parts
     notes = (table.note, _factor_words(table.results), _outside_words(table.results))
@@ -202,10 +215,11 @@ def lay_out_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
     ends, total = [0], len(table.heads)
     while ends[-1] < total:
         ends.append(_end_of_part(table, ends[-1], lang))
-    each = -(-total // max(len(ends) - 1, 1))  # as many in the last part as in the others
-    starts = range(0, total, each)
+    part_width = -(-total // max(len(ends) - 1, 1))  # as many in the last part as in the others
+    starts = range(0, total, part_width)
     return [
-        _part(table, slice(start, start + each), lang, last=start == starts[-1]) for start in starts
+        _part(table, slice(start, start + part_width), lang, last=start == starts[-1])
+        for start in starts
     ]
 
 
@@ -217,25 +231,25 @@ def _end_of_part(table: GridTable, start: int, lang: Lang) -> int:
         - (14 if table.by_row else 0)
     )
     for k in range(start, len(table.heads)):
-        shown = [format_stated(row[k]) for row in table.cells]
-        width = sum(max((len(cells[i]) for cells in shown), default=0) for i in range(3))
+        column_cells = [format_stated(row[k]) for row in table.cells]
+        width = sum(max((len(cells[i]) for cells in column_cells), default=0) for i in range(3))
         free -= max(width + 3 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
         if free < 0 and k > start:
             return k
     return len(table.heads)
 
 
-def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
+def _part(table: GridTable, column_slice: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
     """Some columns of a grid; notes stand under the last of them."""
-    part = [row[chosen] for row in table.cells]
+    part = [row[column_slice] for row in table.cells]
     widths = [  # with U and k where any result of the column has one
         3 if any(r is not None and r.uncertainty is not None for r in column) else 1
         for column in zip(*part, strict=True)
     ]
     groups: list[list[Any]] = [["", 1]]
     heads, align = [table.row_head], "l"
-    for k, (head, width) in enumerate(zip(table.heads[chosen], widths, strict=True)):
-        unit = "" if table.by_row else f" [{unit_mark(table.units[chosen][k]) or 1}]"
+    for k, (head, width) in enumerate(zip(table.heads[column_slice], widths, strict=True)):
+        unit = "" if table.by_row else f" [{unit_mark(table.units[column_slice][k]) or 1}]"
         groups.append([head.of(lang), width])
         heads += (VALUE + Words(unit), U + Words(unit), K)[:width]
         align += "r" * width
@@ -250,8 +264,8 @@ def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[st
         align += "l"
         for row, unit in zip(rows, table.units, strict=True):
             row.append(unit_mark(unit) or "1")
-    every = [r for row in table.cells for r in row if r is not None]
-    notes = (table.note, _factor_words(every), _outside_words(every)) if last else ()
+    results = [r for row in table.cells for r in row if r is not None]
+    notes = (table.note, _factor_words(results), _outside_words(results)) if last else ()
     return text_table(heads, align, rows, lang, table.title, notes, groups)
 
 
@@ -297,13 +311,21 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         "方括号内为非负量的包含区间（蒙特卡洛法；偏差采用卡方分布）。",
     )
     bracketed = any(r.interval is not None for r in results)
-    found = [r.uncertainty for r in results if r.uncertainty is not None and r.interval is None]
-    if not found:
+    uncertainties = [
+        r.uncertainty for r in results if r.uncertainty is not None and r.interval is None
+    ]
+    if not uncertainties:
         return brackets if bracketed else None
-    few = _few([one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF])
+    few_dof = _few(
+        [
+            uncertainty.effective_dof
+            for uncertainty in uncertainties
+            if uncertainty.effective_dof < gum.FEW_DOF
+        ]
+    )
     words = Words(
-        f"U = k·u, coverage probability about 95 %{few.en}.",
-        f"U = k·u，包含概率约 95 %{few.zh}。",
+        f"U = k·u, coverage probability about 95 %{few_dof.en}.",
+        f"U = k·u，包含概率约 95 %{few_dof.zh}。",
     )
     return words + Words(f" {brackets.en}", brackets.zh) if bracketed else words
 

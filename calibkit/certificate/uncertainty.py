@@ -68,15 +68,20 @@ class TypeBTerms:
             for name, u, dof in counted
         ]
         for term in self.terms:
-            known = _derivative(term, influences)
-            if {term.quantity, term.result} & {*names, *known}:
-                parts += _apply(term, names, estimate, unit, known)
+            derivatives = _derivative(term, influences)
+            if {term.quantity, term.result} & {*names, *derivatives}:
+                parts += _apply(term, names, estimate, unit, derivatives)
                 continue
             for part in parts_of:
                 if {term.quantity, term.result} & {*part.names}:
                     parts += [
-                        (replace(one, sensitivity=part.weight * one.sensitivity), name, what, own)
-                        for one, name, what, own in _apply(
+                        (
+                            replace(component, sensitivity=part.weight * component.sensitivity),
+                            name,
+                            quantity,
+                            part_unit,
+                        )
+                        for component, name, quantity, part_unit in _apply(
                             term, part.names, part.value, part.unit, {}
                         )
                     ]
@@ -115,23 +120,25 @@ def _derivative(term: TypeB, influences: Influences) -> dict[str, tuple[float, f
     all or that grows over their span, whichever moves the result more.
     """
     kinds: tuple[Kind, ...] = ("scale",) if term.unit in type_b.RELATIVE else ("offset", "span")
-    found = [influences[key] for kind in kinds if (key := (term.quantity, kind)) in influences]
-    return {term.quantity: (1.0, max(found, key=abs))} if found else {}
+    derivatives = [
+        influences[key] for kind in kinds if (key := (term.quantity, kind)) in influences
+    ]
+    return {term.quantity: (1.0, max(derivatives, key=abs))} if derivatives else {}
 
 
 def _apply(
-    stated: TypeB,
+    stated_term: TypeB,
     names: Sequence[str],
     estimate: float,
     unit: str,
     sensitivities: Mapping[str, tuple[float, float]],
 ) -> list[tuple[gum.UncertaintyComponent, Words, str, str]]:
     """Components that a result has from a type B term, each with its name, quantity and unit."""
-    result_unit = unit if stated.quantity in names else None
-    term = _in_base(stated, result_unit)
-    called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+    result_unit = unit if stated_term.quantity in names else None
+    term = _in_base(stated_term, result_unit)
+    result_name = next((name for name in names if name in (term.quantity, term.result)), names[0])
     unit_of_part, share = _unit(term, result_unit), 1.0
-    if term.quantity != called and term.sensitivity is None and term.unit in type_b.RELATIVE:
+    if term.quantity != result_name and term.sensitivity is None and term.unit in type_b.RELATIVE:
         # the derivative is by an error in proportion to the readings: the budget states it in ppm
         unit_of_part, share = term.unit, type_b.RELATIVE[term.unit]
     return [
@@ -145,7 +152,7 @@ def _apply(
             term.quantity,
             unit_of_part,
         )
-        for part in type_b.terms_of((term,), called, estimate, sensitivities).components
+        for part in type_b.terms_of((term,), result_name, estimate, sensitivities).components
         if part.sensitivity
     ]
 
@@ -178,6 +185,8 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
             hint="state it in the unit of the result, in ppm or in %",
         )
     factor = units.difference_factor(term.unit, target)
-    stated = ("standard_uncertainty", "half_width", "expanded_uncertainty")
-    scaled = {key: value * factor for key in stated if (value := getattr(term, key)) is not None}
+    uncertainty_keys = ("standard_uncertainty", "half_width", "expanded_uncertainty")
+    scaled = {
+        key: value * factor for key in uncertainty_keys if (value := getattr(term, key)) is not None
+    }
     return term.model_copy(update={"unit": target, **scaled})

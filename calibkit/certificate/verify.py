@@ -82,7 +82,7 @@ def verify(
     layout_of: content.LayoutOf,
     demands: signature_trust.Demands | None = None,
     schema_dir: Path | None = None,
-    beside: Mapping[Path, Verified] | None = None,
+    pdfs: Mapping[Path, Verified] | None = None,
 ) -> Verified:
     """Check a certificate; `beside` are the PDFs that a DCC has to agree with, as they were found
     to be.
@@ -93,20 +93,20 @@ def verify(
     demands = demands or signature_trust.Demands()
     extras.load_checker("lxml.etree")
     if path.suffix.lower() == ".xml":
-        return _alone(path, document, demands, schema_dir, beside or {})
+        return _alone(path, document, demands, schema_dir, pdfs or {})
     signatures = verify_signature.check_signatures(document, demands)
-    faults = [fault for one in signatures for fault in one.faults]
-    warnings = [warning for one in signatures for warning in one.warnings]
+    faults = [fault for signature in signatures for fault in signature.faults]
+    warnings = [warning for signature in signatures for warning in signature.warnings]
     pages, attached, twice, trace = _opened(path, document, faults)
-    if all(one.role == signature_trust.STAMP for one in signatures):
+    if all(signature.role == signature_trust.STAMP for signature in signatures):
         faults += [f"its signature was taken off or damaged: {trace} is left of it"] * bool(trace)
         warnings.append(UNSIGNED)
     faults += [f"{name} is attached twice" for name in twice]
     faults += _digests(attached, pages)
     count, draft = 0, False
     if not faults:
-        more, count, draft, release = _remade(attached, layout_of, pages, schema_dir)
-        faults += more
+        remade_faults, count, draft, release = _remade(attached, layout_of, pages, schema_dir)
+        faults += remade_faults
         if release not in ("", dcc.RELEASE):
             warnings.append(
                 f"made by calibkit {release}, checked by {dcc.RELEASE}: its numbers are those of"
@@ -120,8 +120,8 @@ def verify(
         warnings.append("a DRAFT: not a calibration certificate")
     if _document(attached)["verdict"] == "rejected":
         warnings.append("the run failed its acceptance limits")
-    what = _what(attached, signatures, count)
-    return Verified(what, tuple(warnings), signatures, attached[dcc.FILE])
+    description = _what(attached, signatures, count)
+    return Verified(description, tuple(warnings), signatures, attached[dcc.FILE])
 
 
 def _opened(
@@ -131,18 +131,18 @@ def _opened(
     what is none.
     """
     try:
-        found = _read(document)
+        contents = _read(document)
     except CoefficientError as error:
         raise _failed(path, [*faults, error.message]) from None
     except CalibkitError:
         raise
     except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
         raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
-    if not {new_files.RUN_FILE, dcc.FILE} & found[1].keys():
+    if not {new_files.RUN_FILE, dcc.FILE} & contents[1].keys():
         raise _failed(
             path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
         )
-    return found
+    return contents
 
 
 def _alone(
@@ -150,7 +150,7 @@ def _alone(
     document: bytes,
     demands: signature_trust.Demands,
     schema_dir: Path | None,
-    beside: Mapping[Path, Verified],
+    pdfs: Mapping[Path, Verified],
 ) -> Verified:
     """Check a DCC: structure, schema, the coefficient files in it by their own digests, and that
     one of the PDFs beside it holds the same bytes.
@@ -158,28 +158,28 @@ def _alone(
     try:
         root = dcc_check.check(document, schema_dir)
         files = {
-            one.findtext("dcc:fileName", "", NAMES): one
-            for one in root.iterfind(".//dcc:byteData", NAMES)
+            element.findtext("dcc:fileName", "", NAMES): element
+            for element in root.iterfind(".//dcc:byteData", NAMES)
         }
-        for name, one in files.items():
-            data = base64.b64decode(one.findtext("dcc:dataBase64", "", NAMES))
+        for name, element in files.items():
+            data = base64.b64decode(element.findtext("dcc:dataBase64", "", NAMES))
             coefficients.loads(data.decode("utf-8"), name)
     except (OutputError, CoefficientError, UnicodeDecodeError) as error:
         raise _failed(path, [_message(error)]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    what = f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files"
-    held = {pdf: found.dcc for pdf, found in beside.items()} or _held_beside(path)
-    same = [pdf for pdf, own in held.items() if own == document]
-    if held and not same:
-        listed = ", ".join(map(str, held))
-        raise _failed(path, [f"it is not the {dcc.FILE} that {listed} holds"])
-    if same and same[0] in beside and beside[same[0]].signatures:
-        return Verified(f"{what}, which {same[0]} holds and its signature covers")
+    description = f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files"
+    embedded_dccs = {pdf: verified.dcc for pdf, verified in pdfs.items()} or _held_beside(path)
+    matching_pdfs = [pdf for pdf, embedded_dcc in embedded_dccs.items() if embedded_dcc == document]
+    if embedded_dccs and not matching_pdfs:
+        pdf_list = ", ".join(map(str, embedded_dccs))
+        raise _failed(path, [f"it is not the {dcc.FILE} that {pdf_list} holds"])
+    if matching_pdfs and matching_pdfs[0] in pdfs and pdfs[matching_pdfs[0]].signatures:
+        return Verified(f"{description}, which {matching_pdfs[0]} holds and its signature covers")
     if demands.signed:
-        wanted = "name the signed PDF with it, which holds the same file"
-        raise _failed(path, [f"not signed, and a signature is required: {wanted}"])
+        remedy = "name the signed PDF with it, which holds the same file"
+        raise _failed(path, [f"not signed, and a signature is required: {remedy}"])
     return Verified(
-        what,
+        description,
         ("not signed: check it together with the certificate that holds the same file",),
     )
 
@@ -203,10 +203,10 @@ def _message(error: Exception) -> str:
 
 def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
     """The error that lists faults."""
-    listed = list(dict.fromkeys(faults))
-    more = f"; and {len(listed) - MOST} more" if len(listed) > MOST else ""
+    unique_faults = list(dict.fromkeys(faults))
+    omission = f"; and {len(unique_faults) - MOST} more" if len(unique_faults) > MOST else ""
     return CoefficientError(
-        f"{path}: {'; '.join(listed[:MOST])}{more}",
+        f"{path}: {'; '.join(unique_faults[:MOST])}{omission}",
         hint="do not rely on it; ask the laboratory for the original",
     )
 
@@ -221,12 +221,12 @@ def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str], str]
         if len(reader.pages) > MOST_PAGES:
             raise CoefficientError(f"{len(reader.pages)} pages, at most {MOST_PAGES} are read")
         pages = [page.extract_text() for page in reader.pages]
-        found = {name: list(contents) for name, contents in reader.attachments.items()}
+        attachments = {name: list(contents) for name, contents in reader.attachments.items()}
         trace = signature_traces.find_trace(document, reader, pages)
     return (
         pages,
-        {name: contents[0] for name, contents in found.items()},
-        [n for n, c in found.items() if len(c) > 1],
+        {name: contents[0] for name, contents in attachments.items()},
+        [n for n, c in attachments.items() if len(c) > 1],
         trace,
     )
 
@@ -247,14 +247,20 @@ def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[st
     except CoefficientError as error:
         yield error.message
         return
-    stated = {entry["name"]: entry["sha256"] for entry in run["files"]}
-    for name, digest in stated.items():
+    run_digests = {entry["name"]: entry["sha256"] for entry in run["files"]}
+    for name, digest in run_digests.items():
         if name.endswith(".json") and name not in attached:
             yield f"{name} is not attached"
         elif name in attached and hashlib.sha256(attached[name]).hexdigest() != digest:
             yield f"{name}: the attached file is not the one that run.json lists"
-    known = {*stated, new_files.RUN_FILE, dcc.FILE, content.VALIDATION, content.PROFILE}
-    for name in sorted(attached.keys() - known):
+    expected_names = {
+        *run_digests,
+        new_files.RUN_FILE,
+        dcc.FILE,
+        content.VALIDATION,
+        content.PROFILE,
+    }
+    for name in sorted(attached.keys() - expected_names):
         yield f"{name} does not belong to the run"
     yield from _records(attached, run)
 
@@ -286,14 +292,14 @@ def _remade(
     """Where DCC and pages differ from a certificate made from the attached files; how many rows
     agree; whether it is a DRAFT; the release that made it, whose words may be others.
     """
-    stated = attached[dcc.FILE]
+    attached_dcc = attached[dcc.FILE]
     try:
-        root = dcc_check.check(stated, schema_dir)
+        root = dcc_check.check(attached_dcc, schema_dir)
         lang, issued, release = _facts(root)
     except (OutputError, ValueError) as error:
         return [_message(error)], 0, False, ""
     words = release == dcc.RELEASE
-    other = (
+    release_note = (
         ""
         if words
         else f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)"
@@ -301,19 +307,24 @@ def _remade(
     try:
         certificate = _rebuilt(attached, layout_of, issued)
         certificate = certificate.without_glyphs(_unshown(root))
-        made = dcc.render(certificate, lang)
+        remade_dcc = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        return [f"the attached files do not make a certificate: {error}{other}"], 0, False, release
+        return (
+            [f"the attached files do not make a certificate: {error}{release_note}"],
+            0,
+            False,
+            release,
+        )
     faults = [
-        f"{dcc.FILE}: {difference}{other}"
-        for difference in _differences(root, dcc_check.parse(made), words=words)
+        f"{dcc.FILE}: {difference}{release_note}"
+        for difference in _differences(root, dcc_check.parse(remade_dcc), words=words)
     ]
-    data = Attachment(dcc.FILE, stated, *dcc.DESCRIBED)
-    whole = replace(certificate, attachments=(*certificate.attachments, data))
+    data = Attachment(dcc.FILE, attached_dcc, *dcc.DESCRIBED)
+    with_dcc = replace(certificate, attachments=(*certificate.attachments, data))
     missing, count = verify_text.find_unprinted(
-        pdf.clean_sheet(sheet.sheet(whole, lang), whole.unshown), pages, words=words
+        pdf.clean_sheet(sheet.sheet(with_dcc, lang), with_dcc.unshown), pages, words=words
     )
-    missing = [f"{fault}{other}" for fault in missing]
+    missing = [f"{fault}{release_note}" for fault in missing]
     return [*faults, *missing], count, certificate.draft, release
 
 
@@ -324,8 +335,10 @@ def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
     import datetime as dt
 
     core = "dcc:administrativeData/dcc:coreData"
-    codes = {one.text for one in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
-    lang: Lang = next((key for key, own in LANGUAGES.items() if codes == {*own}), "en")
+    codes = {element.text for element in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
+    lang: Lang = next(
+        (key for key, language_codes in LANGUAGES.items() if codes == {*language_codes}), "en"
+    )
     return (
         lang,
         dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES)),
@@ -341,12 +354,14 @@ def _unshown(root: _Element) -> set[str]:
         if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿"))
     )
     texts = (
-        one.text or "" for s in drafts for one in s.iterfind("dcc:declaration/dcc:content", NAMES)
+        element.text or ""
+        for s in drafts
+        for element in s.iterfind("dcc:declaration/dcc:content", NAMES)
     )
-    listed = (text for text in texts if text.startswith(f"{checklist.FONTS}: "))
+    font_texts = (text for text in texts if text.startswith(f"{checklist.FONTS}: "))
     return {
         chr(int(digits, 16))
-        for text in listed
+        for text in font_texts
         for digits in re.findall(r"\[U\+([0-9A-F]{4,6})\]", text)
     }
 
@@ -362,39 +377,45 @@ def _rebuilt(
     if content.VALIDATION in attached:
         validated = AsFoundAsLeft.parse(attached[content.VALIDATION], content.VALIDATION, run)
     text = attached.get(content.PROFILE, b"").decode("utf-8")
-    stated = profile.parse(text, content.PROFILE)
-    return content.build(run, layout_of, stated, text, validated, issued)
+    certificate_profile = profile.parse(text, content.PROFILE)
+    return content.build(run, layout_of, certificate_profile, text, validated, issued)
 
 
-def _differences(stated: _Element, made: _Element, *, words: bool) -> Iterator[str]:
+def _differences(attached_root: _Element, remade_root: _Element, *, words: bool) -> Iterator[str]:
     """First difference between two documents: elements, attributes, texts, numbers to nine digits;
     without `words` those of another release, its own included, are passed over.
     """
-    pairs = zip(stated.iter(), made.iter(), strict=False)
-    near = ""
-    for one, other in pairs:
-        name = str(one.tag).rpartition("}")[2]
-        if one.tag != other.tag or one.items() != other.items() or len(one) != len(other):
-            yield f"{name} is not what the attached files give{near}"
+    pairs = zip(attached_root.iter(), remade_root.iter(), strict=False)
+    place = ""
+    for element, remade_element in pairs:
+        name = str(element.tag).rpartition("}")[2]
+        if (
+            element.tag != remade_element.tag
+            or element.items() != remade_element.items()
+            or len(element) != len(remade_element)
+        ):
+            yield f"{name} is not what the attached files give{place}"
             return
         compared = words or name not in {"content", "release"}
-        numbers = str(one.tag).startswith(f"{{{SI}}}")  # an identifier may look like a number
-        alike = one.text == other.text or (numbers and _same(one.text or "", other.text or ""))
-        if compared and not alike:
+        numbers = str(element.tag).startswith(f"{{{SI}}}")  # an identifier may look like a number
+        same_text = element.text == remade_element.text or (
+            numbers and _same(element.text or "", remade_element.text or "")
+        )
+        if compared and not same_text:
             yield (
-                f"{name} '{(one.text or '')[:40]}' is not what the attached files give,"
-                f" '{(other.text or '')[:40]}'{near}"
+                f"{name} '{(element.text or '')[:40]}' is not what the attached files give,"
+                f" '{(remade_element.text or '')[:40]}'{place}"
             )
             return
         if name in {"label", "labelXMLList"}:
-            near = f", at {(one.text or '').split(' ', 1)[0]}"
+            place = f", at {(element.text or '').split(' ', 1)[0]}"
 
 
-def _same(one: str, other: str) -> bool:
+def _same(text: str, other_text: str) -> bool:
     """Whether two texts are as many numbers that are alike."""
-    items, others = one.split(), other.split()
+    items, other_items = text.split(), other_text.split()
     try:
-        pairs = [(float(a), float(b)) for a, b in zip(items, others, strict=True)]
+        pairs = [(float(a), float(b)) for a, b in zip(items, other_items, strict=True)]
     except ValueError:
         return False
     return all(math.isclose(a, b, rel_tol=SAME, abs_tol=1e-300) for a, b in pairs)
@@ -406,7 +427,7 @@ def _what(
     """A certificate in one line."""
     run = _document(attached)
     number = dcc_check.parse(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    signed = "".join(f", {one}" for one in signatures)
+    signed = "".join(f", {signature}" for signature in signatures)
     return (
         f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)}"
         f" attachments as printed, {count} rows of numbers as the attached files give them{signed}"

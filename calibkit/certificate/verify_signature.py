@@ -30,21 +30,21 @@ def check_signatures(document: bytes, demands: Demands) -> tuple[Signature, ...]
     with quiet():
         try:
             reader = reading.PdfFileReader(io.BytesIO(document), strict=True)
-            found = asyncio.run(_judge_all(document, reader, demands))
-            if any(one.faults for one in found):
-                return found
+            signatures = asyncio.run(_judge_all(document, reader, demands))
+            if any(signature.faults for signature in signatures):
+                return signatures
             added = tuple(_list_additions(document, reader.embedded_signatures))
         except CalibkitError:
             raise
         except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
             return (_unreadable("the signed PDF", error),)
-    return (Signature(faults=added), *found) if added else found
+    return (Signature(faults=added), *signatures) if added else signatures
 
 
-def _unreadable(what: str, error: Exception) -> Signature:
+def _unreadable(subject: str, error: Exception) -> Signature:
     """A signature that cannot be read, with the reason in one line."""
     reason = " ".join(str(error).split())[:200] or type(error).__name__
-    return Signature(faults=(f"{what} cannot be read: {reason}",))
+    return Signature(faults=(f"{subject} cannot be read: {reason}",))
 
 
 def _list_additions(document: bytes, embedded: Sequence[Any]) -> Iterator[str]:
@@ -56,19 +56,22 @@ def _list_additions(document: bytes, embedded: Sequence[Any]) -> Iterator[str]:
         yield "the PDF has a signature's bytes, but no signature"
     elif any(len(mark.findall(document)) != len(embedded) for mark in _MARKS):
         yield "the PDF has more signatures in it than it shows"
-    allowed = _allow_signatures()
-    for k, one in enumerate(embedded):
-        one.compute_integrity_info(diff_policy=allowed)
-        _, _, after, rest = (int(number) for number in one.byte_range)
-        if one is embedded[-1] and after + rest != len(document):
+    diff_policy = _allow_signatures()
+    for k, signature in enumerate(embedded):
+        signature.compute_integrity_info(diff_policy=diff_policy)
+        _, _, after, tail_length = (int(number) for number in signature.byte_range)
+        if signature is embedded[-1] and after + tail_length != len(document):
             yield "something was added to the PDF after signing"
-        elif one.coverage < SignatureCoverageLevel.ENTIRE_REVISION:
+        elif signature.coverage < SignatureCoverageLevel.ENTIRE_REVISION:
             yield "a signature leaves out a part of what it was put on"
-        elif isinstance(one.diff_result, SuspiciousModification):
+        elif isinstance(signature.diff_result, SuspiciousModification):
             yield "the PDF was changed after signing, by more than a further signature"
-        elif one.docmdp_level and one.diff_result.modification_level.value > one.docmdp_level.value:
+        elif (
+            signature.docmdp_level
+            and signature.diff_result.modification_level.value > signature.docmdp_level.value
+        ):
             yield "the PDF was changed after signing, which its signature forbids"
-        if k and _is_visible(one.sig_field):
+        if k and _is_visible(signature.sig_field):
             yield "a further signature paints over a page"
 
 
@@ -94,8 +97,8 @@ def _allow_signatures() -> Any:  # noqa: ANN401 (a class of an optional library)
 
 def _is_visible(sig_field: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
     """Whether a signature's field takes space on a page."""
-    boxes = [sig_field, *(one.get_object() for one in sig_field.get("/Kids", ()))]
-    corners = (tuple(map(float, one["/Rect"])) for one in boxes if "/Rect" in one)
+    boxes = [sig_field, *(widget.get_object() for widget in sig_field.get("/Kids", ()))]
+    corners = (tuple(map(float, widget["/Rect"])) for widget in boxes if "/Rect" in widget)
     return any(x1 != x2 and y1 != y2 for x1, y1, x2, y2 in corners)
 
 
@@ -107,13 +110,13 @@ async def _judge_all(document: bytes, reader: Any, demands: Demands) -> tuple[Si
 
     roots = demands.load_roots()
     store = DocumentSecurityStore.read_dss(reader) if "/DSS" in reader.root else None
-    found, stamped = [], None
-    for one in reversed(reader.embedded_signatures):
-        own = JudgedSignature(document, one, demands, roots, store, stamped)
+    signatures, stamped = [], None
+    for embedded in reversed(reader.embedded_signatures):
+        judgement = JudgedSignature(document, embedded, demands, roots, store, stamped)
         try:
-            found.append(await own.judge())
+            signatures.append(await judgement.judge())
         except Exception as error:  # noqa: BLE001 (a damaged signature fails in as many ways as it has bytes)
-            found.append(_unreadable("a signature", error))
-        if one.sig_object_type == "/DocTimeStamp":
-            stamped = own.stamped
-    return tuple(reversed(found))
+            signatures.append(_unreadable("a signature", error))
+        if embedded.sig_object_type == "/DocTimeStamp":
+            stamped = judgement.stamped
+    return tuple(reversed(signatures))

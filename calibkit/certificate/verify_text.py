@@ -36,59 +36,61 @@ class _Text:
     """
 
     characters: str
-    apart: tuple[bool, ...]
+    after_blank: tuple[bool, ...]
     pages: tuple[str, ...]
 
     @classmethod
     def from_pages(cls, pages: Sequence[str]) -> Self:
         """Text of extracted pages."""
-        whole = "\n".join(map(_plain, pages))
-        characters, apart, blank = [], [], True
-        for character in whole:
+        text = "\n".join(map(_plain, pages))
+        characters, after_blank, blank = [], [], True
+        for character in text:
             if character == "_":
                 continue
             if character.isspace():
                 blank = True
                 continue
             characters.append(character)
-            apart.append(blank)
+            after_blank.append(blank)
             blank = False
-        return cls("".join(characters), (*apart, True), tuple(compact(page) for page in pages))
+        return cls(
+            "".join(characters), (*after_blank, True), tuple(compact(page) for page in pages)
+        )
 
     def find(self, segments: Segments, start: int) -> int:
         """Where a row ends that begins at or behind `start`, or -1."""
-        first, *rest = segments
+        first, *following = segments
         assert isinstance(first, str)  # noqa: S101 (a row begins with text that can be read back)
         begin = self.characters.find(first, start)
         while begin >= 0:
-            end = self._follow(begin, len(first), rest)
+            end = self._follow(begin, len(first), following)
             if end >= 0:
                 return end
             begin = self.characters.find(first, begin + 1)
         return -1
 
-    def _follow(self, begin: int, length: int, rest: Segments) -> int:
+    def _follow(self, begin: int, length: int, following: Segments) -> int:
         """End of a row, cells directly behind each other but for what may be anything; -1 where a
         number goes on.
         """
         end, gap = begin + length, 0
-        whole = self._apart(begin) and self._apart(end)
-        for segment in rest:
+        is_separate = self._apart(begin) and self._apart(end)
+        for segment in following:
             if isinstance(segment, int):
                 gap += segment
                 continue
-            found = self.characters.find(segment, end, end + gap + len(segment))
-            if found < 0:
+            position = self.characters.find(segment, end, end + gap + len(segment))
+            if position < 0:
                 return -1
-            end, gap = found + len(segment), 0
-            whole = whole and self._apart(found) and self._apart(end)
-        return end if whole else -1
+            end, gap = position + len(segment), 0
+            is_separate = is_separate and self._apart(position) and self._apart(end)
+        return end if is_separate else -1
 
     def _apart(self, place: int) -> bool:
         """Whether no number goes on over a place: a digit, point or sign directly before it and one
         directly behind.
         """
-        if place in {0, len(self.characters)} or self.apart[place]:
+        if place in {0, len(self.characters)} or self.after_blank[place]:
             return True
         return not {self.characters[place - 1], self.characters[place]} <= PART_OF_NUMBER
 
@@ -119,15 +121,15 @@ def _readable(text: str) -> bool:
 
 def _segments(cells: Sequence[str], *, words: bool) -> Segments:
     """Cells of a row as texts that stand behind each other; without `words` those of numbers."""
-    found: Segments = []
+    segments: Segments = []
     for cell in cells:
         if not _readable(cell) or not (words or not cell or NUMBER.fullmatch(cell)):
-            found.append(LARGEST_GAP + READ_BACK * len(cell))
+            segments.append(LARGEST_GAP + READ_BACK * len(cell))
         elif text := compact(cell):
-            found.append(text)
-    while found and isinstance(found[0], int):
-        del found[0]
-    return found
+            segments.append(text)
+    while segments and isinstance(segments[0], int):
+        del segments[0]
+    return segments
 
 
 def find_unprinted(
@@ -138,21 +140,21 @@ def find_unprinted(
     """
     text = _Text.from_pages(pages)
     missing = [*_marks(sheet, text), *(_facts(sheet, text) if words else ())]
-    place, count, taken = 0, 0, set[int]()
-    for where, cells in _rows(sheet, budgets=words):
+    place, count, row_ends = 0, 0, set[int]()
+    for section, cells in _rows(sheet, budgets=words):
         row = _segments(cells, words=words)
         if not row:
             continue
         end = text.find(row, place if words else 0)
         # names of another length lay tables out in another order: each row has a place of its own
-        while end in taken:
+        while end in row_ends:
             end = text.find(row, end)
         if end < 0:
-            shown = " ".join(cell for cell in cells if cell).replace("\u200b", "")
-            missing.append(f"{where}: '{shown[:90]}' is not printed")
+            row_text = " ".join(cell for cell in cells if cell).replace("\u200b", "")
+            missing.append(f"{section}: '{row_text[:90]}' is not printed")
         else:
             place, count = end, count + 1
-            taken |= set() if words else {end}
+            row_ends |= set() if words else {end}
     return missing, count
 
 

@@ -140,16 +140,16 @@ def unit_mark(unit: str) -> str:
     """
     if unit in UNIT_MARKS:
         return UNIT_MARKS[unit]
-    first, *rest = map(_mark_factor, re.findall(r"(?:[^/()]|\([^()]*\))+", unit))
-    below = [mark for mark in rest if mark != "1"]
-    if not below and first == "1":
+    first, *factors = map(_mark_factor, re.findall(r"(?:[^/()]|\([^()]*\))+", unit))
+    divisors = [mark for mark in factors if mark != "1"]
+    if not divisors and first == "1":
         return ""
-    if len(below) > 1 and first != "1":
-        first, below = f"({first}/{below[0]})", below[1:]
-    if len(below) > 1:
-        flat = (mark.strip("()") for mark in sorted(below, key=lambda mark: "/" in mark))
-        below = [f"({'·'.join(flat)})"]
-    return "/".join((first, *below))
+    if len(divisors) > 1 and first != "1":
+        first, divisors = f"({first}/{divisors[0]})", divisors[1:]
+    if len(divisors) > 1:
+        flat = (mark.strip("()") for mark in sorted(divisors, key=lambda mark: "/" in mark))
+        divisors = [f"({'·'.join(flat)})"]
+    return "/".join((first, *divisors))
 
 
 def _mark_factor(factor: str) -> str:

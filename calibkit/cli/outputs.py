@@ -124,7 +124,7 @@ def _require_one(out: Path | None, *, check: bool) -> None:
 
 def _list_missing(issued: "Issued") -> list[str]:
     """One line for each item that a certificate lacks."""
-    return [f"  {item.key}: {item.what.en}" for item in issued.missing]
+    return [f"  {item.key}: {item.description.en}" for item in issued.missing]
 
 
 def _print_check(issued: "Issued") -> None:
