@@ -74,9 +74,9 @@ class Run(store.Run):
 
     def __repr__(self) -> str:
         facts = (self.document[key] for key in ("procedure", "verdict"))
-        where = NOT_WRITTEN if self.in_memory else self.folder
+        location = NOT_WRITTEN if self.in_memory else self.folder
         logs = len(self.document["inputs"])
-        line = f"<{self.name}: {', '.join(facts)}, {logs} log{'s' * (logs > 1)}, {where}"
+        line = f"<{self.name}: {', '.join(facts)}, {logs} log{'s' * (logs > 1)}, {location}"
         if count := len(self.flags):
             line += f", {count} thing{'s' * (count > 1)} to check: run.flags"
         return f"{line}>"
@@ -104,11 +104,11 @@ class Run(store.Run):
             return self.outcome.files[name]
         return store.read_bytes(self.folder / name)
 
-    def _fitted(self, what: str) -> FitOutcome:
+    def _fitted(self, missing_item: str) -> FitOutcome:
         """The fit of this process; UsageError of a run that was found in a folder."""
         if self.outcome is None:
             raise UsageError(
-                f"{self.name} was read from its folder, which holds no {what}",
+                f"{self.name} was read from its folder, which holds no {missing_item}",
                 hint="fit its logs again: calibkit.fit(recipe, logs={name: frame}, runs=None)",
             )
         return self.outcome
@@ -127,24 +127,24 @@ class Run(store.Run):
         one of that name. Raises CalibkitError where there is none.
         """
         models = {
-            f"{record.stage}.{one.name}": one
+            f"{record.stage}.{model.name}": model
             for record in self.records.values()
-            for one in record.models
+            for model in record.models
         }
-        found = [one for whole, one in models.items() if name in (whole, one.name)]
-        if len(found) != 1:
+        matches = [model for full_name, model in models.items() if name in (full_name, model.name)]
+        if len(matches) != 1:
             reason = [flag for flag in self.document["flags"] if flag.startswith(f"no {name} ")]
-            fault = f"{len(found) or 'no'} model{'s are' if found else ' is'} called '{name}'"
+            fault = f"{len(matches) or 'no'} model{'s are' if matches else ' is'} called '{name}'"
             raise CoefficientError(
                 ": ".join((f"{self.name}: {fault}", *reason)),
                 hint=f"there are: {', '.join(models) or 'none'}",
             )
-        form = instruments.model_forms(self.document["procedure"]).get(found[0].form)
+        form = instruments.model_forms(self.document["procedure"]).get(matches[0].form)
         if form is None:
             raise CoefficientError(
-                f"model '{name}': form {found[0].form} is not known", hint="use a newer calibkit"
+                f"model '{name}': form {matches[0].form} is not known", hint="use a newer calibkit"
             )
-        return RunModel(found[0], form)
+        return RunModel(matches[0], form)
 
     def numbers(self) -> pd.DataFrame:
         """Every coefficient, parameter, component and figure with unit and standard uncertainty,
@@ -164,12 +164,12 @@ class Run(store.Run):
         import pandas as pd
 
         columns = dict(self._fitted("residuals").residuals())
-        stated = columns.pop(in_memory.UNITS, {})
+        stated_units = columns.pop(in_memory.UNITS, {})
         if not columns:
             procedure = self.document["procedure"]
             raise UsageError(f"procedure '{procedure}' states no residuals", hint="see its figures")
         frame = in_memory.label_units(pd.DataFrame(columns))
-        frame.attrs[in_memory.UNITS] |= stated
+        frame.attrs[in_memory.UNITS] |= stated_units
         return frame
 
     @property
@@ -179,28 +179,30 @@ class Run(store.Run):
 
     def _by_name(self) -> dict[str, Figure]:
         """Name → figure: what its title says behind the run, a number where it stands twice."""
-        found: dict[str, Figure] = {}
-        for figure in self._fitted("figures, but report.html shows them").shown.drawn.figures:
+        figures: dict[str, Figure] = {}
+        for figure in self._fitted(
+            "figures, but report.html shows them"
+        ).page_content.drawn.figures:
             title = figure.get_suptitle().partition(": ")[2]
             name = title.partition(" (")[0].partition(":")[0].partition(",")[0].partition(" =")[0]
-            again = sum(other.partition(" #")[0] == name for other in found)
-            found[f"{name} #{again + 1}" if again else name] = figure
-        return found
+            repeats = sum(other.partition(" #")[0] == name for other in figures)
+            figures[f"{name} #{repeats + 1}" if repeats else name] = figure
+        return figures
 
     def figure(self, name: str) -> Figure:
         """Figure of the report, of matplotlib, by its name in `figures` or the beginning of it.
 
         Raises CalibkitError for another name, and of a run that was found in a folder.
         """
-        there = self._by_name()
-        found = [one for one in there if one.startswith(name)]
-        if name not in there and len(found) != 1:
-            advice = did_you_mean(name, there, "")
+        figures = self._by_name()
+        matches = [figure_name for figure_name in figures if figure_name.startswith(name)]
+        if name not in figures and len(matches) != 1:
+            advice = did_you_mean(name, figures, "")
             raise UsageError(
-                f"{len(found)} figures of {self.name} are called '{name}'",
-                hint=f"{advice} there are: {', '.join(there)}".lstrip(),
+                f"{len(matches)} figures of {self.name} are called '{name}'",
+                hint=f"{advice} there are: {', '.join(figures)}".lstrip(),
             )
-        return there[name if name in there else found[0]]
+        return figures[name if name in figures else matches[0]]
 
     def apply(
         self,
@@ -236,13 +238,13 @@ class Run(store.Run):
             content, flags = pipeline.compensate(
                 self, log, toml_text.write_overrides(settings), keep=uncorrected == "keep"
             )
-            made = in_memory.label_units(content.as_frame(frame))
-            held = in_memory.find(log)
-            assert held is not None  # noqa: S101 (it is there until the context ends)
-            logged = column_values.resolve_units(content.recipe, held)
-        made.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {}) | logged
-        made.attrs["flags"] = list(flags)
-        return made
+            compensated = in_memory.label_units(content.as_frame(frame))
+            memory_log = in_memory.find(log)
+            assert memory_log is not None  # noqa: S101 (it is there until the context ends)
+            logged = column_values.resolve_units(content.recipe, memory_log)
+        compensated.attrs[in_memory.UNITS] |= frame.attrs.get(in_memory.UNITS, {}) | logged
+        compensated.attrs["flags"] = list(flags)
+        return compensated
 
     def validate(self, frames: Mapping[str, pd.DataFrame]) -> Mapping[str, Any]:
         """The run's coefficients, as they are, on logs that it has not seen: name → frame; the

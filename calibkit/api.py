@@ -112,9 +112,9 @@ def load_recipe(name: AnyPath | Mapping[str, Any], **settings: object) -> Source
     return source
 
 
-def _source(given: AnyRecipe) -> Source:
+def _source(recipe: AnyRecipe) -> Source:
     """Recipe that was loaded, or that is named or given."""
-    return given if isinstance(given, Source) else load_recipe(given)
+    return recipe if isinstance(recipe, Source) else load_recipe(recipe)
 
 
 def examine(recipe: AnyRecipe, data: AnyPath) -> tuple[LogReport, ...]:
@@ -175,12 +175,12 @@ def fit(
     spec = instruments.parse_recipe(source)
     date = None if date is None else clock.date_or_today(date, "date")
     serial = str(serial or spec.serial or ("unsaved" if runs is None else ""))
-    with contextlib.ExitStack() as held:
+    with contextlib.ExitStack() as stack:
         folder = Path(data or "")
         if logs is not None:
-            folder = held.enter_context(in_memory.hold(logs, analysis.patterns(spec)))
-        made = pipeline.fit(source, folder, serial, out, date, silent, dry_run=runs is None)
-    return Run.of_fit(made)
+            folder = stack.enter_context(in_memory.hold(logs, analysis.patterns(spec)))
+        outcome = pipeline.fit(source, folder, serial, out, date, silent, dry_run=runs is None)
+    return Run.of_fit(outcome)
 
 
 def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
@@ -190,12 +190,12 @@ def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
     return _run(store.find(str(name), Path(runs)))
 
 
-def _run(given: Run | AnyPath) -> Run:
+def _run(run: Run | AnyPath) -> Run:
     """Run that was loaded, or that is in a folder."""
-    if isinstance(given, Run):
-        return given
-    found = store.load(Path(given))
-    return Run(found.folder, found.document, found.records)
+    if isinstance(run, Run):
+        return run
+    stored_run = store.load(Path(run))
+    return Run(stored_run.folder, stored_run.document, stored_run.records)
 
 
 def compensate(
@@ -273,8 +273,8 @@ def verify(
     """
     roots = tuple(map(Path, trust))
     demands = Demands(trust=roots, required=require_signature, at=at)
-    found = pipeline.verify(Path(path), demands)
-    return "; ".join((found.what, *found.warnings))
+    verified = pipeline.verify(Path(path), demands)
+    return "; ".join((verified.what, *verified.warnings))
 
 
 def load_coefficients(path: AnyPath) -> Record:
@@ -318,8 +318,8 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
     Run.model : the same with the covariance between inputs.
 
     """
-    found = _run(run).model(model).evaluate(**at)
-    return found.value, found.standard_uncertainty
+    result = _run(run).model(model).evaluate(**at)
+    return result.value, result.standard_uncertainty
 
 
 def read_log(recipe: AnyRecipe, log: AnyPath) -> pd.DataFrame:
@@ -331,10 +331,10 @@ def read_log(recipe: AnyRecipe, log: AnyPath) -> pd.DataFrame:
     NaN on rows between them. A log's own `segment` is kept.
     """
     spec = instruments.parse_recipe(_source(recipe))
-    named = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
-    wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
+    axis_columns = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
+    columns = dict.fromkeys((*frame.CANONICAL, *axis_columns, *spec.columns, *spec.own_columns()))
     file = Path(log)
-    tidy = logs.read_log(spec, file, file.name, (), tuple(wanted)).frame
+    tidy = logs.read_log(spec, file, file.name, (), tuple(columns)).frame
     in_memory.label_units(tidy)
     if "segment" in tidy.columns:
         return tidy

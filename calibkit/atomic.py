@@ -62,7 +62,7 @@ def make_folder(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def locked(path: Path, what: str, wait_s: float = _WAIT_S) -> Iterator[bool]:
+def locked(path: Path, target: str, wait_s: float = _WAIT_S) -> Iterator[bool]:
     """Hold a lock file against other processes and threads; the system releases it when the process
     ends, killed or not, and nothing stays behind. Gives whether the system has locks there.
 
@@ -72,9 +72,9 @@ def locked(path: Path, what: str, wait_s: float = _WAIT_S) -> Iterator[bool]:
     be left alone. (The library filelock ends with the system's error on ENOLCK, or leaves a marker
     there that outlives a killed process, and takes 0.2 s to import.)
     """
-    handle, held = _acquire(path, what, round(wait_s / _PAUSE_S))
+    handle, has_locks = _acquire(path, target, round(wait_s / _PAUSE_S))
     try:
-        yield held
+        yield has_locks
     finally:
         if _REMOVABLE:
             with contextlib.suppress(OSError):
@@ -82,7 +82,7 @@ def locked(path: Path, what: str, wait_s: float = _WAIT_S) -> Iterator[bool]:
         os.close(handle)
 
 
-def _acquire(path: Path, what: str, attempts: int) -> tuple[int, bool]:
+def _acquire(path: Path, target: str, attempts: int) -> tuple[int, bool]:
     """File descriptor that holds the lock, and whether the system has locks."""
     for attempt in range(attempts + 1):
         if attempt:
@@ -91,19 +91,19 @@ def _acquire(path: Path, what: str, attempts: int) -> tuple[int, bool]:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
             raise OutputError(
-                f"{what}: cannot be written: {error.strerror}",
+                f"{target}: cannot be written: {error.strerror}",
                 hint="free space or give another --out",
             ) from None
         try:
-            taken = take_lock(handle)
-            if taken is not False and (not _REMOVABLE or _has_name(path, handle)):
-                return handle, bool(taken)
+            lock_state = take_lock(handle)
+            if lock_state is not False and (not _REMOVABLE or _has_name(path, handle)):
+                return handle, bool(lock_state)
         except BaseException:
             os.close(handle)
             raise
         os.close(handle)
     raise OutputError(
-        f"{what} is being written by another calibkit",
+        f"{target} is being written by another calibkit",
         hint="wait until it has finished and run again",
     )
 
@@ -113,8 +113,8 @@ def list_unfinished(folder: Path) -> list[Path]:
     cannot be read.
     """
     try:
-        found = (path for path in folder.iterdir() if path.name.startswith(_WRITING))
-        return sorted(found, reverse=True)
+        paths = (path for path in folder.iterdir() if path.name.startswith(_WRITING))
+        return sorted(paths, reverse=True)
     except OSError:
         return []
 
@@ -139,14 +139,14 @@ def remove_abandoned(folder: Path) -> None:
     for path in list_unfinished(folder):
         if not path.is_file():
             continue
-        taken, handle = None, None
+        lock_state, handle = None, None
         with contextlib.suppress(OSError):
             if _REMOVABLE and path.name.startswith(UNFINISHED):
                 handle = os.open(path, os.O_RDONLY)
-                taken = take_lock(handle)
-            if taken:
+                lock_state = take_lock(handle)
+            if lock_state:
                 path.unlink()
-        if taken is None:
+        if lock_state is None:
             name_unfinished(path)
         if handle is not None:
             os.close(handle)

@@ -393,18 +393,22 @@ def at_most(
     return Criterion(name, value, limit, unit, bool(value <= limit), set_by)
 
 
-def over_u(what: str, judged: Mapping[str, Any]) -> Criterion:
+def over_u(subject: str, entry: Mapping[str, Any]) -> Criterion:
     """Criterion that errors of what was not fitted are as large as their uncertainty states, as
     `Unseen.to_object` and entries of a validation.json hold it.
     """
-    ratio = judged["rms_error_over_uncertainty"]
-    limit = judged["largest_rms_error_over_uncertainty"]
-    return at_most(f"{what} over its u", ratio, limit, "1", "calibkit")
+    ratio = entry["rms_error_over_uncertainty"]
+    limit = entry["largest_rms_error_over_uncertainty"]
+    return at_most(f"{subject} over its u", ratio, limit, "1", "calibkit")
 
 
 def over_stated_u(entries: Iterable[tuple[str, Mapping[str, Any]]]) -> list[Criterion]:
     """The same of those entries of a validation.json, each after its name, that are judged."""
-    return [over_u(what, entry) for what, entry in entries if "rms_error_over_uncertainty" in entry]
+    return [
+        over_u(subject, entry)
+        for subject, entry in entries
+        if "rms_error_over_uncertainty" in entry
+    ]
 
 
 def at_least(name: str, value: float, limit: float, unit: str) -> Criterion:

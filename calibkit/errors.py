@@ -151,25 +151,25 @@ def list_ranges(numbers: Iterable[int]) -> list[int | str]:
     return [a if a == b else f"{a}-{b}" for a, b in runs]
 
 
-def format_ranges(numbers: Iterable[int], most: int = 8) -> str:
+def format_ranges(numbers: Iterable[int], max_ranges: int = 8) -> str:
     """Ascending numbers as ranges: 3, 7-12, 40."""
     ranges = list_ranges(numbers)
-    more = f" and {len(ranges) - most} more ranges" if len(ranges) > most else ""
-    return ", ".join(map(str, ranges[:most])) + more
+    omission = f" and {len(ranges) - max_ranges} more ranges" if len(ranges) > max_ranges else ""
+    return ", ".join(map(str, ranges[:max_ranges])) + omission
 
 
-def advise_exclude(log: str, **where: object) -> str:
+def advise_exclude(log: str, **part: object) -> str:
     """An [[exclude]] of a log or a part of it on one line, for the head of a recipe or `--set`."""
-    keys = {"log": log, **where, "reason": "…", "person": "…"}
+    keys = {"log": log, **part, "reason": "…", "person": "…"}
     written = ", ".join(
         f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()
     )
     return f"[[exclude]], above the first table of the recipe: exclude = [{{ {written} }}]"
 
 
-def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+def did_you_mean(name: str, known_words: Iterable[str], otherwise: str) -> str:
     """Advice that names the known word closest to one that is not known; `otherwise` where none is
     close.
     """
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(name, known_words, n=1)
     return f"did you mean '{close[0]}'?" if close else otherwise

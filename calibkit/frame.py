@@ -148,16 +148,16 @@ class Log:
         """
         if column not in self._known:
             self._known[column] = chunks.extremes(values(self.frame, column))
-        known: tuple[float, float] = self._known[column]
-        return known
+        limits: tuple[float, float] = self._known[column]
+        return limits
 
     @property
     def steps(self) -> intervals.Steps:
         """Steps of the log's time, which must be finite."""
         if "" not in self._known:
             self._known[""] = intervals.Steps.find(values(self.frame, "time_s"))
-        known: intervals.Steps = self._known[""]
-        return known
+        steps: intervals.Steps = self._known[""]
+        return steps
 
     @property
     def on_disk(self) -> bool:
@@ -237,8 +237,8 @@ class Log:
                     if kind.kind in "fiu" and name != "time_s"
                 ]
             )
-        known: frozenset[int] = self._known["sample"]
-        return known
+        sample: frozenset[int] = self._known["sample"]
+        return sample
 
 
 def fingerprint(rows: Iterable[bytes]) -> str:
@@ -325,8 +325,8 @@ class Finding:
         name: str = "unusable",
     ) -> Finding:
         """Finding that states what an error does, whose message begins with its place."""
-        place, _, found = error.message.partition(": ")
-        return cls(place, found, expected, error.hint, name=name)
+        place, _, fault = error.message.partition(": ")
+        return cls(place, fault, expected, error.hint, name=name)
 
     def __str__(self) -> str:
         return f"{self.place}: {self.said}; {self.advice}"
@@ -342,10 +342,10 @@ def is_canonical(column: str) -> bool:
     return column in CANONICAL or any(re.fullmatch(pattern, column) for pattern in PATTERNS)
 
 
-def share_unit(columns: Iterable[str], stated: Iterable[str]) -> dict[str, str]:
+def share_unit(columns: Iterable[str], stated_units: Iterable[str]) -> dict[str, str]:
     """Unit of columns whose records state one and the same; empty where they state several."""
-    own = set(stated)
-    return dict.fromkeys(columns, own.pop()) if len(own) == 1 else {}
+    units = set(stated_units)
+    return dict.fromkeys(columns, units.pop()) if len(units) == 1 else {}
 
 
 def values(frame: pd.DataFrame, column: str) -> Array:
@@ -353,28 +353,27 @@ def values(frame: pd.DataFrame, column: str) -> Array:
     return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))
 
 
-def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str = "") -> None:
+def require(file: str, present: Iterable[str], required: Iterable[str], *, of: str = "") -> None:
     """Raise MissingColumnError naming the needed columns that are absent, with the closest one to
     the first that is there.
 
     `of` is the canonical column that a needed one is mapped to.
     """
-    there, needed = [str(column) for column in present], list(dict.fromkeys(needed))
+    column_names, required = [str(column) for column in present], list(dict.fromkeys(required))
     # a column that is needed itself is no other's
-    free = [column for column in there if column not in needed]
-    missing = [column for column in needed if column not in there]
+    free = [column for column in column_names if column not in required]
+    missing = [column for column in required if column not in column_names]
     if missing:
-        first, *more = missing
+        first, *further_missing = missing
         close = difflib.get_close_matches(first, free, n=1)
         guess = f"did you mean '{close[0]}'? " if close else ""
         source = json.dumps(close[0] if close else "…", ensure_ascii=False)
-        others = (
-            f" (and so {'is' if len(more) == 1 else 'are'} {', '.join(map(repr, more))})"
-            if more
-            else ""
-        )
+        also_missing = ""
+        if further_missing:
+            verb = "is" if len(further_missing) == 1 else "are"
+            also_missing = f" (and so {verb} {', '.join(map(repr, further_missing))})"
         raise MissingColumnError(
-            f"{file}:1: column '{first}' is missing{others}, found {', '.join(there)}",
+            f"{file}:1: column '{first}' is missing{also_missing}, found {', '.join(column_names)}",
             hint=f"{guess}map it in the recipe: [columns.{of or first}] from = {source}",
             columns=(of,) if of else tuple(missing),
         )

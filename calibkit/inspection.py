@@ -60,22 +60,30 @@ def check(
         ]
     compared = examination.compare_logs(outcomes)
     if figure is not None:
-        shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
-        if not shown:
+        log_figures = [outcome.figure for outcome in outcomes if outcome.figure is not None]
+        if not log_figures:
             raise FrameError(
                 f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
             )
         with figures.styled():
-            new_files.write_new(figure, figures.pdf([one.draw() for one in shown]))
+            new_files.write_new(
+                figure, figures.pdf([log_figure.draw() for log_figure in log_figures])
+            )
     reports = tuple(
-        replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
-        for one in (outcome.report for outcome in outcomes)
+        replace(
+            report,
+            findings=(
+                *report.findings,
+                *(finding for log_file, finding in compared if log_file == report.file),
+            ),
+        )
+        for report in (outcome.report for outcome in outcomes)
     )
-    judged = _judge(instrument, spec, data, files, reports, progress, planned)
+    judgement = _judge(instrument, spec, data, files, reports, progress, planned)
     if planned is not None:
         missing = _compare(instrument, spec, data, reports, planned.schedule)
-        judged = replace(judged, lacks=(*judged.lacks, *missing))
-    return CheckedCampaign(reports, judged)
+        judgement = replace(judgement, lacks=(*judgement.lacks, *missing))
+    return CheckedCampaign(reports, judgement)
 
 
 def _compare(
@@ -89,8 +97,8 @@ def _compare(
     refused = {report.file for report in reports if report.refused}
 
     def read(name: str) -> Log | None:
-        there = (data / name).is_file() and name not in refused
-        return instrument.read(spec, data, name) if there else None
+        is_readable = (data / name).is_file() and name not in refused
+        return instrument.read(spec, data, name) if is_readable else None
 
     return comparison.find_differences(schedule, read)
 
@@ -129,9 +137,9 @@ def _judge(
     determined = tuple(_describe(result) for result in fitted.results)
     reached = _predict(instrument, spec, data, files, fitted, planned)
     missed = (
-        f"{one}: calibkit plan RECIPE --have {data} plans what is missing"
-        for one in reached
-        if one.wanted is not None and one.expanded_uncertainty > one.wanted
+        f"{prediction}: calibkit plan RECIPE --have {data} plans what is missing"
+        for prediction in reached
+        if prediction.wanted is not None and prediction.expanded_uncertainty > prediction.wanted
     )
     return Judgement(
         determined,
@@ -158,22 +166,22 @@ def _predict(
     if prepare is None:
         return ()
     logs = tuple(instrument.read(spec, data, file) for file in files)
-    asked = planned.range_degc if planned else None
-    range_degc = asked or measured_range(logs)
-    earlier = {f"{one.stage}.json": one for one in fitted.results}
+    planned_range = planned.range_degc if planned else None
+    range_degc = planned_range or measured_range(logs)
+    earlier = {f"{result.stage}.json": result for result in fitted.results}
     bench = equipment.read_equipment(None)
     try:
         task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
-        found = search.judge(prepare(spec, task))
+        predictions = search.judge(prepare(spec, task))
     except (UsageError, FitError, FrameError):
         return ()
-    wanted = planned.wanted if planned else {}
+    targets = planned.wanted if planned else {}
     return tuple(
         Reached(
-            *(one.name, one.unit, one.expanded, COVERAGE, range_degc, one.limits),
-            wanted.get(one.name),
+            *(result.name, result.unit, result.expanded, COVERAGE, range_degc, result.limits),
+            targets.get(result.name),
         )
-        for one in found
+        for result in predictions
     )
 
 
@@ -199,8 +207,8 @@ def init(folder: Path, sheet: str = "") -> ProposedText:
     try:
         report = examination.examine_log(instrument, spec, folder, file).report
     except RecipeError as error:  # something that is not in the logs, like the site's gravity
-        found = [str(error)]
+        check_lines = [str(error)]
     else:
-        found = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
-    lines = [visible(f"# check of {file}: {x}") for part in found for x in part.splitlines()]
+        check_lines = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [visible(f"# check of {file}: {x}") for part in check_lines for x in part.splitlines()]
     return replace(proposed, text="\n".join([*lines, proposed.text]))

@@ -24,8 +24,7 @@ def is_serial(text: str) -> bool:
 
 def looks_plain(text: str) -> bool:
     """Whether a text is of the characters and the length that a serial may have."""
-    plain = _SERIAL.fullmatch(text) and not text.endswith(".")
-    return bool(plain) and len(text) <= 100
+    return _SERIAL.fullmatch(text) is not None and not text.endswith(".") and len(text) <= 100
 
 
 def find_fault(name: str, *, words: bool = True) -> str:
@@ -41,7 +40,7 @@ def find_fault(name: str, *, words: bool = True) -> str:
     if unicodedata.normalize("NFC", name) != name:
         return "is not in NFC"
     for word in re.findall(r"[^\W_\d]+", name) if words else (name,):
-        found = {unicodedata.name(c, "").split(" ")[0] for c in word if c.isalpha()} & _ALIKE
-        if len(found) > 1:
-            return f"has letters of {' and '.join(map(str.capitalize, sorted(found)))}"
+        alphabets = {unicodedata.name(c, "").split(" ")[0] for c in word if c.isalpha()} & _ALIKE
+        if len(alphabets) > 1:
+            return f"has letters of {' and '.join(map(str.capitalize, sorted(alphabets)))}"
     return ""

@@ -35,10 +35,11 @@ def refuse_existing(path: Path) -> None:
         raise OutputError(
             f"{path}: exists already", hint="nothing is overwritten; give another name or remove it"
         )
-    above = next((parent for parent in path.parents if os.path.lexists(parent)), None)
-    if above is not None and not os.path.isdir(above):  # noqa: PTH112 - Path.is_dir raises where it may not look
+    nearest_parent = next((parent for parent in path.parents if os.path.lexists(parent)), None)
+    if nearest_parent is not None and not os.path.isdir(nearest_parent):  # noqa: PTH112 - Path.is_dir raises where it may not look
         raise OutputError(
-            f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place"
+            f"{nearest_parent}: is no folder, {path.name} cannot lie in it",
+            hint="give another place",
         )
     for part in takewhile(lambda part: not os.path.lexists(part), (path, *path.parents)):
         if fault := names.find_fault(part.name):
@@ -81,7 +82,7 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
         refuse_existing(path)
     if dry_run:
         return
-    with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as named:
+    with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as renames:
         for folder in {path.parent for path in files}:
             atomic.remove_abandoned(folder)
         ready = {path: _write_beside(path, files[path], temporaries) for path in files}
@@ -93,8 +94,8 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
                     raise OutputError(
                         f"{path}: exists already", hint="nothing is overwritten; give another name"
                     ) from None
-            named.callback(_remove, path)
-        named.pop_all()
+            renames.callback(_remove, path)
+        renames.pop_all()
     for folder in {path.parent for path in files}:
         atomic.sync_folder(folder)
 
@@ -107,9 +108,9 @@ def _write_beside(
         atomic.make_folder(path.parent)
         handle, name = tempfile.mkstemp(prefix=atomic.UNFINISHED, dir=path.parent)
         os.close(handle)
-        held = atomic.hold_unfinished(Path(name))
-        if held is not None:
-            temporaries.callback(os.close, held)
+        lock_handle = atomic.hold_unfinished(Path(name))
+        if lock_handle is not None:
+            temporaries.callback(os.close, lock_handle)
         temporaries.callback(_remove, Path(name))
         atomic.write_synced(Path(name), content)
         Path(name).chmod(0o644)

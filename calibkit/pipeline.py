@@ -64,7 +64,7 @@ class FitOutcome:
     """Where each log and its second logger's file overlap, and how their clocks differ."""
     files: Mapping[str, bytes]
     """Content of every file of the run folder."""
-    shown: Shown
+    page_content: Shown
     """What the report shows."""
     residuals: Callable[[], Mapping[str, object]]
     """Columns of the residuals of the fit, or none."""
@@ -94,28 +94,35 @@ def fit(
         ingest.require_named_logs(spec, logs)
         pooled = pooling.pool_components(spec, out, [data / name for name in logs])
         fitted = instruments.find(spec.procedure).fit(pooled.recipe, data, logs, progress)
-    apart = thermometers.find_other_units({log.name: log.measured for log in fitted.inputs})
-    refuse(finding for _, finding in apart)
+    other_unit_findings = thermometers.find_other_units(
+        {log.name: log.measured for log in fitted.inputs}
+    )
+    refuse(finding for _, finding in other_unit_findings)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
-        found = run_content.complete_summary(fitted, pooled)
-        found = replace(found, flags=(*found.flags, *(str(finding) for _, finding in apart)))
-        summary = dates.flag_date_order(found, out, serial, revision, date)
+        fit_summary = run_content.complete_summary(fitted, pooled)
+        fit_summary = replace(
+            fit_summary,
+            flags=(*fit_summary.flags, *(str(finding) for _, finding in other_unit_findings)),
+        )
+        summary = dates.flag_date_order(fit_summary, out, serial, revision, date)
         summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
-        document, records, files, shown = run_content.build_run(
+        document, records, files, page_content = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
     run = store.Run(folder, document, records)
     residuals = getattr(fitted.drawing, "residuals", dict)
-    summary = replace(shown.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}")
+    summary = replace(
+        page_content.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}"
+    )
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
     guesses = (*guesses, last) if dated else guesses
-    return FitOutcome(run, summary, guesses, overlaps, files, shown, residuals)
+    return FitOutcome(run, summary, guesses, overlaps, files, page_content, residuals)
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
@@ -211,13 +218,19 @@ def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, S
         copies.read_unseen(instrument.read, spec, data, file, inputs, excluded)
         for file in progress(files, "validating")
     )
-    seen: list[str] = []
-    new = copies.pass_unseen(read, seen, f"{data}: every log here was fitted by {run.name}")
+    fitted_log_notes: list[str] = []
+    new = copies.pass_unseen(
+        read, fitted_log_notes, f"{data}: every log here was fitted by {run.name}"
+    )
     body, summary = instrument.validate(spec, run.records, new)
     summary = replace(
         summary,
-        title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",
-        flags=(*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags),
+        title=f"{run.name} on {len(files) - len(fitted_log_notes)} logs that it has not seen",
+        flags=(
+            *fitted_log_notes,
+            *copies.flag_missing_fingerprints(run.name, inputs),
+            *summary.flags,
+        ),
         logs=tuple(files),
     )
     document = {
@@ -261,7 +274,7 @@ def _firmware_export(
             f"{run.name} was rejected: {', '.join(failed)}",
             hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
-    spec, found = run_recipe(run, ()), formats.Format.find(number)
+    spec, number_format = run_recipe(run, ()), formats.Format.find(number)
     chain = _chain(spec, run.records)
     stages, _files = run.stage_digests(), instruments.optional(spec.procedure, "files")
     identity = export.RunIdentity(
@@ -277,9 +290,9 @@ def _firmware_export(
         document["verdict"],
     )
     conventions = instruments.optional(spec.procedure, "conventions")
-    stated = () if conventions is None else conventions(spec)
-    lines = sources.describe_sources(spec, chain, stated)
-    return export.prepare(chain, identity, found, prefix, lines)
+    convention_lines = () if conventions is None else conventions(spec)
+    lines = sources.describe_sources(spec, chain, convention_lines)
+    return export.prepare(chain, identity, number_format, prefix, lines)
 
 
 def export(
@@ -299,12 +312,12 @@ def export(
     """
     from calibkit.firmware import targets
 
-    chosen = targets.find_target(target, number, address)
+    firmware_target = targets.find_target(target, number, address)
     exports = [_firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     if layout_of is not None:
         pinned = _firmware_export(layout_of, number, prefix, allow_rejected=True)
         targets.require_layout(exports, pinned)
-    files = targets.files(chosen, exports, address or 0)
+    files = targets.files(firmware_target, exports, address or 0)
     new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]
 
@@ -313,10 +326,10 @@ def verify(
     path: Path,
     demands: Demands | None = None,
     schema_dir: Path | None = None,
-    beside: Mapping[Path, Verified] | None = None,
+    pdfs: Mapping[Path, Verified] | None = None,
 ) -> Verified:
     """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate. A
-    DCC is compared with the certificates `beside` it.
+    DCC is compared with the certificates in `pdfs`.
 
     Raises CoefficientError for whatever is wrong with it: its author may have meant it to break;
     NotCheckedError where an optional library is missing.
@@ -326,9 +339,9 @@ def verify(
     try:
         if path.is_file() and certificates.is_certificate(path):
             return certificates.verify(
-                path, instruments.certificate_layout, demands, schema_dir, beside
+                path, instruments.certificate_layout, demands, schema_dir, pdfs
             )
-        found = certificates.Verified(own_files.identify(path))
+        verified = certificates.Verified(own_files.identify(path))
     except CalibkitError:
         raise
     except Exception as error:
@@ -338,10 +351,10 @@ def verify(
         ) from error
     if demands is not None and demands.signed:
         raise CoefficientError(
-            f"{path}: not signed, and a signature is required: {found.what}",
+            f"{path}: not signed, and a signature is required: {verified.what}",
             hint="verify the signed certificate, which holds the files that it rests on",
         )
-    return found
+    return verified
 
 
 def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:

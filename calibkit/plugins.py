@@ -49,15 +49,15 @@ def installed(group: str) -> Mapping[str, EntryPoint]:
     """
     from importlib.metadata import entry_points
 
-    found: dict[str, EntryPoint] = {}
+    plugins: dict[str, EntryPoint] = {}
     for entry in entry_points(group=group):
-        other = found.setdefault(entry.name, entry)
+        other = plugins.setdefault(entry.name, entry)
         if other != entry:
             raise UsageError(
                 f"two plugins are called '{entry.name}': {_title(other)} and {_title(entry)}",
                 hint="uninstall one of them",
             )
-    return dict(sorted(found.items()))
+    return dict(sorted(plugins.items()))
 
 
 def load(entry: EntryPoint) -> Any:  # noqa: ANN401 (what an entry point names can be anything)
@@ -80,7 +80,7 @@ def usable(group: str) -> Mapping[str, Any]:
     """Name → imported plugin of a group; a warning names each that cannot be used."""
     import logging
 
-    found = {}
+    plugins = {}
     for name, entry in installed(group).items():
         loaded, fault = _imported(entry)
         if fault:
@@ -88,8 +88,8 @@ def usable(group: str) -> Mapping[str, Any]:
                 "'%s' of %s is skipped: the package %s", name, _title(entry), fault
             )
         else:
-            found[name] = loaded
-    return found
+            plugins[name] = loaded
+    return plugins
 
 
 @functools.cache
@@ -104,11 +104,11 @@ def _imported(entry: EntryPoint) -> tuple[Any, str]:
     version = getattr(sys.modules[entry.module], "CALIBKIT_INTERFACE", None)
     expected = INTERFACES[entry.group]
     if version not in expected:
-        stated = "no version" if version is None else f"version {version}"
+        version_text = "no version" if version is None else f"version {version}"
         return (
             None,
             (
-                f"states {stated} of the plugin interface (CALIBKIT_INTERFACE), expected"
+                f"states {version_text} of the plugin interface (CALIBKIT_INTERFACE), expected"
                 f" {' or '.join(map(str, expected))}"
             ),
         )
@@ -129,21 +129,21 @@ def identify(entry: EntryPoint) -> Plugin:
     an installation that does not list the plugin's module (an editable one), the module's sources.
     """
     assert entry.dist is not None  # noqa: S101 (calibkit's own are no plugins)
-    made = hashlib.sha256()
+    digest = hashlib.sha256()
     for name, path in sorted(_files(entry).items()):
-        made.update(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n".encode())
-    return Plugin(entry.name, entry.dist.name, entry.dist.version, made.hexdigest())
+        digest.update(f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {name}\n".encode())
+    return Plugin(entry.name, entry.dist.name, entry.dist.version, digest.hexdigest())
 
 
 def _files(entry: EntryPoint) -> dict[str, Path]:
     """Name → path of the files that a plugin's digest is taken over."""
     assert entry.dist is not None  # noqa: S101 (as in `identify`)
-    listed = {
+    installed_files = {
         file.as_posix(): Path(str(file.locate()))
         for file in entry.dist.files or ()
         if not file.parts[0].endswith((".dist-info", ".egg-info", ".."))
     }
-    files = {name: path for name, path in listed.items() if path.suffix != ".pyc"}
+    files = {name: path for name, path in installed_files.items() if path.suffix != ".pyc"}
     module = sys.modules[entry.module]
     source = Path(str(module.__file__)).resolve()
     if source in {path.resolve() for path in files.values()}:

@@ -46,11 +46,11 @@ def complete_summary(fitted: Fitted[Any], pooled: Pooled) -> Summary:
         for model in result.models
         if "temp_case_degc" in model.valid
     ]
-    about = f"{count} log{'s' if count > 1 else ''}"
+    data_extent = f"{count} log{'s' if count > 1 else ''}"
     if valid:
         low, high = min(low for low, _ in valid), max(high for _, high in valid)
-        about += f", {describe_span(low, high, '°C')}"
-    overview = replace(fitted.summary.overview, about=about)
+        data_extent += f", {describe_span(low, high, '°C')}"
+    overview = replace(fitted.summary.overview, data_extent=data_extent)
     logs = tuple(log.name for log in fitted.inputs)
     return replace(fitted.summary, flags=flags, logs=logs, overview=overview)
 
@@ -83,11 +83,13 @@ def build_run(
     facts = _run_facts(source, pooled, identity, fitted)
     dates = {log.last_date for log in fitted.inputs if log.last_date}
     measured = " to ".join(dict.fromkeys((min(dates), max(dates)))) if dates else ""
-    shown = html.Shown(drawn, *_describe_firmware(pooled.recipe, records), measured)
-    files[documents.PAGE] = html.page(facts | {"files": store.list_files(files)}, records, shown)
+    page_content = html.Shown(drawn, *_describe_firmware(pooled.recipe, records), measured)
+    files[documents.PAGE] = html.page(
+        facts | {"files": store.list_files(files)}, records, page_content
+    )
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
-    return document, records, {new_files.RUN_FILE: text.encode(), **files}, shown
+    return document, records, {new_files.RUN_FILE: text.encode(), **files}, page_content
 
 
 def _draw(procedure: str, title: str, fitted: Fitted[Any]) -> documents.Drawn:
@@ -121,9 +123,12 @@ def _run_facts(
 ) -> dict[str, Any]:
     """run.json without its list of files: the recipe, the logs, the software, the verdict."""
     spec = pooled.recipe
-    own = _installed_plugin(spec.procedure)
+    procedure_plugin = _installed_plugin(spec.procedure)
     readers = {plugin for log in identity.inputs for plugin in log.plugins}
-    plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
+    plugins = [
+        *([procedure_plugin] if procedure_plugin else []),
+        *sorted(readers, key=lambda plugin: plugin.name),
+    ]
     facts = {
         "format": run_document.FORMAT,
         "serial": identity.serial,
@@ -185,11 +190,11 @@ def list_guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """What was guessed of how the logs are written: one line per guess, with the logs that it was
     made of, as run.json lists them.
     """
-    made: dict[str, list[str]] = {}
+    logs_by_guess: dict[str, list[str]] = {}
     for entry in inputs:
         for guess in entry.get("guesses", ()):
-            made.setdefault(guess, []).append(entry["name"])
+            logs_by_guess.setdefault(guess, []).append(entry["name"])
     return tuple(
         f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {guess}; pin it in the recipe"
-        for guess, names in made.items()
+        for guess, names in logs_by_guess.items()
     )

@@ -75,7 +75,7 @@ def judge(criteria: Iterable[Criterion]) -> Verdict:
     tested = tuple(criteria)
     if not all(criterion.passed for criterion in tested):
         return "rejected"
-    return "accepted" if any(one.set_by == "recipe" for one in tested) else "no verdict"
+    return "accepted" if any(criterion.set_by == "recipe" for criterion in tested) else "no verdict"
 
 
 def loads(text: str, name: str) -> dict[str, Any]:
@@ -113,8 +113,14 @@ def list_manifest(document: Mapping[str, Any], path: str) -> list[Mapping[str, s
             fault for unit in document["units"] for fault in _misshapen(unit, DELIVERED_SHAPE, "")
         ]
         lists = () if units else (document, *document["units"])
-        faults = units + [fault for one in lists for fault in _misshapen_entries(one, "files")]
-    entries = [] if faults else [e for one in (document, *document["units"]) for e in one["files"]]
+        faults = units + [
+            fault for listing in lists for fault in _misshapen_entries(listing, "files")
+        ]
+    entries = (
+        []
+        if faults
+        else [e for listing in (document, *document["units"]) for e in listing["files"]]
+    )
     _refuse(faults, {"files": entries}, path, "a manifest", "the delivery")
     return entries
 
@@ -150,13 +156,13 @@ def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
     texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
     faults += [
         f"{key}: {text!r:.40}"
-        for key, found in texts.items()
-        for text in found
+        for key, entries in texts.items()
+        for text in entries
         if not isinstance(text, str)
     ]
-    stated = document.get("accepted", "absent")
-    if ACCEPTED.get(document["verdict"], "") is not stated:
-        faults.append(f"verdict: {document['verdict']!r:.40}, accepted: {stated}")
+    accepted = document.get("accepted", "absent")
+    if ACCEPTED.get(document["verdict"], "") is not accepted:
+        faults.append(f"verdict: {document['verdict']!r:.40}, accepted: {accepted}")
     if not _is_date(document["effective_from"]):
         faults.append(f"effective_from: {document['effective_from']!r:.40}")
     if document["revision"] <= 0 or document["revision"] is True:
@@ -181,12 +187,12 @@ def _is_date(text: str) -> bool:
         return False
 
 
-def _misshapen(found: object, shape: Mapping[str, Kind], where: str) -> list[str]:
+def _misshapen(value: object, shape: Mapping[str, Kind], prefix: str) -> list[str]:
     """What an object lacks or holds in another type."""
-    if not isinstance(found, dict):
-        return [f"{where}{found!r:.40} is not a table"]
-    wrong = [key for key, kind in shape.items() if not isinstance(found.get(key), kind)]
-    return [f"{where}{key}: {found.get(key)!r:.40}" for key in wrong]
+    if not isinstance(value, dict):
+        return [f"{prefix}{value!r:.40} is not a table"]
+    wrong = [key for key, kind in shape.items() if not isinstance(value.get(key), kind)]
+    return [f"{prefix}{key}: {value.get(key)!r:.40}" for key in wrong]
 
 
 def _misshapen_entries(document: Mapping[str, Any], key: str) -> list[str]:

@@ -29,8 +29,8 @@ def seal(document: Mapping[str, Any]) -> str:
     """Text of a JSON document with its own digest beside it, one line per scalar, keys in order,
     ending in a newline.
     """
-    plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
-    body = {"format": plain.pop("format"), "sha256": "", **plain}
+    fields: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
+    body = {"format": fields.pop("format"), "sha256": "", **fields}
     body["sha256"] = _digest(body)
     return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
@@ -66,7 +66,7 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     """A JSON object whose keys are distinct; two values for one key would make the digest
     meaningless.
     """
-    found = dict(pairs)
-    if len(found) != len(pairs):
+    json_object = dict(pairs)
+    if len(json_object) != len(pairs):
         raise ValueError("a key stands twice")
-    return found
+    return json_object

@@ -82,8 +82,8 @@ def revisions(serial_folder: Path) -> list[int]:
     """Revision numbers that a serial's folder holds, ascending."""
     if not serial_folder.is_dir():
         return []
-    found = (_REVISION.fullmatch(path.name) for path in _entries(serial_folder) if path.is_dir())
-    return sorted(int(match.group(1)) for match in found if match)
+    matches = (_REVISION.fullmatch(path.name) for path in _entries(serial_folder) if path.is_dir())
+    return sorted(int(match.group(1)) for match in matches if match)
 
 
 def _entries(folder: Path) -> list[Path]:
@@ -145,8 +145,8 @@ def _mark_highest(serial_folder: Path, revision: int) -> None:
 def _highest_given(serial_folder: Path) -> int:
     """Highest revision ever given to a serial, 0 for none; stores of 0.2 state none."""
     names = [path.name for path in serial_folder.glob(f"{_HIGHEST}*")]
-    found = (_REVISION.fullmatch(name.removeprefix(_HIGHEST)) for name in names)
-    return max((int(match.group(1)) for match in found if match), default=0)
+    matches = (_REVISION.fullmatch(name.removeprefix(_HIGHEST)) for name in names)
+    return max((int(match.group(1)) for match in matches if match), default=0)
 
 
 def _rename_folder(temporary: Path, target: Path) -> None:
@@ -170,8 +170,8 @@ def find(name: str, runs: Path, date: str = "") -> Path:
     RUN is a run folder, SERIAL (its newest revision, or the one in force on `date`), SERIAL@r003,
     or SERIAL@2026-05-01 (the one in force on that date).
     """
-    serial, _, chosen = name.partition("@")
-    if date and (chosen or _is_run(Path(name))):
+    serial, _, selector = name.partition("@")
+    if date and (selector or _is_run(Path(name))):
         raise UsageError(
             f"run '{name}' is one run, --date {date} chooses among several",
             hint="give the serial alone",
@@ -184,12 +184,12 @@ def find(name: str, runs: Path, date: str = "") -> Path:
             f"run '{name}' is neither a run folder nor a serial under {runs}",
             hint="give --runs, or the folder that holds run.json",
         )
-    if date or _DATE.fullmatch(chosen):
-        return _in_force_on(runs, serial, numbers, date or chosen)
-    match = _REVISION.fullmatch(chosen or f"r{numbers[-1]:03d}")
+    if date or _DATE.fullmatch(selector):
+        return _in_force_on(runs, serial, numbers, date or selector)
+    match = _REVISION.fullmatch(selector or f"r{numbers[-1]:03d}")
     if not match or int(match.group(1)) not in numbers:
         raise UsageError(
-            f"run '{name}': {serial} has no {chosen}",
+            f"run '{name}': {serial} has no {selector}",
             hint=f"revisions there: {', '.join(f'r{number:03d}' for number in numbers)}",
         )
     own_document(runs, serial, int(match.group(1)))
@@ -391,9 +391,9 @@ def held(out: Path, serial: str) -> Iterator[None]:
     with contextlib.ExitStack() as lock:
         with output_errors(out, "give another --out"):
             atomic.make_folder(out)
-            alone = lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
+            has_locks = lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
         for path in filter(Path.is_dir, atomic.list_unfinished(out / serial)):
-            if alone and path.name.startswith(atomic.UNFINISHED):
+            if has_locks and path.name.startswith(atomic.UNFINISHED):
                 _remove_unfinished(path)
             else:
                 atomic.name_unfinished(path)

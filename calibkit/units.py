@@ -295,8 +295,8 @@ def _take_apart(spelling: str) -> tuple[float, dict[str, int]]:
     head = next((head for head in heads if head in TABLE or head in ALIASES), parts[0])
     size, powers = 1.0, dict[str, int]()
     for number, part in enumerate([head, *parts[head.count("/") + 1 :]]):
-        whole = part in TABLE or part in ALIASES
-        raised = None if whole else _POWER.fullmatch(part)
+        is_unit = part in TABLE or part in ALIASES
+        raised = None if is_unit else _POWER.fullmatch(part)
         name, digit = (raised[1], raised[2]) if raised else (part, "1")
         power = {"²": 2, "³": 3}.get(digit) or int(digit)
         power *= -1 if number else 1
@@ -346,8 +346,8 @@ def _alike(target: str) -> str:
     for part in parts:
         name = part.partition("^")[0]
         _, made_of = _take_apart(name)
-        alike = [name, *(one for one in (*TABLE, *SHARES) if _take_apart(one)[1] == made_of)]
-        lists.append(", ".join(dict.fromkeys(alike)) if made_of else ", ".join((name, *SHARES)))
+        same_kind = [name, *(unit for unit in (*TABLE, *SHARES) if _take_apart(unit)[1] == made_of)]
+        lists.append(", ".join(dict.fromkeys(same_kind)) if made_of else ", ".join((name, *SHARES)))
     return " per ".join(lists)
 
 
@@ -392,8 +392,8 @@ def as_stated(text: str) -> str:
 
 def bracketed_text(name: str) -> str:
     """What stands in brackets behind a column's name, or ""."""
-    found = _BRACKETED.search(name.strip())
-    return found.group(1).strip() if found else ""
+    match = _BRACKETED.search(name.strip())
+    return match.group(1).strip() if match else ""
 
 
 def unit_in_header(name: str) -> str:
@@ -406,8 +406,8 @@ def unit_in_header(name: str) -> str:
     name = name.strip()
     if bracketed := bracketed_text(name):
         return parse_unit(bracketed)
-    if behind := _BEHIND.match(name):
-        return parse_unit(behind.group(1))
+    if suffix := _BEHIND.match(name):
+        return parse_unit(suffix.group(1))
     last = name.rsplit(None, 1)[-1] if " " in name else ""
     return parse_unit(last) if any(mark in last for mark in "°℃℉/") else ""
 

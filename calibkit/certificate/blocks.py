@@ -114,9 +114,8 @@ def tabulate(
         input_values = quantity.complete({column: x})
         if quantity.outside(input_values):
             return None
-        return state(
-            basis, quantity, input_values, principal=quantity.principal and x == principal_at
-        )
+        principal = quantity.principal and x == principal_at
+        return state(basis, quantity, input_values, principal=principal)
 
     return GridTable(
         title,

@@ -221,7 +221,6 @@ def _attachments(
 
 def _name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
     """Names of terms that entered no result."""
-    names = {
-        line.name.en for result_uncertainty in used for line in result_uncertainty.contributions
-    }
+    contributions = [line for combined in used for line in combined.contributions]
+    names = {line.name.en for line in contributions}
     return tuple(term.name for term in terms if term.name not in names)

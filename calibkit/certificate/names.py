@@ -127,9 +127,9 @@ def name_model(name: str) -> Words:
     """A model of a coefficient file: of which sensor, over what, of which log."""
     head, _, qualifier = name.partition(".")
     words = _MODELS.get(head) or name_channel(head)
-    return words + (
-        Words(", ", "，") + _MODELS.get(qualifier, Words(qualifier)) if qualifier else Words("")
-    )
+    if not qualifier:
+        return words + Words("")  # with Chinese, be it the same word
+    return words + Words(", ", "，") + _MODELS.get(qualifier, Words(qualifier))
 
 
 def name_criterion(name: str) -> Words:

@@ -151,11 +151,9 @@ class Quantity:
 
     def outside(self, input_values: At) -> str:
         """Why the model does not hold at a point with every input; empty where it holds."""
-        return (
-            outside_ranges(self.inputs, input_values)
-            if self.beyond is None
-            else self.beyond(input_values)
-        )
+        if self.beyond is None:
+            return outside_ranges(self.inputs, input_values)
+        return self.beyond(input_values)
 
 
 def outside_ranges(inputs: Iterable[QuantityInput], input_values: At) -> str:
@@ -312,13 +310,9 @@ def of_form(
 def slope_by(evaluate: Callable[[At], float], entry: QuantityInput, input_values: At) -> float:
     """Numerical derivative of a function of the inputs by one of them."""
     span = entry.high - entry.low
-    h = STEP * (
-        span if math.isfinite(span) and span > 0.0 else max(abs(input_values[entry.column]), 1.0)
-    )
-    up, down = (
-        evaluate({**input_values, entry.column: input_values[entry.column] + way * h})
-        for way in (1.0, -1.0)
-    )
+    x = input_values[entry.column]
+    h = STEP * (span if math.isfinite(span) and span > 0.0 else max(abs(x), 1.0))
+    up, down = (evaluate({**input_values, entry.column: x + way * h}) for way in (1.0, -1.0))
     return (up - down) / (2.0 * h)
 
 

@@ -187,12 +187,8 @@ async def _embed_revocation(writer: Any, by: Any, stamper: Any, key: Key) -> tup
     from pyhanko.sign.validation.dss import DocumentSecurityStore
     from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
 
-    chains = [
-        [
-            by.signing_cert,
-            *(certificate for certificate in by.cert_registry if certificate != by.signing_cert),
-        ]
-    ]
+    issuers = [certificate for certificate in by.cert_registry if certificate != by.signing_cert]
+    chains = [[by.signing_cert, *issuers]]
     if stamper is not None:
         token = await stamper.async_dummy_response("sha256")
         stamp_signer = extract_certs_for_validation(token["content"]).signer_cert

@@ -48,15 +48,13 @@ class Stated:
         """Derivatives of Σ w_i of coefficients and figures by errors of the inputs; weights by the
         names of `Sensitivity`.
         """
-        return {
-            (sensitivity.input, sensitivity.kind): total
-            for sensitivity in self.sensitivities
-            if (
-                total := sum(
-                    w * sensitivity.derivatives.get(key, 0.0) for key, w in weights.items()
-                )
-            )
-        }
+        influences = {}
+        for sensitivity in self.sensitivities:
+            derivatives = sensitivity.derivatives
+            total = sum(w * derivatives.get(key, 0.0) for key, w in weights.items())
+            if total:
+                influences[sensitivity.input, sensitivity.kind] = total
+        return influences
 
     def of_models(
         self, parts: Sequence[tuple[Model, Array]]

@@ -62,9 +62,8 @@ def format_result(result: Result | None) -> tuple[str, str]:
         return f"{marked[0]}*", marked[1]
     if result.uncertainty is None:
         printed = round_descriptor(result.value)
-        return format_number(
-            printed.value, printed.exponent
-        ), "ref." if result.by_definition else ""
+        number = format_number(printed.value, printed.exponent)
+        return number, "ref." if result.by_definition else ""
     expanded = result.uncertainty.expanded_uncertainty
     if result.interval is not None:  # the end that is nearer tells how well the value is known
         reach = (abs(result.value - end) for end in result.interval)
@@ -143,9 +142,8 @@ def format_beside(value: float, limit: float) -> str:
     )
     for digits in range(first, MOST_DIGITS):
         rounded_value = Decimal(f"{value:.{digits}g}")
-        if (rounded_value > exact_limit) == (exact_value > exact_limit) and (
-            rounded_value < exact_limit
-        ) == (exact_value < exact_limit):
+        rounded_side = (rounded_value > exact_limit, rounded_value < exact_limit)
+        if rounded_side == (exact_value > exact_limit, exact_value < exact_limit):
             return format_plain(value, digits)
     return format_exact(value)
 
@@ -156,10 +154,8 @@ def format_pair(value: float, limit: float) -> tuple[str, str]:
     """
     for digits in range(FEWEST, MOST_DIGITS):
         rounded_value, rounded_limit = (float(f"{number:.{digits}g}") for number in (value, limit))
-        if (rounded_value > rounded_limit, rounded_value < rounded_limit) == (
-            value > limit,
-            value < limit,
-        ):
+        rounded_side = (rounded_value > rounded_limit, rounded_value < rounded_limit)
+        if rounded_side == (value > limit, value < limit):
             return format_plain(value, digits), format_plain(limit, digits)
     return format_exact(value), format_exact(limit)
 
@@ -316,13 +312,8 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
     ]
     if not uncertainties:
         return brackets if bracketed else None
-    few_dof = _few(
-        [
-            uncertainty.effective_dof
-            for uncertainty in uncertainties
-            if uncertainty.effective_dof < gum.FEW_DOF
-        ]
-    )
+    dofs = [uncertainty.effective_dof for uncertainty in uncertainties]
+    few_dof = _few([dof for dof in dofs if dof < gum.FEW_DOF])
     words = Words(
         f"U = k·u, coverage probability about 95 %{few_dof.en}.",
         f"U = k·u，包含概率约 95 %{few_dof.zh}。",

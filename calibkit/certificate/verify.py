@@ -84,7 +84,7 @@ def verify(
     schema_dir: Path | None = None,
     pdfs: Mapping[Path, Verified] | None = None,
 ) -> Verified:
-    """Check a certificate; `beside` are the PDFs that a DCC has to agree with, as they were found
+    """Check a certificate; `pdfs` are those that a DCC has to agree with, as they were found
     to be.
 
     Raises CoefficientError that lists what is wrong, NotCheckedError where a library is absent.
@@ -309,12 +309,8 @@ def _remade(
         certificate = certificate.without_glyphs(_unshown(root))
         remade_dcc = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        return (
-            [f"the attached files do not make a certificate: {error}{release_note}"],
-            0,
-            False,
-            release,
-        )
+        fault = f"the attached files do not make a certificate: {error}{release_note}"
+        return [fault], 0, False, release
     faults = [
         f"{dcc.FILE}: {difference}{release_note}"
         for difference in _differences(root, dcc_check.parse(remade_dcc), words=words)

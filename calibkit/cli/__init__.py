@@ -35,7 +35,7 @@ def cli() -> None:
     """
 
 
-for kept in (
+for subcommand in (
     logs.fit,
     logs.check,
     logs.init,
@@ -56,7 +56,7 @@ for kept in (
     plans.plan,
     logs.simulate,
 ):
-    cli.add_command(kept)
+    cli.add_command(subcommand)
 
 
 @cli.command("completion")

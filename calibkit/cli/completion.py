@@ -19,17 +19,17 @@ def complete_recipe(ctx: click.Context, param: click.Parameter, incomplete: str)
     package = Path(__file__).resolve().parents[1]
     folders = (package / "recipes", package.parent / "recipes")
     names = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
-    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return [*found, CompletionItem(incomplete, type="file")]
+    items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return [*items, CompletionItem(incomplete, type="file")]
 
 
 def complete_run(ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:  # noqa: ARG001 (click's signature)
     """Serials under --runs, behind an @ their revisions, and folders."""
     root = Path(ctx.params.get("runs") or "runs")
-    serial, at, _ = incomplete.partition("@")
-    names = [f"{serial}@{name}" for name in _folders(root / serial)] if at else _folders(root)
-    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return found if at else [*found, CompletionItem(incomplete, type="dir")]
+    serial, at_sign, _ = incomplete.partition("@")
+    names = [f"{serial}@{name}" for name in _folders(root / serial)] if at_sign else _folders(root)
+    items = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return items if at_sign else [*items, CompletionItem(incomplete, type="dir")]
 
 
 def _folders(root: Path) -> list[str]:

@@ -181,8 +181,8 @@ def _console(*, err: bool = False) -> Console:
     """Rich console on stdout or stderr, without any escape sequence where NO_COLOR is set."""
     from rich.console import Console
 
-    plain = bool(os.environ.get("NO_COLOR"))
-    wide = Console(highlight=False, stderr=err, color_system=None if plain else "auto")
+    no_color = bool(os.environ.get("NO_COLOR"))
+    wide = Console(highlight=False, stderr=err, color_system=None if no_color else "auto")
     if wide.is_terminal:
         return wide
     return Console(highlight=False, stderr=err, width=_WIDTH, color_system=None)
@@ -201,10 +201,11 @@ def print_summary(summary: Summary) -> None:
 
 
 def print_screen(
-    summary: Summary, tail: Sequence[str] = (), *, below: int = 1, always: bool = False
+    summary: Summary, tail: Sequence[str] = (), *, lines_below: int = 1, always: bool = False
 ) -> None:
-    """Print the first screen of a command that prints `below` more lines; the full tables with
-    --details, with --quiet only what is flagged or was rejected, but where it is `always` printed.
+    """Print the first screen of a command that prints `lines_below` more lines; the full tables
+    with --details, with --quiet only what is flagged or was rejected, but where it is `always`
+    printed.
     """
     if SETTINGS.quiet and not always:
         print_flags(summary.checks)
@@ -223,7 +224,7 @@ def print_screen(
     console = _console()
     if SETTINGS.log:
         log_line("summary", summary.text())
-    for line in compose_screen(summary, tail, console.width, most=MOST - below):
+    for line in compose_screen(summary, tail, console.width, max_lines=MOST - lines_below):
         verdict = bool(line) and summary.last_line.startswith(line)
         style = STYLES[summary.verdict] if verdict else ""
         console.print(Text(line, style=style), soft_wrap=True)
@@ -233,8 +234,8 @@ def print_all_or_screen(lines: Callable[[int], Sequence[str]]) -> None:
     """Print on stdout the lines of a screen of the console's width; with --details, of width 0, all
     there are.
     """
-    made = lines(0 if SETTINGS.details else _console().width)
-    click.echo("\n".join(map(visible, made)))
+    screen_lines = lines(0 if SETTINGS.details else _console().width)
+    click.echo("\n".join(map(visible, screen_lines)))
 
 
 def print_json(document: dict[str, Any]) -> None:

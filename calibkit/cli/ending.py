@@ -78,11 +78,11 @@ def _end_unexpected(error: Exception, *, as_json: bool) -> int:
         )
         return _fail(unprinted, as_json=False)
     if isinstance(error, FileNotFoundError) and error.filename is None:  # of the current folder
-        gone = OutputError(
+        folder_error = OutputError(
             "the current folder is gone, relative paths lead nowhere",
             hint="change to a folder that exists, or give whole paths, also to --out",
         )
-        return _fail(gone, as_json=as_json)
+        return _fail(folder_error, as_json=as_json)
     if os.environ.get("CALIBKIT_DEBUG"):
         import traceback
 

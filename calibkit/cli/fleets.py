@@ -70,7 +70,7 @@ def fleet(
     from calibkit.recipe import find
 
     with working("writing the table") as progress:
-        done = run.run(
+        fleet_result = run.run(
             find(recipe, overrides),
             data,
             out,
@@ -81,9 +81,11 @@ def fleet(
             keep_going=keep_going,
             dry_run=dry_run,
         )
-    print_guesses(done.guesses)
+    print_guesses(fleet_result.guesses)
     if as_json:
-        print_json(summary.summary_document(done) | ({"dry_run": True} if dry_run else {}))
+        print_json(summary.summary_document(fleet_result) | ({"dry_run": True} if dry_run else {}))
     else:
-        print_all_or_screen(lambda width: summary.compose_fleet(done, width, dry_run=dry_run))
-    return done.exit_code
+        print_all_or_screen(
+            lambda width: summary.compose_fleet(fleet_result, width, dry_run=dry_run)
+        )
+    return fleet_result.exit_code

@@ -203,10 +203,10 @@ def apply(
     tune_memory()
     from calibkit import pipeline, store
 
-    found = store.load(store.find(run, runs))
+    stored_run = store.load(store.find(run, runs))
     with working("compensating"):
-        done, flags = pipeline.apply(
-            found,
+        compensated, flags = pipeline.apply(
+            stored_run,
             data,
             out,
             overrides,
@@ -215,12 +215,12 @@ def apply(
         )
     if not as_json:
         print_flags(flags)
-        print_done(f"{data.name} with {found.name}", done.describe())
+        print_done(f"{data.name} with {stored_run.name}", compensated.describe())
     document = {
-        "run": found.name,
+        "run": stored_run.name,
         "out": str(out),
-        "rows": done.fields.count,
-        "uncorrected": {reason: int(rows.size) for reason, rows in done.uncorrected},
+        "rows": compensated.fields.count,
+        "uncorrected": {reason: int(rows.size) for reason, rows in compensated.uncorrected},
         "flags": list(flags),
     }
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)
@@ -245,9 +245,9 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     tune_memory()
     from calibkit import pipeline, store
 
-    found = store.load(store.find(run, runs))
+    stored_run = store.load(store.find(run, runs))
     with working("validating") as progress:
-        document, summary = pipeline.validate(found, data, out, progress, dry_run=dry_run)
+        document, summary = pipeline.validate(stored_run, data, out, progress, dry_run=dry_run)
     if not as_json:
         print_screen(summary)
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)

@@ -13,13 +13,15 @@ from calibkit.report.documents import PAGE
 
 def _program() -> str:
     """How calibkit was called, so that the next call works in the same shell."""
-    called = Path(sys.argv[0])
-    if called.match("calibkit/__main__.py"):
+    program = Path(sys.argv[0])
+    if program.match("calibkit/__main__.py"):
         return shlex.join([sys.executable, "-m", "calibkit"])
-    found = shutil.which("calibkit")
-    if called.stem != "calibkit" or (found and Path(found).resolve() == called.resolve()):
+    program_on_path = shutil.which("calibkit")
+    if program.stem != "calibkit" or (
+        program_on_path and Path(program_on_path).resolve() == program.resolve()
+    ):
         return "calibkit"
-    return shlex.quote(str(called))
+    return shlex.quote(str(program))
 
 
 def _command_line(*words: object) -> str:
@@ -47,14 +49,14 @@ def follow_fit(
     """Last lines of a fit's screen: where the report is, which files firmware takes and how, or
     what a rejected run and a procedure without firmware ask for.
     """
-    run, shown = outcome.run, outcome.shown
+    run, page_content = outcome.run, outcome.page_content
     report = f"Report: {run.folder / PAGE}"
     if run.document["verdict"] == "rejected":
         changed = (word for text in overrides for word in ("--set", text))
         return report, f"Next: {_command_line('check', name, '--data', data, *changed)}"
-    if shown.no_firmware or not shown.exported:
-        why = f"No firmware: {shown.no_firmware}. " if shown.no_firmware else ""
+    if page_content.no_firmware or not page_content.exported:
+        why = f"No firmware: {page_content.no_firmware}. " if page_content.no_firmware else ""
         return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
     out = f"firmware/{run.document['serial']}"
     call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)
-    return report, f"Firmware takes {', '.join(shown.exported)}. Next: {call}"
+    return report, f"Firmware takes {', '.join(page_content.exported)}. Next: {call}"

@@ -92,14 +92,14 @@ class _Explained(click.Command):
 
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The text without its examples, which stand above."""
-        whole = self.help
+        full_help = self.help
         self.help = "\n\n".join(
-            paragraph for paragraph in (whole or "").split("\n\n") if not _examples(paragraph)
+            paragraph for paragraph in (full_help or "").split("\n\n") if not _examples(paragraph)
         )
         try:
             super().format_help_text(ctx, formatter)
         finally:
-            self.help = whole
+            self.help = full_help
 
 
 def _examples(text: str) -> list[str]:

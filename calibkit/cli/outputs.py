@@ -276,9 +276,9 @@ def export(
     from calibkit import pipeline, store
 
     with working("writing firmware") as progress:
-        found = [store.load(store.find(name, runs)) for name in progress(run, "reading runs")]
+        stored_runs = [store.load(store.find(name, runs)) for name in progress(run, "reading runs")]
         files = pipeline.export(
-            found,
+            stored_runs,
             target,
             number,
             prefix,
@@ -288,7 +288,10 @@ def export(
             allow_rejected=allow_rejected,
             dry_run=dry_run,
         )
-    document = {"runs": [one.name for one in found], "files": list(map(str, files))}
+    document = {
+        "runs": [stored_run.name for stored_run in stored_runs],
+        "files": list(map(str, files)),
+    }
     print_result(document, files, as_json=as_json, dry_run=dry_run)
     return 0
 
@@ -315,17 +318,18 @@ def report(run: str, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> 
     if out.suffix not in (".pdf", ".html"):
         raise UsageError(f"--out {out}: neither .pdf nor .html", hint="name report.pdf")
     new_files.refuse_existing(out)
-    found = store.load(store.find(run, runs))
-    path = found.folder / PAGE
+    stored_run = store.load(store.find(run, runs))
+    path = stored_run.folder / PAGE
     if not path.is_file():
         raise CoefficientError(
-            f"{found.name} keeps no {PAGE}", hint="an older calibkit wrote it; see report.pdf there"
+            f"{stored_run.name} keeps no {PAGE}",
+            hint="an older calibkit wrote it; see report.pdf there",
         )
     content = store.read_bytes(path)
     if out.suffix == ".pdf":
         with working("typesetting"):
-            content = pdf.render_page(content, found.document["effective_from"])
+            content = pdf.render_page(content, stored_run.document["effective_from"])
     new_files.write_new(out, content, dry_run=dry_run)
-    document = {"run": found.name, "out": str(out)}
+    document = {"run": stored_run.name, "out": str(out)}
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)
     return 0

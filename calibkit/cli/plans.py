@@ -16,12 +16,12 @@ def _hours(_: click.Context, __: click.Parameter, value: str | None) -> float | 
     if value is None:
         return None
     try:
-        found = float(value.removesuffix("h"))
+        hours = float(value.removesuffix("h"))
     except ValueError:
-        found = 0.0
-    if not 0.0 < found < float("inf"):
+        hours = 0.0
+    if not 0.0 < hours < float("inf"):
         raise UsageError(f"--within {value}: expected hours, as 8h", hint="give a number above 0")
-    return found
+    return hours
 
 
 @command()
@@ -93,7 +93,7 @@ def plan(
     from calibkit.recipe import find
 
     with working("planning"):
-        found = plans.plan(
+        outcome = plans.plan(
             find(recipe, overrides),
             out,
             wishes=wishes,
@@ -107,9 +107,9 @@ def plan(
             dry_run=dry_run,
         )
     if not as_json:
-        print_screen(found.summary, (), below=len(found.files))
-    print_result(found.document, found.files, as_json=as_json, dry_run=dry_run)
-    return 1 if found.summary.verdict == "rejected" else 0
+        print_screen(outcome.summary, (), lines_below=len(outcome.files))
+    print_result(outcome.document, outcome.files, as_json=as_json, dry_run=dry_run)
+    return 1 if outcome.summary.verdict == "rejected" else 0
 
 
 def _print_equipment(*, as_json: bool) -> int:

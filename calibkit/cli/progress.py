@@ -22,7 +22,7 @@ def _announce(items: Sequence[str], what: str) -> Iterator[str]:
 
 
 @contextlib.contextmanager
-def working(on: str) -> Iterator[Progress]:
+def working(activity: str) -> Iterator[Progress]:
     """Show that a command works on something, and how far it is with each list of items that goes
     through the progress that this gives; what was shown is wiped away at the end, whatever ends it.
 
@@ -41,21 +41,21 @@ def working(on: str) -> Iterator[Progress]:
         rich.TextColumn("left"),
         rich.TimeRemainingColumn(),
     )
-    with rich.Progress(*columns, console=error_console(), transient=True) as shown:
-        shown.add_task(on, total=None)
+    with rich.Progress(*columns, console=error_console(), transient=True) as display:
+        display.add_task(activity, total=None)
 
         def begin(name: str, total: int | None) -> rich.TaskID:
             """A stage in place of the one before."""
-            for done in shown.task_ids:
-                shown.remove_task(done)
-            return shown.add_task(name, total=total)
+            for task_id in display.task_ids:
+                display.remove_task(task_id)
+            return display.add_task(name, total=total)
 
         def follow(items: Sequence[str], what: str) -> Iterable[str]:
             """Items of a stage, which is followed by what the command is about."""
             stage = begin(what, len(items))
             for item in items:
                 yield item
-                shown.advance(stage)
-            begin(on, None)
+                display.advance(stage)
+            begin(activity, None)
 
         yield follow

@@ -94,12 +94,12 @@ def verify(
     """
     from calibkit.certificate.signature_trust import Demands
 
-    when = date_or_today(at, "--at") if at else None
+    signing_date = date_or_today(at, "--at") if at else None
     demands = Demands(
         trust=trust,
         trust_timestamp=trust_timestamp,
         required=require_signature,
-        at=dt.date.fromisoformat(when) if when else None,
+        at=dt.date.fromisoformat(signing_date) if signing_date else None,
     )
     results, failed = _verify_all(files, demands, schema_dir)
     worst = max(failed, key=_weigh, default=None)
@@ -139,22 +139,28 @@ def _verify_all(
 
     results: dict[Path, dict[str, Any]] = {}
     failed: list[CalibkitError] = []
-    beside: dict[Path, Verified] = {}
+    verified_pdfs: dict[Path, Verified] = {}
     for path in _follow(sorted(files, key=lambda path: path.suffix.lower() != ".pdf")):
-        stated = {"file": str(path), "ok": True, "checked": True, "warnings": [], "signatures": []}
+        base_result = {
+            "file": str(path),
+            "ok": True,
+            "checked": True,
+            "warnings": [],
+            "signatures": [],
+        }
         try:
-            found = pipeline.verify(path, demands, schema_dir, beside)
+            verified = pipeline.verify(path, demands, schema_dir, verified_pdfs)
         except CalibkitError as error:
             checked = not isinstance(error, NotCheckedError)
-            results[path] = stated | {"ok": False, "checked": checked, "what": str(error)}
+            results[path] = base_result | {"ok": False, "checked": checked, "what": str(error)}
             failed.append(error)
             continue
         if path.suffix.lower() == ".pdf":
-            beside[path] = found
-        results[path] = stated | {
-            "what": found.what,
-            "warnings": list(found.warnings),
-            "signatures": [one.document() for one in found.signatures],
+            verified_pdfs[path] = verified
+        results[path] = base_result | {
+            "what": verified.what,
+            "warnings": list(verified.warnings),
+            "signatures": [signature.document() for signature in verified.signatures],
         }
     return [results[path] for path in files], failed
 
@@ -176,15 +182,15 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
     from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = store.load(store.find(run, runs, date_or_today(date) if date else ""))
+    stored_run = store.load(store.find(run, runs, date_or_today(date) if date else ""))
     _print_found(
         lambda: {
             "ok": True,
-            "run": dict(found.document),
-            "records": {name: record.document() for name, record in found.records.items()},
+            "run": dict(stored_run.document),
+            "records": {name: record.document() for name, record in stored_run.records.items()},
         },
-        lambda: list_numbers(found.records.values()),
-        lambda: summarize_run(found.name, found.document, found.records),
+        lambda: list_numbers(stored_run.records.values()),
+        lambda: summarize_run(stored_run.name, stored_run.document, stored_run.records),
         as_csv=as_csv,
         as_json=as_json,
     )
@@ -214,11 +220,11 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
 
     _one_format(as_csv=as_csv, as_json=as_json)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    found = compare_runs(old, new, instruments.model_forms)
+    difference = compare_runs(old, new, instruments.model_forms)
     _print_found(
-        lambda: {"ok": True, **tables.difference_document(found)},
-        lambda: tables.list_changes(found),
-        lambda: tables.summarize_difference(found),
+        lambda: {"ok": True, **tables.difference_document(difference)},
+        lambda: tables.list_changes(difference),
+        lambda: tables.summarize_difference(difference),
         as_csv=as_csv,
         as_json=as_json,
     )
@@ -258,27 +264,27 @@ def history(
 
     _one_format(as_csv=as_csv, as_json=as_json)
     with working("reading runs"):
-        found = Timeline.read(serial, runs, instruments.model_forms, only)
-        followed, left_out = ((), ()) if only else key_values.follow(found.runs)
+        timeline = Timeline.read(serial, runs, instruments.model_forms, only)
+        followed, left_out = ((), ()) if only else key_values.follow(timeline.runs)
         if figure is not None:
             first = [key_values.draw(serial, followed)] if followed else []
-            new_files.write_new(figure, drawing.render(found, figure.suffix, first))
+            new_files.write_new(figure, drawing.render(timeline, figure.suffix, first))
     broken = None
-    if not found.sound:
-        faults = (*(entry.reason for entry in found.refused), *found.breaks)
+    if not timeline.sound:
+        faults = (*(entry.reason for entry in timeline.refused), *timeline.breaks)
         broken = CoefficientError(
             f"{serial}: {faults[0]}", hint="restore the run folders from a copy"
         )
     error = {"error": error_document(broken)} if broken else {}
     _print_found(
         lambda: {
-            "ok": found.sound,
+            "ok": timeline.sound,
             **error,
             "key_values": list(key_values.documents(followed)),
-            **tables.timeline_document(found),
+            **tables.timeline_document(timeline),
         },
-        lambda: tables.list_points(found),
-        lambda: tables.summarize_timeline(found, key_values.tabulate(followed), left_out),
+        lambda: tables.list_points(timeline),
+        lambda: tables.summarize_timeline(timeline, key_values.tabulate(followed), left_out),
         screen=True,
         as_csv=as_csv,
         as_json=as_json,
@@ -316,6 +322,6 @@ def _print_found(
     elif as_csv:
         print_data(numbers().to_csv())
     elif screen:
-        print_screen(summary(), below=0, always=True)
+        print_screen(summary(), lines_below=0, always=True)
     else:
         print_summary(summary())

@@ -55,19 +55,19 @@ def evaluate(
 
     if out is not None:
         figures.require_suffix(out.suffix, (".csv", *figures.SUFFIXES))
-    found = evaluation.RunResults.read(store.load(store.find(run, runs)))
-    found.require_any()
+    run_results = evaluation.RunResults.read(store.load(store.find(run, runs)))
+    run_results.require_any()
     if not inputs and not ranges and not only:
-        _print_results(found, run, as_json=as_json)
+        _print_results(run_results, run, as_json=as_json)
         return 0
-    values, over = evaluation.answer(found, inputs, ranges, only)
+    values, range_inputs = evaluation.answer(run_results, inputs, ranges, only)
     if out is not None:
-        _write(out, figures.write_values(found.run, values, over, out.suffix))
+        _write(out, figures.write_values(run_results.run, values, range_inputs, out.suffix))
     if as_json:
         written = {} if out is None else {"out": str(out)}
-        print_json({"ok": True, **evaluation.document(found, values), **written})
+        print_json({"ok": True, **evaluation.document(run_results, values), **written})
     elif out is None:
-        print_summary(evaluation.summarise(found, values))
+        print_summary(evaluation.summarise(run_results, values))
     else:
         print_flags(evaluation.flag_values(values))
         print_data(f"{out}\n")
@@ -121,19 +121,19 @@ def compare(
     if out is not None:
         figures.require_suffix(out.suffix)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    stated = None if profile is None else profiles.load(profile, ())[0]
+    certificate_profile = None if profile is None else profiles.load(profile, ())[0]
     parsed = inputs.parse_limits(limits)
-    found = comparison.compare(old, new, limits=parsed, profile=stated, same=same)
+    result = comparison.compare(old, new, limits=parsed, profile=certificate_profile, same=same)
     if out is not None:
-        _write(out, figures.render(still_good.draw(found), out.suffix))
+        _write(out, figures.render(still_good.draw(result), out.suffix))
     if as_json:
         written = {} if out is None else {"out": str(out)}
-        print_json({"ok": True, **still_good.document(found), **written})
+        print_json({"ok": True, **still_good.document(result), **written})
     else:
-        print_summary(still_good.summarise(found))
+        print_summary(still_good.summarise(result))
         if out is not None:
             print_data(f"{out}\n")
-    return still_good.EXIT_CODES[found.answer]
+    return still_good.EXIT_CODES[result.answer]
 
 
 @command("open")
@@ -183,20 +183,20 @@ def _write(out: Path, content: bytes) -> None:
     new_files.write_new(out, content)
 
 
-def _print_results(found: RunResults, run: str, *, as_json: bool) -> None:
+def _print_results(run_results: RunResults, run: str, *, as_json: bool) -> None:
     """Print which results a run has, and those that depend on nothing."""
     from calibkit.report.summary import Summary
     from calibkit.results import evaluation
 
-    listing = evaluation.list_results(found)
-    free = [one for one in found.quantities if not one.inputs]
-    values = list(evaluation.evaluate(found, free, [{}]))
+    listing = evaluation.list_results(run_results)
+    free = [quantity for quantity in run_results.quantities if not quantity.inputs]
+    values = list(evaluation.evaluate(run_results, free, [{}]))
     if as_json:
         objects = {"results": listing.to_objects()}
-        print_json({"ok": True, **objects, **evaluation.document(found, values)})
+        print_json({"ok": True, **objects, **evaluation.document(run_results, values)})
         return
     tables = (listing, *((evaluation.tabulate(values),) if values else ()))
-    one = next(iter(found.names.inputs), "")
-    ask = f"Next: calibkit evaluate {run} {one}=…" if one else " "
+    input_name = next(iter(run_results.names.inputs), "")
+    ask = f"Next: calibkit evaluate {run} {input_name}=…" if input_name else " "
     flags = evaluation.flag_values(values)
-    print_summary(Summary(f"{found.run.name}: results", tables, flags, (), ask))
+    print_summary(Summary(f"{run_results.run.name}: results", tables, flags, (), ask))

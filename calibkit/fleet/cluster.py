@@ -40,12 +40,14 @@ def fit_devices(plan: DeviceTask, serials: Sequence[str], address: str) -> Gener
     with client:
         _require_able_workers(client, plan, address)
         futures = client.map(partial(_outcome, plan), serials, pure=False)
-        named = {future.key: serial for future, serial in zip(futures, serials, strict=True)}
+        serials_by_key = {
+            future.key: serial for future, serial in zip(futures, serials, strict=True)
+        }
         try:
             for future in as_completed(futures, loop=client.loop):
                 # the scheduler gives the device of a lost worker to another one, a few times, and
                 # then calls it an error
-                serial = named[future.key]
+                serial = serials_by_key[future.key]
                 yield device.Failure.lost(serial) if future.status == "error" else future.result()
                 future.release()
         finally:

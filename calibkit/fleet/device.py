@@ -150,9 +150,9 @@ def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.Run | 
         # what cannot be trusted is never used again, and never touched
         with contextlib.suppress(CoefficientError):
             run = store.load_revision(plan.out, serial, number)
-            made = run.document
-            dated = plan.date_of(entry.get("last_date", "") for entry in made["inputs"])
-            terms = made["software"], made["recipe"]["sha256"], made["effective_from"]
+            document = run.document
+            dated = plan.date_of(entry.get("last_date", "") for entry in document["inputs"])
+            terms = document["software"], document["recipe"]["sha256"], document["effective_from"]
             if terms == (SOFTWARE, plan.source.sha256, dated):
                 candidates.append(run)
     if not candidates:
@@ -161,13 +161,13 @@ def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.Run | 
         file: parts.digest_log(plan.data / serial / file, file, split=spec.logs.split)
         for file in ingest.find_logs(spec, plan.data / serial)
     }
-    beside = _second_loggers(plan.data / serial, spec)
+    second_loggers = _second_loggers(plan.data / serial, spec)
     for run in candidates:
         inputs = run.document["inputs"]
         joined = {entry.get("second_logger_sha256") for entry in inputs} - {None}
         if (
             {entry["name"]: entry["sha256"] for entry in inputs} == logs
-            and joined <= beside
+            and joined <= second_loggers
             and bool(joined) == (spec.chamber is not None)
         ):
             return run

@@ -43,19 +43,19 @@ def select_key_figures(
     """Key figures of a run: what is tested against acceptance limits, then coefficients and figures
     whose whole names match one of the patterns `names`.
     """
-    found = [
+    key_figures = [
         KeyFigure(
             f"acceptance: {entry['name']}", "", entry["unit"], entry["limit"], entry["value"], 0.0
         )
         for entry in run.document["acceptance"]
     ]
-    found += [
+    key_figures += [
         figure
         for record in run.records.values()
         for figure in _all_figures(record, reference_temp_degc)
         if any(re.fullmatch(pattern, figure.name) for pattern in names)
     ]
-    return tuple({figure.identity: figure for figure in found}.values())
+    return tuple({figure.identity: figure for figure in key_figures}.values())
 
 
 def _all_figures(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:

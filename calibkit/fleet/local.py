@@ -57,7 +57,7 @@ def fit_devices(
             for ready in pipes.wait([worker.pipe for worker in crew]):
                 worker = next(worker for worker in crew if worker.pipe is ready)
                 try:
-                    found: Outcome = worker.pipe.recv()
+                    outcome: Outcome = worker.pipe.recv()
                 except (EOFError, OSError):  # the process is gone
                     crew.remove(worker)
                     _dismiss(worker)
@@ -73,7 +73,7 @@ def fit_devices(
                 else:
                     crew.remove(worker)
                     _dismiss(worker)
-                yield found
+                yield outcome
     finally:
         for worker in crew:
             worker.process.terminate()

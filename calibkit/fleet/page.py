@@ -30,15 +30,16 @@ def make_page(title: str, table: FleetTable, outlying: Sequence[str]) -> bytes:
             class_=f"band {'rejected' if bad else 'accepted' if counts['accepted'] else 'open'}",
         ),
     ]
-    listed = [element("li", line) for line in outlying]
-    standing = element("ul", join_markup(listed)) if listed else element("p", "None.")
+    items = [element("li", line) for line in outlying]
+    standing = element("ul", join_markup(items)) if items else element("p", "None.")
     parts = {
         "Devices that stand out": [standing],
         "Distribution of each key value": [_distributions(table.charts)],
         "Devices": [_devices(table)],
     }
     sections = [
-        element("section", element("h2", name), join_markup(made)) for name, made in parts.items()
+        element("section", element("h2", name), join_markup(content))
+        for name, content in parts.items()
     ]
     return html.whole_page(title, [*top, element("main", join_markup(sections), id="content")])
 
@@ -46,8 +47,8 @@ def make_page(title: str, table: FleetTable, outlying: Sequence[str]) -> bytes:
 def _devices(table: FleetTable) -> Markup:
     """A line per device."""
     outliers: dict[str, list[str]] = {}
-    for one in table.outliers:
-        outliers.setdefault(one.serial, []).append(one.figure)
+    for outlier in table.outliers:
+        outliers.setdefault(outlier.serial, []).append(outlier.figure)
     rows = [
         (
             entry.serial,
@@ -87,19 +88,21 @@ def _strip(chart: ControlChart) -> Markup:
     share = (chart.values - low) / (high - low) if high > low else np.full(chart.values.size, 0.5)
     places = _EDGE + share * (_WIDTH - 2.0 * _EDGE)
     outliers = set(chart.control.outliers)
-    usual = "".join(f"M{x:.1f} 6V20" for at, x in enumerate(places.tolist()) if at not in outliers)
+    usual = "".join(
+        f"M{x:.1f} 6V20" for index, x in enumerate(places.tolist()) if index not in outliers
+    )
     marks = [
         element("path", d=usual, stroke="#4477aa", stroke_width="1", stroke_opacity=".5"),
         *(
             element(
                 "circle",
-                element("title", f"{chart.serials[at]}: {chart.values[at]:.6g} {chart.unit}"),
-                cx=f"{places[at]:.1f}",
+                element("title", f"{chart.serials[index]}: {chart.values[index]:.6g} {chart.unit}"),
+                cx=f"{places[index]:.1f}",
                 cy="13",
                 r="4",
                 fill="#cc3311",
             )
-            for at in sorted(outliers)
+            for index in sorted(outliers)
         ),
     ]
     size = f"{_WIDTH:g}", f"{_HEIGHT:g}"

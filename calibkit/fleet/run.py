@@ -60,8 +60,8 @@ def run(
     outcomes: list[Outcome] = [*refused]
     try:
         with contextlib.closing(_outcomes(plan, serials, processes, address)) as finished:
-            for found, _ in zip(finished, progress(serials, "devices"), strict=True):
-                outcome = _require_run_here(found, plan)
+            for fitted_outcome, _ in zip(finished, progress(serials, "devices"), strict=True):
+                outcome = _require_run_here(fitted_outcome, plan)
                 if isinstance(outcome, Failure) and not keep_going:
                     raise _stopping_error(outcome, 0 if dry_run else len(outcomes))
                 outcomes.append(outcome)
@@ -75,8 +75,8 @@ def run(
 
 def _finish(plan: DeviceTask, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
     """Make the table of a fleet and write it; where processes fitted the devices, one makes it."""
-    made = table.build_table(outcomes, plan.data)
-    arguments = made, plan, f"{title}: {len(outcomes)} devices"
+    fleet_table = table.build_table(outcomes, plan.data)
+    arguments = fleet_table, plan, f"{title}: {len(outcomes)} devices"
     contents = (
         files.make_files(*arguments)
         if processes == 1
@@ -85,10 +85,10 @@ def _finish(plan: DeviceTask, outcomes: Sequence[Outcome], title: str, processes
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     return Fleet(
         _commit(plan.out, contents, dry_run=plan.dry_run),
-        made,
+        fleet_table,
         sum(row.before for row in rows),
         _guesses(rows),
-        _exit_code(outcomes, made),
+        _exit_code(outcomes, fleet_table),
         plan.source.name,
     )
 
@@ -145,10 +145,10 @@ def _find_devices(
 def _make_folder(out: Path, *, dry_run: bool) -> None:
     """Create the folder of the runs, or see whether it could be."""
     if dry_run:
-        there = next(path for path in (out, *out.parents) if os.path.lexists(path))
-        if not (there.is_dir() and os.access(there, os.W_OK)):
+        existing_folder = next(path for path in (out, *out.parents) if os.path.lexists(path))
+        if not (existing_folder.is_dir() and os.access(existing_folder, os.W_OK)):
             raise OutputError(
-                f"{out}: cannot be written: {there} cannot be written into",
+                f"{out}: cannot be written: {existing_folder} cannot be written into",
                 hint="give another --out",
             )
         return
@@ -200,17 +200,19 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:
     """What was guessed of how logs are written, one line per guess."""
-    made = Counter(guess for row in rows for guess in row.guesses)
+    counts = Counter(guess for row in rows for guess in row.guesses)
     return tuple(
-        f"{count} units: {guess}; pin it in the recipe" for guess, count in sorted(made.items())
+        f"{count} units: {guess}; pin it in the recipe" for guess, count in sorted(counts.items())
     )
 
 
-def _exit_code(outcomes: Sequence[Outcome], made: FleetTable) -> int:
+def _exit_code(outcomes: Sequence[Outcome], fleet_table: FleetTable) -> int:
     """The worst of all devices: 0 accepted, 1 a limit failed, else the highest code of a device
     that has no run of its own.
     """
     codes = [outcome.exit_code for outcome in outcomes if isinstance(outcome, Failure)]
-    codes += [FrameError.exit_code for entry in made.entries if entry.verdict == table.COPIED]
-    codes += [1 for entry in made.entries if entry.verdict == "rejected"]
+    codes += [
+        FrameError.exit_code for entry in fleet_table.entries if entry.verdict == table.COPIED
+    ]
+    codes += [1 for entry in fleet_table.entries if entry.verdict == "rejected"]
     return max(codes, default=0)

@@ -76,13 +76,13 @@ def environment() -> Iterator[None]:
     """Environment of processes that share the machine: one thread each, sums in one order, modules
     from where ours are.
     """
-    own = (
+    variables = (
         dict.fromkeys(THREADS, "1")
         | ALONE
         | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     )
-    before = {name: os.environ.get(name) for name in own}
-    os.environ.update(own)
+    before = {name: os.environ.get(name) for name in variables}
+    os.environ.update(variables)
     try:
         yield
     finally:

@@ -65,15 +65,17 @@ def summary_document(fleet: Fleet) -> dict[str, Any]:
     of its own.
     """
     entries = fleet.table.entries
-    without = [entry.serial for entry in entries if entry.verdict in {FAILED, COPIED}]
+    failed_serials = [entry.serial for entry in entries if entry.verdict in {FAILED, COPIED}]
     error = {
         "code": "units_failed",
-        "message": f"{len(without)} of {len(entries)} devices have no calibration of their own",
+        "message": (
+            f"{len(failed_serials)} of {len(entries)} devices have no calibration of their own"
+        ),
         "hint": "see the error of each device",
     }
     return {
-        "ok": not without,
-        **({"error": error} if without else {}),
+        "ok": not failed_serials,
+        **({"error": error} if failed_serials else {}),
         "folder": str(fleet.folder),
         "fitted_before": fleet.before,
         "units": [asdict(entry) for entry in entries],

@@ -64,17 +64,25 @@ class FleetTable:
         """A line per device that stands out, the furthest first: in how many key values, and the
         worst of them beside the values of the others.
         """
-        found: dict[str, list[tuple[float, ControlChart, float]]] = {}
+        deviations: dict[str, list[tuple[float, ControlChart, float]]] = {}
         charts = {chart.name: chart for chart in self.charts}
-        for one in self.outliers:
-            distance = abs(one.z) / one.limit
-            found.setdefault(one.serial, []).append((distance, charts[one.figure], one.value))
+        for outlier in self.outliers:
+            distance = abs(outlier.z) / outlier.limit
+            deviations.setdefault(outlier.serial, []).append(
+                (distance, charts[outlier.figure], outlier.value)
+            )
         lines = []
-        for serial, own in sorted(found.items(), key=lambda pair: -max(d for d, _, _ in pair[1])):
-            _, chart, value = max(own, key=lambda one: one[0])
-            count = f"{len(own)} key values stand" if len(own) > 1 else "1 key value stands"
-            others = np.delete(chart.values, list(chart.control.outliers))
-            low, high = float(others.min()), float(others.max())
+        for serial, device_deviations in sorted(
+            deviations.items(), key=lambda pair: -max(d for d, _, _ in pair[1])
+        ):
+            _, chart, value = max(device_deviations, key=lambda deviation: deviation[0])
+            count = (
+                f"{len(device_deviations)} key values stand"
+                if len(device_deviations) > 1
+                else "1 key value stands"
+            )
+            other_values = np.delete(chart.values, list(chart.control.outliers))
+            low, high = float(other_values.min()), float(other_values.max())
             places = _place_of(high - low or abs(value))
             unit = "" if chart.unit == "1" else f" {chart.unit}"
             lines.append(
@@ -92,7 +100,11 @@ def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
         for outcome in ordered
         if isinstance(outcome, Row)
     }
-    identities = list(dict.fromkeys(identity for own in figures.values() for identity in own))
+    identities = list(
+        dict.fromkeys(
+            identity for device_figures in figures.values() for identity in device_figures
+        )
+    )
     charts = tuple(_chart(identity, identities, figures, len(ordered)) for identity in identities)
     copied = _copies(ordered)
     return FleetTable(
@@ -129,26 +141,31 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
     for row in rows:
         for mark in {mark for entry in row.inputs for mark in copies.digests_of_input(entry)}:
             owners.setdefault(mark, []).append(row)
-    found: dict[str, str] = {}
+    shared_with: dict[str, str] = {}
     for row in rows:
-        near = {
+        candidates = {
             id(other): other
             for entry in row.inputs
             for mark in copies.digests_of_input(entry)
             for other in owners[mark]
         }
-        alike = sorted(
-            other.serial for other in near.values() if other is not row and _same_logs(row, other)
+        same_serials = sorted(
+            other.serial
+            for other in candidates.values()
+            if other is not row and _same_logs(row, other)
         )
-        if alike:
-            found[row.serial] = ", ".join(alike)
-    return found
+        if same_serials:
+            shared_with[row.serial] = ", ".join(same_serials)
+    return shared_with
 
 
-def _same_logs(one: Row, other: Row) -> bool:
+def _same_logs(row: Row, other: Row) -> bool:
     """Whether two devices have the same logs, all of them."""
-    pairs = ((one.inputs, other.inputs), (other.inputs, one.inputs))
-    return all(len(copies.shared_logs(some, others)) == len(some) for some, others in pairs)
+    pairs = ((row.inputs, other.inputs), (other.inputs, row.inputs))
+    return all(
+        len(copies.shared_logs(inputs, other_inputs)) == len(inputs)
+        for inputs, other_inputs in pairs
+    )
 
 
 def _chart(
@@ -161,20 +178,26 @@ def _chart(
     where the name alone is not unique. The acceptance limit is drawn where all of them share one.
     """
     name, form, unit = identity
-    alike = [other for other in identities if other[0] == name]
-    if len({other[1] for other in alike}) > 1:
+    namesakes = [other for other in identities if other[0] == name]
+    if len({other[1] for other in namesakes}) > 1:
         name = f"{name} ({form})"
-    elif len(alike) > 1:
+    elif len(namesakes) > 1:
         name = f"{name} ({unit})"
-    having = {serial: own[identity] for serial, own in figures.items() if identity in own}
-    values = np.array([figure.value for figure in having.values()])
-    uncertainties = np.array([figure.standard_uncertainty for figure in having.values()])
-    dof = np.array([figure.dof for figure in having.values()])
-    limits = {math.nan if figure.limit is None else figure.limit for figure in having.values()}
+    figures_by_serial = {
+        serial: device_figures[identity]
+        for serial, device_figures in figures.items()
+        if identity in device_figures
+    }
+    values = np.array([figure.value for figure in figures_by_serial.values()])
+    uncertainties = np.array([figure.standard_uncertainty for figure in figures_by_serial.values()])
+    dof = np.array([figure.dof for figure in figures_by_serial.values()])
+    limits = {
+        math.nan if figure.limit is None else figure.limit for figure in figures_by_serial.values()
+    }
     return ControlChart(
         name=name,
         unit=unit,
-        serials=tuple(having),
+        serials=tuple(figures_by_serial),
         values=values,
         standard_uncertainties=uncertainties,
         control=Control.chart(values, uncertainties, dof),

@@ -30,21 +30,23 @@ def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, da
             return summary
     if not earlier:
         return summary
-    own = {"revision": revision, "effective_from": date, "verdict": summary.verdict}
+    new_revision = {"revision": revision, "effective_from": date, "verdict": summary.verdict}
     before = (
         f"effective from {date}, before r{earlier[0]['revision']:03d}'s"
         f" {earlier[0]['effective_from']}"
     )
     newest = f"without a date {serial} is r{revision:03d}, the newest revision"
-    return replace(summary, flags=(*summary.flags, f"{before}: {_by_date(own, earlier)}; {newest}"))
+    return replace(
+        summary, flags=(*summary.flags, f"{before}: {_by_date(new_revision, earlier)}; {newest}")
+    )
 
 
-def _by_date(own: dict[str, Any], earlier: list[dict[str, Any]]) -> str:
+def _by_date(new_revision: dict[str, Any], earlier: list[dict[str, Any]]) -> str:
     """Between which dates a revision is the one in force."""
-    name, date = f"r{own['revision']:03d}", own["effective_from"]
-    if own["verdict"] == "rejected":
+    name, date = f"r{new_revision['revision']:03d}", new_revision["effective_from"]
+    if new_revision["verdict"] == "rejected":
         return f"rejected, {name} is in force on no date"
-    winners = store.in_force([*earlier, own])
+    winners = store.in_force([*earlier, new_revision])
     after = min((since for since in winners if since > date), default="")
     if not after:
         return f"by date {name} is in force from {date} on"

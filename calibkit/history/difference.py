@@ -143,8 +143,8 @@ def _model(stage: str, old: Model, new: Model, form: Form | None) -> ModelChange
     """One model in two runs; where its equation or a chosen parameter changed nothing is judged."""
     obstacles, notes = _obstacles(old, new, form), _measured(old, new, form)
     changes = compare_numbers(with_dof(old), with_dof(new), comparable=not obstacles)
-    together = None if obstacles else _joint(old, new, changes)
-    return ModelChange(stage, old.name, new.form, changes, together, (*obstacles, *notes))
+    joint = None if obstacles else _joint(old, new, changes)
+    return ModelChange(stage, old.name, new.form, changes, joint, (*obstacles, *notes))
 
 
 def _obstacles(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
@@ -250,15 +250,15 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
 def _settings(before: Run, after: Run) -> Iterator[_Setting]:
     """Recipe lines, overrides, conditions, software and libraries that differ."""
     a, b = before.document, after.document
-    for what in ("serial", "software", "python"):
-        if a[what] != b[what]:
-            yield _Setting(what, a[what], b[what])
+    for key in ("serial", "software", "python"):
+        if a[key] != b[key]:
+            yield _Setting(key, a[key], b[key])
     yield from _differing("", a["libraries"], b["libraries"])
     for file, record in before.records.items():
         if file in after.records:
             old, new = (
-                {c.name: f"{c.value:.9g} {c.unit}" for c in one.conditions}
-                for one in (record, after.records[file])
+                {c.name: f"{c.value:.9g} {c.unit}" for c in run_record.conditions}
+                for run_record in (record, after.records[file])
             )
             yield from _differing(f"{record.stage}: ", old, new)
     yield from _recipe_lines(a["recipe"], b["recipe"])
@@ -291,11 +291,11 @@ def _flags(before: Run, after: Run) -> tuple[str, ...]:
         flags.append(f"two instruments: {before.document['serial']} and {after.document['serial']}")
     old, new = (run.document["inputs"] for run in (before, after))
     shared = len(copies.shared_logs(new, old))
-    every = len(old) + len(new) - shared
+    log_count = len(old) + len(new) - shared
     if shared:
         flags.append(
-            f"{shared} of {every} logs are in both runs: their errors are common, u of a difference"
-            " is too large, and what moved is due to recipe, software or the other logs"
+            f"{shared} of {log_count} logs are in both runs: their errors are common, u of a"
+            " difference is too large, and what moved is due to recipe, software or the other logs"
         )
     flags += [
         f"{run.name} was rejected"

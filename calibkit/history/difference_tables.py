@@ -48,8 +48,10 @@ def summarize_difference(difference: Difference) -> Summary:
         if any(entry.verdict == "moved" for entry in block.changes)
     ]
     if difference.settings:
-        more = len(difference.settings) - MOST_SETTINGS
-        title = f"what else differs{f' ({more} more with --json)' if more > 0 else ''}"
+        hidden_count = len(difference.settings) - MOST_SETTINGS
+        title = (
+            f"what else differs{f' ({hidden_count} more with --json)' if hidden_count > 0 else ''}"
+        )
         columns = (
             "what",
             Column(difference.before.name, key="before"),
@@ -80,19 +82,25 @@ def _unpaired(difference: Difference) -> str:
     judges those.
     """
     parts = []
-    for verdict, where in (("gone", difference.before.name), ("appeared", difference.after.name)):
-        whole = [
+    for verdict, run_name in (
+        ("gone", difference.before.name),
+        ("appeared", difference.after.name),
+    ):
+        whole_models = [
             m.name
             for m in difference.models
             if m.changes and all(entry.verdict == verdict for entry in m.changes)
         ]
         single = difference.count(verdict) - sum(
-            len(m.changes) for m in difference.models if m.name in whole
+            len(m.changes) for m in difference.models if m.name in whole_models
         )
-        if whole:
-            parts.append(f"model{'s' if len(whole) > 1 else ''} {', '.join(whole)} only in {where}")
+        if whole_models:
+            parts.append(
+                f"model{'s' if len(whole_models) > 1 else ''} {', '.join(whole_models)}"
+                f" only in {run_name}"
+            )
         if single:
-            parts.append(f"{single} coefficient{'s' if single > 1 else ''} more only in {where}")
+            parts.append(f"{single} coefficient{'s' if single > 1 else ''} more only in {run_name}")
     return "; ".join([*parts, ""]) if parts else ""
 
 
@@ -101,15 +109,15 @@ def _change_table(model: ModelChange, *, moved_alone: bool = False) -> Table:
     title = (
         f"{model.stage}: {f'{model.name} ({model.form})' if model.name else 'figures that moved'}"
     )
-    together = ""
+    joint_note = ""
     if model.joint is not None:
         chance = model.joint.probability
-        together = (
+        joint_note = (
             "chance that all together differ as much:"
             f" {f'{chance:.2g}' if chance > 1e-9 else 'below 1e-9'}"
         )
     return tabulate(
-        "; ".join(filter(None, (title, together, *model.notes))),
+        "; ".join(filter(None, (title, joint_note, *model.notes))),
         (Column("coefficient" if model.name else "figure", key="name"), *CHANGE_COLUMNS),
         [entry for entry in model.changes if entry.verdict == "moved" or not moved_alone],
     )

@@ -22,7 +22,7 @@ ROWS, COLUMNS = 4, 3
 SUFFIXES = (".pdf", ".png")
 
 
-def render(found: Timeline, suffix: str, first: Sequence[Figure] = ()) -> bytes:
+def render(timeline: Timeline, suffix: str, first: Sequence[Figure] = ()) -> bytes:
     """Figure of a timeline as PDF (the pages that come first, then as many as it needs) or PNG (the
     first page).
     """
@@ -31,14 +31,16 @@ def render(found: Timeline, suffix: str, first: Sequence[Figure] = ()) -> bytes:
             f"--figure: a file ending in '{suffix}'",
             hint=f"name one ending in {' or '.join(SUFFIXES)}",
         )
-    if not found.series and not first:
+    if not timeline.series and not first:
         raise UsageError(
-            f"{found.serial}: no quantity with an uncertainty was determined twice",
+            f"{timeline.serial}: no quantity with an uncertainty was determined twice",
             hint="a figure needs two revisions",
         )
     step = ROWS * COLUMNS
-    blocks = [found.series[at : at + step] for at in range(0, len(found.series), step)]
-    pages = [*first, *(_page(found.serial, block) for block in blocks)]
+    blocks = [
+        timeline.series[start : start + step] for start in range(0, len(timeline.series), step)
+    ]
+    pages = [*first, *(_page(timeline.serial, block) for block in blocks)]
     return png(pages[0]) if suffix == ".png" else pdf(pages)
 
 
@@ -114,7 +116,11 @@ def _dates(ax: Axes, series: NumberSeries) -> None:
     days = sorted(
         {dt.date.fromisoformat(point.effective_from).toordinal() for point in series.points}
     )
-    shown = days if len(days) <= 4 else [days[round(k * (len(days) - 1) / 3)] for k in range(4)]
-    ax.set_xticks(shown, [dt.date.fromordinal(day).isoformat() for day in shown], fontsize=6.5)
+    labelled_days = (
+        days if len(days) <= 4 else [days[round(k * (len(days) - 1) / 3)] for k in range(4)]
+    )
+    ax.set_xticks(
+        labelled_days, [dt.date.fromordinal(day).isoformat() for day in labelled_days], fontsize=6.5
+    )
     ax.margins(x=0.15)
     ax.tick_params(axis="y", labelsize=7)

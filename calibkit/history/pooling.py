@@ -42,19 +42,27 @@ def pool_components(spec: Recipe, runs: Path, logs: Sequence[Path]) -> Pooled:
     if not earlier:
         flag = f"no earlier run of type '{spec.type}' in {runs.name}: nothing was pooled"
         return Pooled(spec, flags=(flag,))
-    found: dict[tuple[str, str], list[Component]] = {}
+    components: dict[tuple[str, str], list[Component]] = {}
     for run in earlier:
         for key, component in _components(run).items():
-            found.setdefault(key, []).append(component)
-    stated = {(one.group, one.effect) for one in spec.errors.component}
-    pooled = [_pool(each) for key, each in sorted(found.items()) if key not in stated]
+            components.setdefault(key, []).append(component)
+    stated_keys = {
+        (recipe_component.group, recipe_component.effect)
+        for recipe_component in spec.errors.component
+    }
+    pooled = [
+        _pool(same_effect)
+        for key, same_effect in sorted(components.items())
+        if key not in stated_keys
+    ]
     errors = spec.errors.model_copy(update={"component": (*spec.errors.component, *pooled)})
     flags = tuple(
-        f"{one.effect} of the {one.group}: {one.value:.2g} {one.unit} with {one.dof:.0f} degrees of"
-        f" freedom, pooled from {len(earlier)} runs of type '{spec.type}'"
-        for one in pooled
+        f"{component.effect} of the {component.group}: {component.value:.2g} {component.unit} with"
+        f" {component.dof:.0f} degrees of freedom, pooled from {len(earlier)} runs of"
+        f" type '{spec.type}'"
+        for component in pooled
     )
-    listed = tuple(
+    pooled_runs = tuple(
         {
             "serial": run.document["serial"],
             "revision": run.document["revision"],
@@ -62,7 +70,7 @@ def pool_components(spec: Recipe, runs: Path, logs: Sequence[Path]) -> Pooled:
         }
         for run in earlier
     )
-    return Pooled(spec.model_copy(update={"errors": errors}), listed, flags)
+    return Pooled(spec.model_copy(update={"errors": errors}), pooled_runs, flags)
 
 
 def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[Run]:
@@ -72,33 +80,33 @@ def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[Run]:
     for folder in sorted(runs.iterdir()) if runs.is_dir() else ():
         for revision in sorted(store.revisions(folder) if folder.is_dir() else (), reverse=True):
             run = store.load_revision(runs, folder.name, revision)
-            wanted = (spec.procedure, spec.type)
-            found = (run.document["procedure"], run.document.get("type", ""))
-            same = digests & {entry["sha256"] for entry in run.document["inputs"]}
-            if found == wanted and not same and not run.document.get(POOLED):
+            recipe_kind = (spec.procedure, spec.type)
+            run_kind = (run.document["procedure"], run.document.get("type", ""))
+            shared_digests = digests & {entry["sha256"] for entry in run.document["inputs"]}
+            if run_kind == recipe_kind and not shared_digests and not run.document.get(POOLED):
                 yield run
                 break
 
 
 def _components(run: Run) -> dict[tuple[str, str], Component]:
     """(group, effect) → component of the first model that has it: models of one run share them."""
-    found: dict[tuple[str, str], Component] = {}
+    components: dict[tuple[str, str], Component] = {}
     for name in sorted(run.records):
         for model in run.records[name].models:
-            for one in model.components:
-                found.setdefault((one.group, one.effect), one)
-    return found
+            for component in model.components:
+                components.setdefault((component.group, component.effect), component)
+    return components
 
 
 def _pool(components: list[Component]) -> ErrorComponent:
     """Root mean square of standard deviations, and the degrees of freedom s²/(2 u²) of each, 1
     where it is not larger than its own uncertainty.
     """
-    value = np.array([one.value for one in components])
-    u = np.array([one.standard_uncertainty for one in components])
-    groups = np.array([one.groups for one in components])
-    shown = value > u
-    dof = np.where(shown, value**2 / (2.0 * np.where(shown, u, 1.0) ** 2), 1.0)
+    value = np.array([component.value for component in components])
+    u = np.array([component.standard_uncertainty for component in components])
+    groups = np.array([component.groups for component in components])
+    significant = value > u
+    dof = np.where(significant, value**2 / (2.0 * np.where(significant, u, 1.0) ** 2), 1.0)
     return ErrorComponent(
         group=components[0].group,
         effect=components[0].effect,

@@ -176,22 +176,22 @@ def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
 
 def _state_break(number: int, record: Record, expected: str) -> str:
     """One file that does not supersede the one before it."""
-    stated = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
+    superseded = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
     required = (
         f"{expected[:12]}… of r{number - 1:03d}"
         if expected
         else f"nothing: r{number - 1:03d} has no such stage"
     )
-    return f"r{number:03d}: {record.stage} supersedes {stated}, expected {required}"
+    return f"r{number:03d}: {record.stage} supersedes {superseded}, expected {required}"
 
 
 def _dates_in_force(runs: Sequence[Run]) -> dict[int, _InForce]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
     until = dict(itertools.pairwise([*sorted(winners), ""]))
-    held = {revision: _InForce(date, until[date]) for date, revision in winners.items()}
+    periods = {revision: _InForce(date, until[date]) for date, revision in winners.items()}
     return {
-        run.document["revision"]: held.get(run.document["revision"], _InForce("", ""))
+        run.document["revision"]: periods.get(run.document["revision"], _InForce("", ""))
         for run in runs
     }
 
@@ -225,14 +225,14 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
 
 def independent_runs(runs: Sequence[Run]) -> set[int]:
     """Revisions that were not rejected and share no log with a newer one of them."""
-    seen: list[Mapping[str, object]] = []
-    kept = set()
+    newer_inputs: list[Mapping[str, object]] = []
+    independent = set()
     for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
         usable = run.document["verdict"] != "rejected"
-        if usable and not copies.shared_logs(run.document["inputs"], seen):
-            kept.add(int(run.document["revision"]))
-            seen += run.document["inputs"]
-    return kept
+        if usable and not copies.shared_logs(run.document["inputs"], newer_inputs):
+            independent.add(int(run.document["revision"]))
+            newer_inputs += run.document["inputs"]
+    return independent
 
 
 def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[NumberSeries]:
@@ -243,17 +243,17 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[NumberSeries]:
     for run in sorted(
         runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
     ):
-        when = (run.document["revision"], run.document["effective_from"])
+        revision_and_date = (run.document["revision"], run.document["effective_from"])
         for quantity, number in _numbers(run, forms_of(run.document["procedure"])):
             if number.standard_uncertainty > 0.0:
                 verdict = run.document["verdict"]
                 u, dof = number.standard_uncertainty, number.effective_dof
-                point = Determination(*when, number.value, u, dof, verdict)
+                point = Determination(*revision_and_date, number.value, u, dof, verdict)
                 points.setdefault(quantity, []).append(point)
     independent = independent_runs(runs)
-    for quantity, found in points.items():
-        if len(found) > 1:
-            yield _one_series(quantity, tuple(found), independent)
+    for quantity, determinations in points.items():
+        if len(determinations) > 1:
+            yield _one_series(quantity, tuple(determinations), independent)
 
 
 def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[FollowedNumber, Coefficient]]:
@@ -283,17 +283,22 @@ def _one_series(
     years.
     """
     steps = [_change(quantity, a, b).in_u for a, b in itertools.pairwise(points)]
-    taken = [point for point in points if point.revision in independent]
+    independent_points = [point for point in points if point.revision in independent]
     years = np.array(
-        [dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken]
+        [
+            dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS
+            for point in independent_points
+        ]
     )
-    values = np.array([point.value for point in taken])
+    values = np.array([point.value for point in independent_points])
     return NumberSeries(
         quantity,
         points,
         _change(quantity, points[0], points[-1]),
         max(map(abs, steps)),
-        change.trend(years, values, np.array([point.standard_uncertainty for point in taken])),
+        change.trend(
+            years, values, np.array([point.standard_uncertainty for point in independent_points])
+        ),
     )
 
 

@@ -34,25 +34,27 @@ def name_results(results: Sequence[StageResult]) -> set[str]:
 
 
 def combine_results(
-    results: Sequence[StageResult], terms: Sequence[TypeB], stated: Iterable[Mapping[str, Any]]
+    results: Sequence[StageResult],
+    terms: Sequence[TypeB],
+    stated_uncertainties: Iterable[Mapping[str, Any]],
 ) -> list[Mapping[str, Any]]:
     """Combined uncertainties that the procedure states itself, then one of every other coefficient
     and figure that a type B term names, as JSON objects.
     """
-    found = list(stated)
-    already = {entry["result"] for entry in found}
+    combined = list(stated_uncertainties)
+    already = {entry["result"] for entry in combined}
     for stage, name, entry, dof in _iterate_results(results):
         parts = [
             part
-            for wanted in dict.fromkeys((name, entry.name))
-            for part in type_b.terms_of(terms, wanted, entry.value).components
+            for result_name in dict.fromkeys((name, entry.name))
+            for part in type_b.terms_of(terms, result_name, entry.value).components
         ]
         if parts and f"{stage}: {name}" not in already:
-            own = gum.UncertaintyComponent(
+            type_a = gum.UncertaintyComponent(
                 "type A", entry.value, entry.standard_uncertainty, "A", dof=dof
             )
-            found.append(combine(f"{stage}: {name}", entry.unit, [own, *parts]))
-    return found
+            combined.append(combine(f"{stage}: {name}", entry.unit, [type_a, *parts]))
+    return combined
 
 
 def combine(

@@ -105,21 +105,30 @@ def _draw(ax: Axes, chart: ControlChart) -> list[str]:
     """One chart, and the words beside it; what stands far outside is a triangle at the edge, so
     that others keep their spread.
     """
-    at = np.arange(1, len(chart.serials) + 1)
+    positions = np.arange(1, len(chart.serials) + 1)
     outliers = list(chart.control.outliers)
     low, high = _window(chart)
-    shown = np.clip(chart.values, low, high)
-    inside = shown == chart.values
+    clipped_values = np.clip(chart.values, low, high)
+    inside = clipped_values == chart.values
     if np.any(chart.standard_uncertainties > 0.0):
         errors = 2.0 * chart.standard_uncertainties[inside]
-        ax.errorbar(at[inside], shown[inside], errors, fmt="none", ecolor=MUTED, elinewidth=0.8)
-    ax.plot(at[inside], shown[inside], ".", ms=5, color=DENOISED)
-    for beyond, marker in ((chart.values > high, "^"), (chart.values < low, "v")):
-        ax.plot(at[beyond], shown[beyond], marker, ms=6, color=ALERT, clip_on=False)
+        ax.errorbar(
+            positions[inside],
+            clipped_values[inside],
+            errors,
+            fmt="none",
+            ecolor=MUTED,
+            elinewidth=0.8,
+        )
+    ax.plot(positions[inside], clipped_values[inside], ".", ms=5, color=DENOISED)
+    for outside, marker in ((chart.values > high, "^"), (chart.values < low, "v")):
+        ax.plot(
+            positions[outside], clipped_values[outside], marker, ms=6, color=ALERT, clip_on=False
+        )
     ringed = [k for k in outliers if inside[k]]
-    ax.plot(at[ringed], shown[ringed], "o", ms=6, mfc="none", color=ALERT)
+    ax.plot(positions[ringed], clipped_values[ringed], "o", ms=6, mfc="none", color=ALERT)
     for k in outliers[:MOST_NAMED]:
-        _name(ax, chart, k, float(shown[k]))
+        _name(ax, chart, k, float(clipped_values[k]))
     if math.isfinite(low):
         ax.set_ylim(low - MARGIN * (high - low), high + MARGIN * (high - low))
     _name_serials(ax, chart.serials)
@@ -181,9 +190,12 @@ def _draw_lines(ax: Axes, chart: ControlChart) -> list[str]:
 def _name_serials(ax: Axes, serials: Sequence[str]) -> None:
     """Serials below the axis, every so many where there are many."""
     step = -(-len(serials) // MOST_NAMES)
-    at = list(range(0, len(serials), step))
+    labelled_indices = list(range(0, len(serials), step))
     ax.set_xticks(
-        [k + 1 for k in at], [_short(serials[k]) for k in at], rotation=90, fontsize=SERIAL_SIZE
+        [k + 1 for k in labelled_indices],
+        [_short(serials[k]) for k in labelled_indices],
+        rotation=90,
+        fontsize=SERIAL_SIZE,
     )
     ax.set_xlim(0.0, len(serials) + 1.0)
     ax.grid(visible=False, axis="x")
@@ -204,7 +216,7 @@ def _explanation(chart: ControlChart) -> str:
         )
     if not math.isfinite(chart.control.limit):
         return f"{count}; fewer than {FEWEST}: no device can be judged by their spread"
-    own = (
+    limits_note = (
         "; limits of a device of usual uncertainty" if np.any(chart.standard_uncertainties) else ""
     )
-    return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation{own}"
+    return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation{limits_note}"

@@ -113,13 +113,13 @@ def _wide_fonts() -> list[str]:
     """
     from matplotlib import font_manager
 
-    known = font_manager.fontManager
-    if not {font.name for font in known.ttflist} & set(WIDE_FONTS):
+    manager = font_manager.fontManager
+    if not {font.name for font in manager.ttflist} & set(WIDE_FONTS):
         for path in sorted(font_manager.findSystemFonts()):
             if Path(path).name.lower().startswith(WIDE_FILES):
-                known.addfont(path)
-    there = {font.name for font in known.ttflist}
-    return [name for name in WIDE_FONTS if name in there]
+                manager.addfont(path)
+    font_names = {font.name for font in manager.ttflist}
+    return [name for name in WIDE_FONTS if name in font_names]
 
 
 @contextlib.contextmanager

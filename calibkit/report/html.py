@@ -47,19 +47,21 @@ class Shown:
     """Dates of the logs; empty where they state none."""
 
 
-def page(document: Mapping[str, Any], records: Mapping[str, Record], shown: Shown) -> bytes:
+def page(document: Mapping[str, Any], records: Mapping[str, Record], page_content: Shown) -> bytes:
     """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page
     yet, digest and file list.
     """
     rejected = document["verdict"] == "rejected"
     title = f"{_run_name(document)}, {document['procedure']}"
-    frames = _figures(shown.drawn, rejected=rejected)
-    folded = [_fold(name, parts) for name, parts in _parts(document, records, shown, frames[1:])]
+    frames = _figures(page_content.drawn, rejected=rejected)
+    folded = [
+        _fold(name, parts) for name, parts in _parts(document, records, page_content, frames[1:])
+    ]
     body = [
-        _top(document, shown),
+        _top(document, page_content),
         element(
             "main",
-            _first_screen(document, shown, frames[:1]),
+            _first_screen(document, page_content, frames[:1]),
             element("h2", "Details"),
             join_markup(folded),
             id="content",
@@ -75,8 +77,8 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], shown: Show
 
 def first_screen_of(page: str) -> str:
     """The page of a run without what is folded below its first screen, and without its script."""
-    above, _, below = page.partition("<h2>Details</h2>")
-    return f"{above}</main></body></html>" if below else page
+    first_screen, _, details = page.partition("<h2>Details</h2>")
+    return f"{first_screen}</main></body></html>" if details else page
 
 
 def whole_page(title: str, body: Sequence[Markup], *, style: str = "", script: str = "") -> bytes:
@@ -109,10 +111,10 @@ def _own(file: str) -> str:
     """Text of a file of this package, without lines of comment and spaces that nobody reads."""
     text = resources.files("calibkit.report").joinpath(file).read_text(encoding="utf-8")
     lines = map(str.strip, text.splitlines())
-    kept = "\n".join(line for line in lines if line and not line.startswith("//"))
+    code = "\n".join(line for line in lines if line and not line.startswith("//"))
     if file.endswith(".css"):  # there spaces have meanings
-        return kept
-    parts = _QUOTED.split(kept)
+        return code
+    parts = _QUOTED.split(code)
     parts[::2] = [_AROUND.sub(r"\1", part) for part in parts[::2]]
     return "".join(parts)
 
@@ -121,24 +123,24 @@ def _policy(style: str, script: str) -> str:
     """Content security policy under which nothing but this page's own style and script is used and
     nothing is loaded.
     """
-    own = [
+    digests = [
         f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
         for text in (style, script)
     ]
     return (
-        f"default-src 'none'; style-src {own[0]}; script-src {own[1]}; base-uri 'none'; form-action"
-        " 'none'"
+        f"default-src 'none'; style-src {digests[0]}; script-src {digests[1]}; base-uri 'none';"
+        " form-action 'none'"
     )
 
 
-def _top(document: Mapping[str, Any], shown: Shown) -> Markup:
+def _top(document: Mapping[str, Any], page_content: Shown) -> Markup:
     """Whose run this is, and the verdict on it."""
     kind = "open" if document["verdict"] == "no verdict" else document["verdict"]
-    summary = shown.drawn.summary
+    summary = page_content.drawn.summary
     facts = [
         summary.title or document["procedure"],
-        summary.overview.about,
-        f"measured {shown.measured}" if shown.measured else "",
+        summary.overview.data_extent,
+        f"measured {page_content.measured}" if page_content.measured else "",
         f"effective from {document['effective_from']}",
     ]
     return join_markup(
@@ -154,59 +156,65 @@ def _top(document: Mapping[str, Any], shown: Shown) -> Markup:
     )
 
 
-def _first_screen(document: Mapping[str, Any], shown: Shown, frames: Sequence[Markup]) -> Markup:
+def _first_screen(
+    document: Mapping[str, Any], page_content: Shown, frames: Sequence[Markup]
+) -> Markup:
     """What was found in a sentence, the picture that shows it, the key values, what to check."""
-    summary = shown.drawn.summary
+    summary = page_content.drawn.summary
     overview = summary.overview
-    found = [element("p", overview.sentence, class_="lead")] if overview.sentence else []
+    lead = [element("p", overview.sentence, class_="lead")] if overview.sentence else []
     values = [
         element(
-            "div", element("dt", f"{one.name[0].upper()}{one.name[1:]}"), element("dd", str(one))
+            "div",
+            element("dt", f"{key_value.name[0].upper()}{key_value.name[1:]}"),
+            element("dd", str(key_value)),
         )
-        for one in overview.values
+        for key_value in overview.values
     ]
     checks = [*summary.checks]
     if document["excluded"]:
         checks.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")
     if document["recipe"]["overrides"]:
         checks.append("the recipe was changed by --set: see Where this comes from")
-    beside = [element("dl", join_markup(values))] if values else []
-    if any(one.standard_uncertainty for one in overview.values):
-        beside.append(
+    side_column = [element("dl", join_markup(values))] if values else []
+    if any(key_value.standard_uncertainty for key_value in overview.values):
+        side_column.append(
             element("p", "Digits in brackets: standard uncertainty of the last digits (k = 1).")
         )
     if document["verdict"] == "rejected":
-        beside.append(element("p", "No firmware: the run is rejected"))
-    elif shown.no_firmware:
-        beside.append(element("p", f"No firmware: {shown.no_firmware}"))
-    elif shown.exported:
-        beside.append(element("p", f"Firmware takes {', '.join(shown.exported)}"))
+        side_column.append(element("p", "No firmware: the run is rejected"))
+    elif page_content.no_firmware:
+        side_column.append(element("p", f"No firmware: {page_content.no_firmware}"))
+    elif page_content.exported:
+        side_column.append(element("p", f"Firmware takes {', '.join(page_content.exported)}"))
     if checks:
-        beside += [
+        side_column += [
             element("h2", f"Please check ({len(checks)})"),
             tables.list_flags(checks[:_MOST_CHECKS]),
         ]
         if len(checks) > _MOST_CHECKS:
-            beside.append(element("p", f"{len(checks) - _MOST_CHECKS} more below, under Notes."))
+            side_column.append(
+                element("p", f"{len(checks) - _MOST_CHECKS} more below, under Notes.")
+            )
     else:
-        beside.append(element("p", "Nothing to check."))
+        side_column.append(element("p", "Nothing to check."))
     parts = [element("div", join_markup(frames), class_="picture")] if frames else []
-    parts.append(element("div", join_markup(beside), class_="beside"))
+    parts.append(element("div", join_markup(side_column), class_="beside"))
     return element(
-        "section", *found, element("div", join_markup(parts), class_="screen"), id="first"
+        "section", *lead, element("div", join_markup(parts), class_="screen"), id="first"
     )
 
 
 def _parts(
     document: Mapping[str, Any],
     records: Mapping[str, Record],
-    shown: Shown,
+    page_content: Shown,
     frames: Sequence[Markup],
 ) -> Iterator[tuple[str, Sequence[Markup]]]:
     """Heading and content of every folded part in order, the exported model first."""
-    summary = shown.drawn.summary
-    chosen = shown.exported or tuple(records)
-    exported = [records[name] for name in chosen if name in records and records[name].models]
+    summary = page_content.drawn.summary
+    record_names = page_content.exported or tuple(records)
+    exported = [records[name] for name in record_names if name in records and records[name].models]
     if exported:
         yield "Exported model", tables.list_exported(document, exported)
     facts = [element("p", fact) for fact in summary.overview.facts]

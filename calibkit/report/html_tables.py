@@ -28,11 +28,11 @@ COMBINED = (
 )
 
 
-def _row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
+def _row(first: Content, *contents: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
     """A row whose first cell names it; the cells at `numbers` are set as numbers."""
     cells = (
-        element("td", content, class_="number" if at in numbers else "")
-        for at, content in enumerate(others, start=1)
+        element("td", content, class_="number" if column in numbers else "")
+        for column, content in enumerate(contents, start=1)
     )
     return element("tr", element("th", first, scope="row"), *cells, class_=kind)
 
@@ -49,8 +49,8 @@ def _table(
     head = element(
         "tr",
         *(
-            element("th", name, scope="col", class_="number" if at in numbers else "")
-            for at, name in enumerate(heads)
+            element("th", name, scope="col", class_="number" if column in numbers else "")
+            for column, name in enumerate(heads)
         ),
     )
     parts = [element("caption", element("span", caption)), element("thead", head)]
@@ -70,30 +70,30 @@ def _show_cell(column: Column, cell: Cell) -> Content:
     return element("data", text, value=repr(float(cell))) if isinstance(cell, float) else text
 
 
-def _rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
+def _rows_of(table: Table, numbers: Sequence[int]) -> list[Markup]:
     """Rows of a table of records."""
-    columns = made.formats
-    return [_row(*map(_show_cell, columns, cells), numbers=numbers) for cells in made.rows]
+    columns = table.formats
+    return [_row(*map(_show_cell, columns, cells), numbers=numbers) for cells in table.rows]
 
 
-def _record_table(made: Table, numbers: Sequence[int]) -> Markup:
+def _record_table(table: Table, numbers: Sequence[int]) -> Markup:
     """A table of records, its numbers with every digit."""
-    return _table(made.title, made.heads, [_rows_of(made, numbers)], numbers)
+    return _table(table.title, table.heads, [_rows_of(table, numbers)], numbers)
 
 
-def _folded(caption: str, rows: int, made: Markup) -> Markup:
+def _folded(caption: str, rows: int, markup: Markup) -> Markup:
     """A table as it is, or behind its caption where it is long."""
     if rows <= FOLDED:
-        return made
-    return element("details", element("summary", f"{caption} ({rows} rows)"), made)
+        return markup
+    return element("details", element("summary", f"{caption} ({rows} rows)"), markup)
 
 
-def summary_table(made: Table) -> Markup:
+def summary_table(table: Table) -> Markup:
     """A table of the summary, as its texts."""
-    width = len(made.columns)
+    width = len(table.columns)
     numbers = range(1, width)
-    rows = [_row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in made.texts]
-    return _folded(made.title, len(rows), _table(made.title, made.heads, [rows], numbers))
+    rows = [_row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in table.texts]
+    return _folded(table.title, len(rows), _table(table.title, table.heads, [rows], numbers))
 
 
 def list_rows(
@@ -125,16 +125,16 @@ def _coefficients(record: Record) -> Markup:
     """Every coefficient of a stage, its models below each other."""
     caption = f"Coefficients of {record.stage}.json"
     dof = states_dof(record.models)
-    made = [
+    tables = [
         quantity_table(caption, model.coefficients, head="coefficient", digits=EXACT, dof=dof)
         for model in record.models
     ]
-    heads = made[0].heads
+    heads = tables[0].heads
     bodies = [
-        [_model_row(model, len(heads)), *_rows_of(one, (1, 2, 4))]
-        for model, one in zip(record.models, made, strict=True)
+        [_model_row(model, len(heads)), *_rows_of(table, (1, 2, 4))]
+        for model, table in zip(record.models, tables, strict=True)
     ]
-    rows = sum(len(one.rows) for one in made)
+    rows = sum(len(table.rows) for table in tables)
     return _folded(caption, rows, _table(caption, heads, bodies, (1, 2, 4)))
 
 
@@ -143,18 +143,18 @@ def _model_row(model: Model, columns: int) -> Markup:
     valid = [
         f"{column} from {low:.6g} to {high:.6g}" for column, (low, high) in model.valid.items()
     ]
-    chosen = [
+    parameters = [
         f"{entry.name} = {entry.value:.9g}{'' if entry.unit == '1' else f' {entry.unit}'}"
         for entry in model.parameters
     ]
-    about = (
+    properties = (
         model.form,
         *(f"valid for {part}" for part in valid),
-        *chosen,
+        *parameters,
         f"{model.dof} degrees of freedom",
     )
     residual = f"residual rms {model.residual_rms:.6g} {model.residual_unit}"
-    head = (element("b", model.name), f" {'; '.join(about)}, {residual}")
+    head = (element("b", model.name), f" {'; '.join(properties)}, {residual}")
     return element(
         "tr", element("th", *head, scope="rowgroup", colspan=f"{columns}"), class_="model"
     )
@@ -162,23 +162,25 @@ def _model_row(model: Model, columns: int) -> Markup:
 
 def _figures(record: Record) -> Markup:
     """Figures of merit of a stage."""
-    made = quantity_table(
+    table = quantity_table(
         f"Figures of {record.stage}.json",
         record.figures,
         head="figure",
         digits=EXACT,
         unstated="not stated",
     )
-    return _folded(made.title, len(made.rows), _record_table(made, (1, 2)))
+    return _folded(table.title, len(table.rows), _record_table(table, (1, 2)))
 
 
 def _conditions(records: Sequence[Record]) -> Markup:
     """Conditions under which the coefficients were found, each once."""
-    found = dict.fromkeys(entry for record in records for entry in record.conditions)
-    if not found:
+    conditions = dict.fromkeys(entry for record in records for entry in record.conditions)
+    if not conditions:
         return element("p", "The recipe states no conditions.")
     return _record_table(
-        quantity_table("Conditions", found, head="condition", digits=EXACT, unstated="not stated"),
+        quantity_table(
+            "Conditions", conditions, head="condition", digits=EXACT, unstated="not stated"
+        ),
         (1, 2),
     )
 
@@ -201,8 +203,8 @@ def _combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in entries
     )
-    made = Table("Combined uncertainties, type A and type B", COMBINED, rows)
-    return _record_table(made, (1, 3, 4, 5, 6))
+    table = Table("Combined uncertainties, type A and type B", COMBINED, rows)
+    return _record_table(table, (1, 3, 4, 5, 6))
 
 
 def _where_it_holds(entry: Mapping[str, Any]) -> Iterator[str]:
@@ -227,11 +229,11 @@ def _logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in inputs
     ]
-    made = _table("Logs", ("log", "rows", "SHA-256", "how it was read"), [rows], (1,))
-    return _folded("Logs", len(rows), made)
+    table = _table("Logs", ("log", "rows", "SHA-256", "how it was read"), [rows], (1,))
+    return _folded("Logs", len(rows), table)
 
 
-def _entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
+def _entries(caption: str, entries: Sequence[Mapping[str, Any]]) -> Markup:
     """Entries of a recipe's list (exclusions, corrections, type B terms), one a row, as they were
     written.
     """
@@ -242,7 +244,7 @@ def _entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
                 f"{key}: {value}" for key, value in entry.items() if value not in (None, "", [], {})
             ),
         )
-        for number, entry in enumerate(found, start=1)
+        for number, entry in enumerate(entries, start=1)
     ]
     return _table(caption, ("", "as stated"), [rows], ())
 
@@ -292,9 +294,9 @@ def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]
         )
     )
     for record in records.values():
-        own = [flag for flag in record.flags if flag not in document["flags"]]
+        stage_flags = [flag for flag in record.flags if flag not in document["flags"]]
         parts += [element("h4", f"{record.stage}.json")]
-        parts += [list_flags(own)] if own else []
+        parts += [list_flags(stage_flags)] if stage_flags else []
         parts += [_coefficients(record)] if record.models else []
         shared = list_components(f"{record.stage}: {SHARED}", record.models)
         parts += [_record_table(shared, (2, 3, 5))] if shared.rows else []
@@ -306,8 +308,10 @@ def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]
 
 def list_uncertainties(document: Mapping[str, Any]) -> list[Markup]:
     """Combined uncertainties and the type B terms of the recipe."""
-    stated, terms = document.get("uncertainty"), document.get("type_b")
-    parts = [_combined(stated) if stated else element("p", "No combined uncertainty is stated.")]
+    combined, terms = document.get("uncertainty"), document.get("type_b")
+    parts = [
+        _combined(combined) if combined else element("p", "No combined uncertainty is stated.")
+    ]
     return [*parts, _entries("Type B terms of the recipe", terms)] if terms else parts
 
 

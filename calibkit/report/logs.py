@@ -32,10 +32,10 @@ SHADES = {
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Envelope of a column: where along the log [m], smallest and largest value there [m]."""
+    """Envelope of a column: abscissa along the log [m], smallest and largest value there [m]."""
 
     name: str
-    along: Array
+    abscissa: Array
     low: Array
     high: Array
 
@@ -47,7 +47,7 @@ class LogFigure:
     file: str
     axis: str
     curves: tuple[Curve, ...]
-    held: tuple[tuple[str, float, float], ...]
+    conditions: tuple[tuple[str, float, float], ...]
     marks: tuple[tuple[float, str, str], ...]
     occupancy: tuple[tuple[float, float, float], ...]
 
@@ -55,45 +55,45 @@ class LogFigure:
         """Page of one log: panels of the columns below each other, and the temperature occupancy
         where there is one.
         """
-        shown = self.curves[:9]
-        count = max(1, len(shown)) + (1 if len(self.occupancy) > 1 else 0)
+        curves = self.curves[:9]
+        count = max(1, len(curves)) + (1 if len(self.occupancy) > 1 else 0)
         figure, axes = page(count, 1, title=self.file, height=1.0 + 1.7 * count)
-        for ax, curve in zip(axes, shown, strict=False):
+        for ax, curve in zip(axes, curves, strict=False):
             _panel(ax, self, curve)
-        if shown:
-            axes[len(shown) - 1].set_xlabel(self.axis)
+        if curves:
+            axes[len(curves) - 1].set_xlabel(self.axis)
             _key(axes[0], self)
         if len(self.occupancy) > 1:
             _occupancy(axes[-1], self)
         return figure
 
 
-def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Smallest and largest of values [n] in at most 2000 pieces: along [m], low [m], high [m];
+def envelope(abscissa: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Smallest and largest of values [n] in at most 2000 pieces: abscissa [m], low [m], high [m];
     missing values are left out.
     """
-    good = np.isfinite(values) & np.isfinite(along)
-    along, values = along[good], values[good]
+    good = np.isfinite(values) & np.isfinite(abscissa)
+    abscissa, values = abscissa[good], values[good]
     if values.size <= POINTS:
-        return along, values, values
+        return abscissa, values, values
     first = np.linspace(0, values.size, POINTS + 1)[:-1].astype(np.int64)
-    return along[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+    return abscissa[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
 
 
 def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
     """One column, with shaded conditions and marked findings."""
-    for kind, first, last in log.held:
+    for kind, first, last in log.conditions:
         ax.axvspan(first, last, color=SHADES.get(kind, "#dddddd"), lw=0, alpha=0.6)
-    if curve.along.size <= 400:
-        ax.plot(curve.along, curve.low, ".", ms=3, color=INK)
+    if curve.abscissa.size <= 400:
+        ax.plot(curve.abscissa, curve.low, ".", ms=3, color=INK)
     else:
-        ax.fill_between(curve.along, curve.low, curve.high, color=RAW, lw=0)
-        ax.plot(curve.along, (curve.low + curve.high) / 2.0, color=DENOISED, lw=0.7)
-    for number, (at, _, severity) in enumerate(log.marks, start=1):
+        ax.fill_between(curve.abscissa, curve.low, curve.high, color=RAW, lw=0)
+        ax.plot(curve.abscissa, (curve.low + curve.high) / 2.0, color=DENOISED, lw=0.7)
+    for number, (x, _, severity) in enumerate(log.marks, start=1):
         colour = ALERT if severity == "refuse" else MUTED
-        ax.axvline(at, color=colour, lw=1.0, ls="--")
+        ax.axvline(x, color=colour, lw=1.0, ls="--")
         ax.annotate(
-            str(number), (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color=colour
+            str(number), (x, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color=colour
         )
     ax.set_ylabel(curve.name, fontsize=7)
 
@@ -102,7 +102,7 @@ def _key(ax: Axes, log: LogFigure) -> None:
     """Legend of the shades, and the names of the marks."""
     handles = [
         ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind)
-        for kind in dict.fromkeys(kind for kind, _, _ in log.held)
+        for kind in dict.fromkeys(kind for kind, _, _ in log.conditions)
     ]
     if handles:
         ax.legend(handles=handles, loc="upper right", ncols=len(handles))

@@ -29,7 +29,7 @@ def escaped(content: Content) -> str:
     if isinstance(content, Markup):
         return content.text
     return html.escape(
-        _UNSHOWN.sub(lambda found: f"\\u{ord(found.group()):04x}", content.replace("\r", "\\r"))
+        _UNSHOWN.sub(lambda match: f"\\u{ord(match.group()):04x}", content.replace("\r", "\\r"))
     )
 
 
@@ -37,14 +37,14 @@ def element(tag: str, *parts: Content, **attributes: str) -> Markup:
     """An element around texts and pieces; a trailing underscore of an attribute's name goes, others
     become hyphens.
     """
-    stated = "".join(
+    attribute_text = "".join(
         f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
         for name, value in attributes.items()
         if value
     )
-    return Markup(f"<{tag}{stated}>{''.join(map(escaped, parts))}</{tag}>")
+    return Markup(f"<{tag}{attribute_text}>{''.join(map(escaped, parts))}</{tag}>")
 
 
-def join_markup(parts: Iterable[Markup], between: str = "\n") -> Markup:
+def join_markup(parts: Iterable[Markup], separator: str = "\n") -> Markup:
     """Pieces one after the other."""
-    return Markup(between.join(part.text for part in parts))
+    return Markup(separator.join(part.text for part in parts))

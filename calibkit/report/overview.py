@@ -50,7 +50,7 @@ class Overview:
     """At most four."""
     table: Table | None = None
     """One line per ramp, run or record."""
-    about: str = ""
+    data_extent: str = ""
     """How many logs, over which range."""
 
 
@@ -60,10 +60,10 @@ def concise(value: float, u: float = 0.0) -> str:
     """
     if not 0.0 < u < math.inf or not math.isfinite(value):
         return f"{float(f'{value:.3g}'):g}".replace("-", "−")
-    shown, uncertainty = gum.rounded(value, u, digits=2)
-    if "." not in shown or not uncertainty.startswith("0."):
-        return f"{shown}({uncertainty})".replace("-", "−")
-    return f"{shown}({uncertainty.removeprefix('0.').lstrip('0')})".replace("-", "−")
+    value_text, uncertainty = gum.rounded(value, u, digits=2)
+    if "." not in value_text or not uncertainty.startswith("0."):
+        return f"{value_text}({uncertainty})".replace("-", "−")
+    return f"{value_text}({uncertainty.removeprefix('0.').lstrip('0')})".replace("-", "−")
 
 
 def describe_span(low: float, high: float, unit: str, digits: str = ".0f") -> str:
@@ -79,10 +79,10 @@ def describe_verdict(criteria: Sequence[Criterion]) -> str:
     failed = [_describe_limit(criterion) for criterion in criteria if not criterion.passed]
     if failed:
         return f"REJECTED: {'; '.join(failed)}"
-    stated = [criterion for criterion in criteria if criterion.set_by == "recipe"]
-    nearest, count = _describe_limit(max(stated, key=_nearness)), len(criteria)
-    every = "both" if count == 2 else f"all {count}"
-    all_met = f" is nearest to its limit; {every} limits are met"
+    recipe_criteria = [criterion for criterion in criteria if criterion.set_by == "recipe"]
+    nearest, count = _describe_limit(max(recipe_criteria, key=_nearness)), len(criteria)
+    quantifier = "both" if count == 2 else f"all {count}"
+    all_met = f" is nearest to its limit; {quantifier} limits are met"
     return f"accepted: {nearest}{all_met if count > 1 else ''}"
 
 
@@ -91,9 +91,9 @@ def _describe_limit(criterion: Criterion) -> str:
     value, limit = criterion.value, criterion.limit
     side = "at most " if (value < limit) == criterion.passed else "at least "
     unit = "" if criterion.unit == "1" else f" {criterion.unit}"
-    own, digits = (" set by calibkit", 4) if criterion.set_by == "calibkit" else ("", 6)
+    origin, digits = (" set by calibkit", 4) if criterion.set_by == "calibkit" else ("", 6)
     bound = f"{'' if value == limit else side}{limit:.{digits}g}{unit}"
-    return f"{criterion.name} {value:.4g}{unit} (limit{own}: {bound})"
+    return f"{criterion.name} {value:.4g}{unit} (limit{origin}: {bound})"
 
 
 def _nearness(criterion: Criterion) -> float:
@@ -114,10 +114,12 @@ def merge_flags(flags: Iterable[str], logs: Sequence[str]) -> list[str]:
         {part for log in logs for part in (log, log.rpartition(".")[0]) if part}, key=len
     )
     any_log = re.compile(rf"(?<!\w)(?:{'|'.join(map(re.escape, reversed(names))) or '$.'})(?!\w)")
-    alike: dict[str, list[str]] = {}
+    flags_by_cause: dict[str, list[str]] = {}
     for flag in flags:
-        alike.setdefault(_NUMBER.sub("#", any_log.sub("@", flag)), []).append(flag)
-    return [line for found in alike.values() for line in _name_others(found, any_log)]
+        flags_by_cause.setdefault(_NUMBER.sub("#", any_log.sub("@", flag)), []).append(flag)
+    return [
+        line for same_cause in flags_by_cause.values() for line in _name_others(same_cause, any_log)
+    ]
 
 
 def _name_others(flags: Sequence[str], any_log: re.Pattern[str]) -> Sequence[str]:
@@ -132,7 +134,7 @@ def _name_others(flags: Sequence[str], any_log: re.Pattern[str]) -> Sequence[str
     of_logs = any_log.search(flags[0]) is not None and columns[0] in telling
     if len(flags) == 1 or (len(flags) <= _NAMED and not of_logs):
         return flags
-    others = [part.rstrip(",.:") for part in telling[0][1:]] if telling else []
-    named = [f"also {', '.join(others[:_NAMED])}"] if others else []
-    unnamed = len(flags) - 1 - len(others[:_NAMED])
-    return [f"{flags[0]} [{' and '.join([*named, *[f'{unnamed} more'] * (unnamed > 0)])}]"]
+    other_parts = [part.rstrip(",.:") for part in telling[0][1:]] if telling else []
+    mentions = [f"also {', '.join(other_parts[:_NAMED])}"] if other_parts else []
+    unnamed = len(flags) - 1 - len(other_parts[:_NAMED])
+    return [f"{flags[0]} [{' and '.join([*mentions, *[f'{unnamed} more'] * (unnamed > 0)])}]"]

@@ -36,16 +36,16 @@ class _Blocks(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         """Begin a table, a row, a text, or place a figure."""
-        given = dict(attrs)
+        attributes = dict(attrs)
         if tag == "x-figure":
-            drawing = self._drawings[int(given["number"] or 0)]
+            drawing = self._drawings[int(attributes["number"] or 0)]
             self.blocks.append({"kind": "figure", "svg": drawing})
         elif tag == "table":
             self._table = {"kind": "table", "rows": [], "heads": 0, "columns": 0, "caption": ""}
         elif tag == "tr":
             self._row = []
         elif tag in _TEXTS or tag in _UNSEEN:
-            self._open.append((tag, given))
+            self._open.append((tag, attributes))
             self._text = []
 
     def handle_data(self, data: str) -> None:
@@ -66,13 +66,13 @@ class _Blocks(HTMLParser):
         elif self._open and self._open[-1][0] == tag:
             self._close(*self._open.pop())
 
-    def _close(self, tag: str, given: dict[str, str | None]) -> None:
+    def _close(self, tag: str, attributes: dict[str, str | None]) -> None:
         """Place the text of an element that ends."""
         text = "".join(self._text)
         text = text if tag == "pre" else " ".join(text.split())
-        names = (given.get("class") or "").split()
+        names = (attributes.get("class") or "").split()
         if tag in ("th", "td"):
-            span = int(given.get("colspan") or 1)
+            span = int(attributes.get("colspan") or 1)
             self._row.append({"text": text, "span": span, "number": "number" in names})
         elif tag == "caption" and self._table is not None:
             self._table["caption"] = text
@@ -90,10 +90,10 @@ def render_page(page: bytes, date: str) -> bytes:
     """
     text = page.decode("utf-8")
     drawings = [
-        found.replace(
+        drawing.replace(
             "<svg", '<svg xmlns="http://www.w3.org/2000/svg" font-family="DejaVu Sans"', 1
         )
-        for found in _SVG.findall(text)
+        for drawing in _SVG.findall(text)
     ]
     numbers = iter(range(len(drawings)))
     parser = _Blocks(drawings)
@@ -102,7 +102,7 @@ def render_page(page: bytes, date: str) -> bytes:
     import matplotlib as mpl
 
     try:
-        made: bytes = typst.compile(
+        document: bytes = typst.compile(
             str(_TEMPLATE),
             sys_inputs={"blocks": json.dumps(parser.blocks, ensure_ascii=False)},
             font_paths=[str(Path(mpl.get_data_path()) / "fonts" / "ttf")],
@@ -110,4 +110,4 @@ def render_page(page: bytes, date: str) -> bytes:
         )
     except typst.TypstError as error:
         raise OutputError(f"typst: {error.message}", hint="this is a bug") from error
-    return made
+    return document

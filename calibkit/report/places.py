@@ -58,8 +58,8 @@ def _place_title(figure: Figure, renderer: RendererBase, pad: float) -> float:
 
 def _margins(ax: Axes, renderer: RendererBase) -> Array:
     """How far words stand out of a panel: left, bottom, right and top, over the figure's size."""
-    inner, whole = ax.bbox, ax.get_tightbbox(renderer, for_layout_only=True)
-    outer = inner if whole is None else whole
+    inner, tight_box = ax.bbox, ax.get_tightbbox(renderer, for_layout_only=True)
+    outer = inner if tight_box is None else tight_box
     out = (inner.p0 - outer.p0, outer.p1 - inner.p1)
     figure = ax.get_figure()
     return np.concatenate(out) / np.tile(figure.bbox.size, 2)  # type: ignore[union-attr] # a panel has one
@@ -70,8 +70,8 @@ def _place(panels: list[Axes], margins: Array, pad: Array, top: float) -> None:
     cells = [ax.get_subplotspec() for ax in panels]
     grid = cells[0].get_gridspec()  # type: ignore[union-attr] # every panel is of a grid
     rows, columns = (
-        _spread(np.array(index), count, whole, words, least)
-        for index, count, whole, words, least in (
+        _spread(np.array(index), count, extent, words, min_pad)
+        for index, count, extent, words, min_pad in (
             ([c.rowspan.start for c in cells], grid.nrows, 1.0 - top, margins[:, 3::-2], pad[1]),  # type: ignore[union-attr]
             ([c.colspan.start for c in cells], grid.ncols, 1.0, margins[:, ::2], pad[0]),  # type: ignore[union-attr]
         )
@@ -81,17 +81,17 @@ def _place(panels: list[Axes], margins: Array, pad: Array, top: float) -> None:
 
 
 def _spread(
-    index: Integers, count: int, whole: float, words: Array, pad: float
+    index: Integers, count: int, extent: float, words: Array, pad: float
 ) -> tuple[Array, float]:
     """Where equal panels begin in a row of `count` of them that fills the whole, and their size:
     for panels [n] by index and what their words take before and behind [n, 2].
     """
-    between = max(pad, _BETWEEN / count)
-    taken = np.zeros((count, 2))
-    np.maximum.at(taken, index, words)
-    taken += between
-    taken[0, 0] += pad - between
-    taken[-1, 1] += pad - between
-    size = float(whole - taken.sum()) / count
-    begin = np.cumsum(taken.sum(axis=1) + size) - taken[:, 1] - size
+    gap = max(pad, _BETWEEN / count)
+    margins = np.zeros((count, 2))
+    np.maximum.at(margins, index, words)
+    margins += gap
+    margins[0, 0] += pad - gap
+    margins[-1, 1] += pad - gap
+    size = float(extent - margins.sum()) / count
+    begin = np.cumsum(margins.sum(axis=1) + size) - margins[:, 1] - size
     return begin[index], size

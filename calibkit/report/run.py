@@ -113,12 +113,12 @@ def stated_criteria(document: Mapping[str, Any]) -> tuple[Criterion, ...]:
 
 def _model_title(stage: str, model: Model) -> str:
     """A model with its form, chosen parameters and valid ranges."""
-    chosen = ", ".join(f"{p.name} {p.value:g} {p.unit}" for p in model.parameters)
+    parameters = ", ".join(f"{p.name} {p.value:g} {p.unit}" for p in model.parameters)
     valid = ", ".join(
         f"{column} {low:.4g} to {high:.4g}" for column, (low, high) in model.valid.items()
     )
-    about = filter(None, (chosen, f"valid for {valid}" if valid else ""))
-    return f"{stage}: {model.name} ({model.form}; {'; '.join(about)})"
+    properties = filter(None, (parameters, f"valid for {valid}" if valid else ""))
+    return f"{stage}: {model.name} ({model.form}; {'; '.join(properties)})"
 
 
 def list_numbers(records: Iterable[Record]) -> Table:

@@ -25,16 +25,16 @@ MORE = "more: --details"
 
 
 def compose_screen(
-    summary: Summary, tail: Sequence[str], width: int, *, most: int = MOST
+    summary: Summary, tail: Sequence[str], width: int, *, max_lines: int = MOST
 ) -> list[str]:
     """Lines of a screen: whose result, the verdict, what was found, a line per ramp or run, what to
     check, and the tail, as it is.
     """
-    shown = summary.overview
-    whose = f"{summary.title}{f' · {shown.about}' if shown.about else ''}"
-    texts = (whose, summary.last_line, shown.sentence, *shown.facts)
-    tables = summary.tables if shown.table is None else (shown.table,)
-    return arrange(texts, tables, summary.checks, tail, width, most=most)
+    overview = summary.overview
+    title_line = f"{summary.title}{f' · {overview.data_extent}' if overview.data_extent else ''}"
+    texts = (title_line, summary.last_line, overview.sentence, *overview.facts)
+    tables = summary.tables if overview.table is None else (overview.table,)
+    return arrange(texts, tables, summary.checks, tail, width, max_lines=max_lines)
 
 
 def arrange(
@@ -44,7 +44,7 @@ def arrange(
     tail: Sequence[str],
     width: int,
     *,
-    most: int = MOST,
+    max_lines: int = MOST,
 ) -> list[str]:
     """Lines of a screen of its parts; of rows and findings as many as there is room for, and how
     many more there are.
@@ -55,42 +55,42 @@ def arrange(
         for table in tables
         for line in ([table.title] if len(tables) > 1 else []) + _align(table, width)
     ]
-    found = [wrap(f"- {text}", width, _LONGEST) for text in findings]
-    doubts = sum(map(len, found)) + bool(found)
-    room = most - len(head) - len(tail)
+    wrapped_findings = [wrap(f"- {text}", width, _LONGEST) for text in findings]
+    doubts = sum(map(len, wrapped_findings)) + bool(wrapped_findings)
+    room = max_lines - len(head) - len(tail)
     rows = shorten(rows, max(room - doubts, min(len(rows), _FEWEST_ROWS)))
-    blocks = [[*head], rows, _list_findings(found, room - len(rows)), [*tail]]
+    blocks = [[*head], rows, _list_findings(wrapped_findings, room - len(rows)), [*tail]]
     blocks = [block for block in blocks if block]
-    apart = sum(map(len, blocks)) + len(blocks) - 1 <= most
+    has_gaps = sum(map(len, blocks)) + len(blocks) - 1 <= max_lines
     return [
         line
-        for at, block in enumerate(blocks)
-        for line in (["", *block] if apart and at else block)
+        for number, block in enumerate(blocks)
+        for line in (["", *block] if has_gaps and number else block)
     ]
 
 
-def shorten(lines: Sequence[str], most: int = MOST) -> list[str]:
+def shorten(lines: Sequence[str], max_lines: int = MOST) -> list[str]:
     """The first lines, and how many more there are where that is not all."""
-    if len(lines) <= most:
+    if len(lines) <= max_lines:
         return [*lines]
-    kept = max(most - 1, 0)
-    return [*lines[:kept], f"{len(lines) - kept} {MORE}"][:most]
+    kept_count = max(max_lines - 1, 0)
+    return [*lines[:kept_count], f"{len(lines) - kept_count} {MORE}"][:max_lines]
 
 
-def _list_findings(found: Sequence[Sequence[str]], most: int) -> list[str]:
+def _list_findings(wrapped_findings: Sequence[Sequence[str]], max_lines: int) -> list[str]:
     """Findings under their heading as far as there is room, and how many more there are."""
-    if not found:
+    if not wrapped_findings:
         return []
-    lines = [f"Please check ({len(found)})"]
-    for at, finding in enumerate(found):
-        last = at == len(found) - 1
-        if len(lines) + len(finding) > most - (not last):
-            return [*lines, f"{len(found) - at} {MORE}"]
+    lines = [f"Please check ({len(wrapped_findings)})"]
+    for number, finding in enumerate(wrapped_findings):
+        last = number == len(wrapped_findings) - 1
+        if len(lines) + len(finding) > max_lines - (not last):
+            return [*lines, f"{len(wrapped_findings) - number} {MORE}"]
         lines += finding
     return lines
 
 
-def wrap(text: str, width: int, most: int) -> list[str]:
+def wrap(text: str, width: int, max_lines: int) -> list[str]:
     """A text in lines of a width, at most so many; words and paths are not broken."""
     return textwrap.wrap(
         visible(text),
@@ -98,7 +98,7 @@ def wrap(text: str, width: int, most: int) -> list[str]:
         subsequent_indent="  ",
         break_long_words=False,
         break_on_hyphens=False,
-        max_lines=most,
+        max_lines=max_lines,
         placeholder=" … (--details)",
     )
 
@@ -113,8 +113,8 @@ def _align(table: Table, width: int) -> list[str]:
         widths.pop()
     return [
         "  ".join(
-            cell.rjust(size) if at else cell.ljust(size)
-            for at, (cell, size) in enumerate(zip(row, widths, strict=False))
+            cell.rjust(size) if position else cell.ljust(size)
+            for position, (cell, size) in enumerate(zip(row, widths, strict=False))
         ).rstrip()
         for row in cells
     ]

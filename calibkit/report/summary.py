@@ -82,8 +82,8 @@ class Summary:
         from rich.text import Text
 
         console.print(Text(visible(self.title), style="bold"))
-        shown = self.overview
-        for line in filter(None, (shown.about, shown.sentence, *shown.facts)):
+        overview = self.overview
+        for line in filter(None, (overview.data_extent, overview.sentence, *overview.facts)):
             console.print(Text(visible(line)))
         for table in self.tables:
             drawn = Table(
@@ -93,9 +93,9 @@ class Summary:
                 box=box.SIMPLE_HEAD,
                 pad_edge=False,
             )
-            for at, head in enumerate(table.heads):
+            for column, head in enumerate(table.heads):
                 drawn.add_column(
-                    Text(visible(head)), justify="right" if at else "left", overflow="fold"
+                    Text(visible(head)), justify="right" if column else "left", overflow="fold"
                 )
             for row in table.texts:
                 drawn.add_row(*(Text(visible(cell, lines=True)) for cell in row))

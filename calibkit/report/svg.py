@@ -89,56 +89,56 @@ def inline(figures: Sequence[Figure]) -> tuple[list[str], bool]:
         if ax.get_visible()
         for line in ax.get_lines()
     ]
-    most = int(np.clip(ALL_POINTS // max(1, len(lines)), FEWEST_POINTS, MOST_POINTS))
-    thinned = [_thin(line, most) for line in lines]
+    max_points = int(np.clip(ALL_POINTS // max(1, len(lines)), FEWEST_POINTS, MOST_POINTS))
+    thinned = [_thin(line, max_points) for line in lines]
     return [_svg(figure, f"f{number}-") for number, figure in enumerate(figures, start=1)], any(
         thinned
     )
 
 
-def _thin(line: Line2D, most: int) -> bool:
+def _thin(line: Line2D, max_points: int) -> bool:
     """Leave of a long line what shows its extremes; returns whether it was long."""
     x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data(orig=False))
-    if x.size <= most:
+    if x.size <= max_points:
         return False
     joined = line.get_linestyle() not in {"None", "none", " ", ""}
-    kept = (
-        _extremes(x, y, most)
+    indices = (
+        _extremes(x, y, max_points)
         if joined
-        else _apart(line.get_transform().transform(np.column_stack([x, y])), most)
+        else _apart(line.get_transform().transform(np.column_stack([x, y])), max_points)
     )
-    line.set_data(x[kept], y[kept])
+    line.set_data(x[indices], y[indices])
     return True
 
 
-def _extremes(x: Array, y: Array, most: int) -> Integers:
+def _extremes(x: Array, y: Array, max_points: int) -> Integers:
     """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
     gaps; about `most`.
     """
     sides = (y,) if np.all(np.diff(x) >= 0.0) else (x, y)
-    kept = [np.array([0, x.size - 1])]
-    for piece in np.array_split(np.arange(x.size), max(1, most // (2 * len(sides)))):
+    indices = [np.array([0, x.size - 1])]
+    for piece in np.array_split(np.arange(x.size), max(1, max_points // (2 * len(sides)))):
         good = piece[np.isfinite(x[piece]) & np.isfinite(y[piece])]
         if good.size < piece.size:
-            kept.append(piece[~np.isin(piece, good)][:1])
+            indices.append(piece[~np.isin(piece, good)][:1])
         if good.size:
-            kept += [
+            indices += [
                 np.array([good[np.argmin(side[good])], good[np.argmax(side[good])]])
                 for side in sides
             ]
-    return np.unique(np.concatenate(kept))
+    return np.unique(np.concatenate(indices))
 
 
-def _apart(points: Array, most: int) -> Integers:
+def _apart(points: Array, max_points: int) -> Integers:
     """Indices, ascending, of points [n, 2, pixels] that do not lie on each other; cells grow until
     at most `most` are left.
     """
     points = np.where(np.isfinite(points), points, -1.0)
     cell = CELL_PT
     while True:
-        _, kept = np.unique(np.floor(points / cell), axis=0, return_index=True)
-        if kept.size <= most:
-            return np.sort(kept)
+        _, indices = np.unique(np.floor(points / cell), axis=0, return_index=True)
+        if indices.size <= max_points:
+            return np.sort(indices)
         cell *= 1.5
 
 
@@ -177,25 +177,27 @@ def _join_marks(drawing: str) -> str:
     """An SVG of matplotlib with each run of equal marks as one path with a mark at every corner: a
     third of the bytes.
     """
-    named: dict[tuple[str, str], str] = {}
+    marker_names: dict[tuple[str, str], str] = {}
 
-    def joined(found: re.Match[str]) -> str:
-        shape, style = found["shape"], found["style"]
-        name = named.get((shape, style), "")
-        made = ""
+    def joined(match: re.Match[str]) -> str:
+        shape, style = match["shape"], match["style"]
+        name = marker_names.get((shape, style), "")
+        definition = ""
         if not name:
-            name = named[shape, style] = f"{shape}at{len(named)}"
+            name = marker_names[shape, style] = f"{shape}at{len(marker_names)}"
             # what the style leaves out is not inherited from groups that state it for other parts
-            made = (
+            definition = (
                 f'<defs><marker id="{name}" markerUnits="userSpaceOnUse" overflow="visible">'
                 f'<use xlink:href="#{shape}" style="fill: #000000; stroke: none; {style}"/>'
                 "</marker></defs>"
             )
-        places = np.array(_PLACE.findall(found[0]), dtype=np.float64)
+        places = np.array(_PLACE.findall(match[0]), dtype=np.float64)
         steps = np.diff(np.rint(places * 10**PLACES), axis=0, prepend=0.0) / 10**PLACES
         way = " ".join(f"{step:g}" for step in steps.ravel())
-        marks = " ".join(f'marker-{at}="url(#{name})"' for at in ("start", "mid", "end"))
-        return f'{made}<path d="m{way}" style="fill: none; stroke: none" {marks}/>'
+        marks = " ".join(
+            f'marker-{position}="url(#{name})"' for position in ("start", "mid", "end")
+        )
+        return f'{definition}<path d="m{way}" style="fill: none; stroke: none" {marks}/>'
 
     return _MARKS.sub(joined, drawing)
 
@@ -236,21 +238,21 @@ def _attributes(element: Element, names: Mapping[str, str]) -> dict[str, str]:
     """Attributes of an element without a style, coordinates rounded; `names` are those of the ids
     that something refers to.
     """
-    given = {_PREFIX.sub("", name): value for name, value in element.attrib.items()}
-    given |= _styled(given.pop("style", ""))
-    found = {}
-    for name, value in given.items():
+    attributes = {_PREFIX.sub("", name): value for name, value in element.attrib.items()}
+    attributes |= _styled(attributes.pop("style", ""))
+    output = {}
+    for name, value in attributes.items():
         if name == "id":
             if value in names or value.startswith("panel"):
-                found["id"] = names.get(value, value)
+                output["id"] = names.get(value, value)
         elif name == "href":
-            found["href"] = f"#{names[value.removeprefix('#')]}"
+            output["href"] = f"#{names[value.removeprefix('#')]}"
         elif not (name == "transform" and value.startswith("rotate(-0 ")):
             rounded = _LONG.sub(_rounded, value).strip()
-            found[name] = _URL.sub(lambda match: f"url(#{names[match[1]]})", rounded)
-    if "d" in found:
-        found["d"] = _BESIDE.sub(r"\1", found["d"])
-    return found
+            output[name] = _URL.sub(lambda match: f"url(#{names[match[1]]})", rounded)
+    if "d" in output:
+        output["d"] = _BESIDE.sub(r"\1", output["d"])
+    return output
 
 
 def _styled(style: str) -> dict[str, str]:
@@ -268,7 +270,7 @@ def _rounded(match: re.Match[str]) -> str:
 def _hoist(group: Element) -> None:
     """State the look that all parts of a group share once, on the group."""
     parts = [child for child in group if child.tag not in _UNSEEN]
-    placed = any("transform" in one.attrib for one in (group, *parts))
+    placed = any("transform" in node.attrib for node in (group, *parts))
     shared = {
         name: value
         for name, value in (parts[0].attrib if parts else {}).items()
@@ -292,13 +294,13 @@ def _gather(axis: Element) -> None:
         return
     hidden = list(axis.iter("defs"))
     inner = {id(part) for defs in hidden for part in defs.iter()}
-    alike: dict[tuple[str, tuple[tuple[str, str], ...]], list[Element]] = {}
+    parts_by_look: dict[tuple[str, tuple[tuple[str, str], ...]], list[Element]] = {}
     for part in axis.iter():
         if part is not axis and part.tag != "g" and id(part) not in inner:
             look = tuple(item for item in part.attrib.items() if item[0] in _ATTRIBUTES)
-            alike.setdefault((part.tag, look), []).append(part)
+            parts_by_look.setdefault((part.tag, look), []).append(part)
     axis[:] = hidden
-    for (tag, look), parts in alike.items():
+    for (tag, look), parts in parts_by_look.items():
         if tag == "path":
             parts[0].set("d", " ".join(part.get("d", "") for part in parts))
             axis.append(parts[0])

@@ -22,10 +22,10 @@ class Number:
     u_digits: str = ""
 
     def __str__(self) -> str:
-        shown = format(self.value, self.digits)
+        value_text = format(self.value, self.digits)
         if not self.u_digits:
-            return shown
-        return f"{shown} ± {format(self.standard_uncertainty, self.u_digits)}"
+            return value_text
+        return f"{value_text} ± {format(self.standard_uncertainty, self.u_digits)}"
 
 
 Cell = str | float | Number | None
@@ -111,7 +111,10 @@ def tabulate(title: str, columns: Sequence[Column | str], records: Iterable[obje
     return Table(
         title,
         full,
-        tuple(tuple(getattr(one, column.key or column.head) for column in full) for one in records),
+        tuple(
+            tuple(getattr(record, column.key or column.head) for column in full)
+            for record in records
+        ),
     )
 
 

@@ -55,13 +55,13 @@ class Entry:
 
 def cache_folder() -> Path:
     """Folder of the user's caches; one that cannot be where the user has no home."""
-    named = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    environment_folder = os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
     try:
         home = Path.home()
     except RuntimeError:
         home = Path(os.devnull)
-    own = home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache"
-    return (Path(named) if named else own) / "calibkit"
+    home_cache = home / "Library" / "Caches" if sys.platform == "darwin" else home / ".cache"
+    return (Path(environment_folder) if environment_folder else home_cache) / "calibkit"
 
 
 def read_index(runs: Path, cache: Path | None = None) -> dict[str, list[Entry]]:
@@ -74,36 +74,42 @@ def read_index(runs: Path, cache: Path | None = None) -> dict[str, list[Entry]]:
         raise UsageError(f"--runs {runs}: no such folder", hint="give the folder of the runs")
     name = hashlib.sha256(str(runs.resolve()).encode()).hexdigest()[:16]
     file = (cache or cache_folder()) / f"runs-{name}.json"
-    kept, found = _kept(file), dict[str, list[Entry]]()
+    cached_entries, entries_by_serial = _kept(file), dict[str, list[Entry]]()
     for serial, revision, path, stamp in _runs(runs):
-        known = kept.get((serial, revision))
-        fresh = known is not None and known.stamp == stamp
-        entry = known if known is not None and fresh else _read(serial, revision, path, stamp)
-        found.setdefault(serial, []).append(entry)
-    for entries in found.values():
+        cached_entry = cached_entries.get((serial, revision))
+        if cached_entry is not None and cached_entry.stamp == stamp:
+            entry = cached_entry
+        else:
+            entry = _read(serial, revision, path, stamp)
+        entries_by_serial.setdefault(serial, []).append(entry)
+    for entries in entries_by_serial.values():
         entries.sort(key=lambda entry: int(entry.revision[1:]))
-    every = {(entry.serial, entry.revision): entry for one in found.values() for entry in one}
-    if every != kept:
-        _keep(file, list(every.values()))
-    return dict(sorted(found.items()))
+    all_entries = {
+        (entry.serial, entry.revision): entry
+        for device_entries in entries_by_serial.values()
+        for entry in device_entries
+    }
+    if all_entries != cached_entries:
+        _keep(file, list(all_entries.values()))
+    return dict(sorted(entries_by_serial.items()))
 
 
 def _runs(runs: Path) -> Iterator[tuple[str, str, Path, str]]:
     """Serial, revision, run.json and its stamp; links lead elsewhere and are left out."""
     with os.scandir(runs) as folders:
-        devices = [one for one in folders if _is_folder(one, SERIAL)]
+        devices = [entry for entry in folders if _is_folder(entry, SERIAL)]
     for device in devices:
         with contextlib.suppress(OSError), os.scandir(device.path) as folders:
-            for run in [one for one in folders if _is_folder(one, REVISION)]:
+            for run in [entry for entry in folders if _is_folder(entry, REVISION)]:
                 path = Path(run.path) / RUN_FILE
                 with contextlib.suppress(OSError):
                     status = path.lstat()
                     yield device.name, run.name, path, f"{status.st_mtime_ns} {status.st_size}"
 
 
-def _is_folder(one: os.DirEntry[str], pattern: re.Pattern[str]) -> bool:
+def _is_folder(entry: os.DirEntry[str], pattern: re.Pattern[str]) -> bool:
     """Whether an entry is a folder of such a name, and no link."""
-    return pattern.fullmatch(one.name) is not None and one.is_dir(follow_symlinks=False)
+    return pattern.fullmatch(entry.name) is not None and entry.is_dir(follow_symlinks=False)
 
 
 def _read(serial: str, revision: str, path: Path, stamp: str) -> Entry:
@@ -122,8 +128,12 @@ def _read(serial: str, revision: str, path: Path, stamp: str) -> Entry:
             fault = f"says {document['serial']} r{document['revision']}: moved or renamed"
             return Entry(serial, revision, stamp, fault=fault)
         texts = {key: str(document.get(key, "")) for key in _TEXTS}
-        files = [one["name"] for one in document["files"]]
-        failed = [str(one["name"]) for one in document["acceptance"] if not one["passed"]]
+        files = [entry["name"] for entry in document["files"]]
+        failed = [
+            str(criterion["name"])
+            for criterion in document["acceptance"]
+            if not criterion["passed"]
+        ]
         return Entry(
             serial,
             revision,
@@ -142,10 +152,10 @@ def _kept(file: Path) -> dict[tuple[str, str], Entry]:
     try:
         document = json.loads(file.read_bytes())
         entries = document["entries"] if document["version"] == VERSION else []
-        made = [Entry(**_typed(entry)) for entry in entries]
+        cached_entries = [Entry(**_typed(entry)) for entry in entries]
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return {}
-    return {(entry.serial, entry.revision): entry for entry in made}
+    return {(entry.serial, entry.revision): entry for entry in cached_entries}
 
 
 def _typed(entry: Mapping[str, Any]) -> dict[str, Any]:

@@ -27,8 +27,8 @@ ANSWERS = {"yes": "yes", "no": "no", "cannot tell": "unknown"}
 
 def style() -> bytes:
     """Styles of the report's page and of these."""
-    own = resources.files("calibkit.viewer").joinpath("viewer.css").read_bytes()
-    return resources.files("calibkit.report").joinpath("page.css").read_bytes() + own
+    viewer_css = resources.files("calibkit.viewer").joinpath("viewer.css").read_bytes()
+    return resources.files("calibkit.report").joinpath("page.css").read_bytes() + viewer_css
 
 
 def _page(title: str, body: Iterable[Markup], trail: Sequence[tuple[str, str]] = ()) -> bytes:
@@ -67,9 +67,9 @@ def _table(heads: Sequence[str], rows: Iterable[Sequence[Markup]]) -> Markup:
     """
     head = element("tr", join_markup(element("th", name, scope="col") for name in heads))
     lines = []
-    for first, *others in rows:
+    for first, *other_cells in rows:
         cells = [element("th", first, scope="row")]
-        for name, cell in zip(heads[1:], others, strict=True):
+        for name, cell in zip(heads[1:], other_cells, strict=True):
             cells.append(element("td", cell, data_head=name) if cell.text else Markup("<td></td>"))
         lines.append(element("tr", join_markup(cells)))
     body = element("tbody", join_markup(lines))
@@ -85,31 +85,33 @@ def _verdict(entry: Entry) -> Markup:
     """Verdict of a run, or why it cannot be read."""
     if entry.fault:
         return element("span", entry.fault, class_="fault")
-    more = f": {entry.failed}" if entry.failed else ""
-    return element("span", entry.verdict + more, class_=KINDS.get(entry.verdict, ""))
+    failed_note = f": {entry.failed}" if entry.failed else ""
+    return element("span", entry.verdict + failed_note, class_=KINDS.get(entry.verdict, ""))
 
 
-def list_devices(found: Mapping[str, Sequence[Entry]], asked: Mapping[str, str]) -> bytes:
+def list_devices(
+    entries_by_serial: Mapping[str, Sequence[Entry]], query: Mapping[str, str]
+) -> bytes:
     """Devices with their newest run; `asked` may hold a search, a verdict and the number of a
     page.
     """
-    newest = {serial: entries[-1] for serial, entries in found.items()}
-    words, wanted = asked.get("q", "").casefold().split(), asked.get("verdict", "all")
+    newest = {serial: entries[-1] for serial, entries in entries_by_serial.items()}
+    words, verdict_filter = query.get("q", "").casefold().split(), query.get("verdict", "all")
     hits = [
         entry
         for entry in newest.values()
         if all(word in _searched(entry) for word in words)
-        and wanted in ("all", entry.verdict or "cannot be read")
+        and verdict_filter in ("all", entry.verdict or "cannot be read")
     ]
-    number = asked.get("page", "1")
+    number = query.get("page", "1")
     last = max(-(-len(hits) // A_PAGE), 1)
     page = min(max(int(number), 1), last) if number.isdecimal() and len(number) < 9 else 1
-    shown = hits[(page - 1) * A_PAGE : page * A_PAGE]
-    runs = sum(map(len, found.values()))
+    page_entries = hits[(page - 1) * A_PAGE : page * A_PAGE]
+    runs = sum(map(len, entries_by_serial.values()))
     body = [
-        element("p", f"{len(found)} devices, {runs} runs. The newest run of each:"),
-        _counts(newest.values(), wanted, asked.get("q", "")),
-        _search(asked.get("q", ""), wanted),
+        element("p", f"{len(entries_by_serial)} devices, {runs} runs. The newest run of each:"),
+        _counts(newest.values(), verdict_filter, query.get("q", "")),
+        _search(query.get("q", ""), verdict_filter),
         _table(
             ("device", "verdict", "effective from", "procedure", "type", "runs"),
             (
@@ -119,14 +121,14 @@ def list_devices(found: Mapping[str, Sequence[Entry]], asked: Mapping[str, str])
                     _text(entry.effective_from),
                     _text(entry.procedure),
                     _text(entry.type),
-                    _text(len(found[entry.serial])),
+                    _text(len(entries_by_serial[entry.serial])),
                 )
-                for entry in shown
+                for entry in page_entries
             ),
         )
-        if shown
+        if page_entries
         else element("p", "No device is like that."),
-        *([_pages(page, last, asked)] if last > 1 else []),
+        *([_pages(page, last, query)] if last > 1 else []),
     ]
     return _page("Devices", body)
 
@@ -136,7 +138,7 @@ def _searched(entry: Entry) -> str:
     return f"{entry.serial} {entry.procedure} {entry.type} {entry.effective_from}".casefold()
 
 
-def _counts(newest: Iterable[Entry], wanted: str, query: str) -> Markup:
+def _counts(newest: Iterable[Entry], verdict_filter: str, query: str) -> Markup:
     """How many devices have which verdict, each a link to them."""
     verdicts = [entry.verdict or "cannot be read" for entry in newest]
     lines = []
@@ -144,12 +146,12 @@ def _counts(newest: Iterable[Entry], wanted: str, query: str) -> Markup:
         count = len(verdicts) if name == "all" else verdicts.count(name)
         parts: tuple[Content, ...] = (element("strong", str(count)), f" {name}")
         link = "/?" + urlencode({"verdict": name, "q": query})
-        shown = element("b", *parts) if name == wanted else element("a", *parts, href=link)
-        lines.append(element("li", shown))
+        label = element("b", *parts) if name == verdict_filter else element("a", *parts, href=link)
+        lines.append(element("li", label))
     return element("ul", join_markup(lines), class_="counts")
 
 
-def _search(query: str, wanted: str) -> Markup:
+def _search(query: str, verdict_filter: str) -> Markup:
     """Form that searches."""
     field = _input(id="q", name="q", type="search", value=query)
     return element(
@@ -159,7 +161,7 @@ def _search(query: str, wanted: str) -> Markup:
             element("label", "Serial, procedure, type or date", for_="q"),
             field,
         ),
-        _input(type="hidden", name="verdict", value=wanted),
+        _input(type="hidden", name="verdict", value=verdict_filter),
         element("button", "Search"),
         action="/",
         role="search",
@@ -171,11 +173,11 @@ def _input(**attributes: str) -> Markup:
     return Markup(element("input", **attributes).text.removesuffix("</input>"))
 
 
-def _pages(page: int, last: int, asked: Mapping[str, str]) -> Markup:
+def _pages(page: int, last: int, query: Mapping[str, str]) -> Markup:
     """Links to the pages before and after."""
 
     def link(name: str, number: int) -> Markup:
-        return element("a", name, href="/?" + urlencode({**asked, "page": number}))
+        return element("a", name, href="/?" + urlencode({**query, "page": number}))
 
     parts = [
         *([link("‹ before", page - 1)] if page > 1 else []),
@@ -233,28 +235,33 @@ def _answer(serial: str, old: str, new: str, runs: Path) -> tuple[Markup, list[M
     from calibkit.results import comparison, still_good
 
     try:
-        then, now = (store.load_revision(runs, serial, int(one[1:])) for one in (old, new))
-        found = comparison.compare(then, now)
+        earlier_run, later_run = (
+            store.load_revision(runs, serial, int(revision[1:])) for revision in (old, new)
+        )
+        outcome = comparison.compare(earlier_run, later_run)
     except CalibkitError as error:
         return element("p", f"{old} and {new}: {error}", class_="band unknown"), []
-    summary = still_good.summarise(found)
-    said = element("strong", summary.title)
+    summary = still_good.summarise(outcome)
+    sentence = element("strong", summary.title)
     flags = [element("li", flag) for flag in summary.flags]
-    rest = [
-        *_chart(still_good.draw(found)),
+    details = [
+        *_chart(still_good.draw(outcome)),
         *(element("div", summary_table(table), class_="wide") for table in summary.tables),
         *([element("ul", join_markup(flags), class_="flags")] if flags else []),
     ]
-    return element("p", said, class_=f"band {ANSWERS[found.answer]}"), rest
+    return element("p", sentence, class_=f"band {ANSWERS[outcome.answer]}"), details
 
 
 def _choose_two(serial: str, usable: Sequence[str], old: str, new: str) -> Markup:
     """Form that compares two runs."""
 
-    def select(name: str, words: str, chosen: str) -> Markup:
+    def select(name: str, words: str, selected: str) -> Markup:
         options = [
-            Markup(f'<option value="{one}"{" selected" * (one == chosen)}>{one}</option>')
-            for one in usable
+            Markup(
+                f'<option value="{revision}"{" selected" * (revision == selected)}>'
+                f"{revision}</option>"
+            )
+            for revision in usable
         ]
         return element(
             "div",
@@ -273,10 +280,10 @@ def _choose_two(serial: str, usable: Sequence[str], old: str, new: str) -> Marku
 
 def show_comparison(serial: str, entries: Sequence[Entry], old: str, new: str, runs: Path) -> bytes:
     """Then and now: the answer, the figure, the table."""
-    said, rest = _answer(serial, old, new, runs)
+    sentence, details = _answer(serial, old, new, runs)
     usable = [entry.revision for entry in entries if not entry.fault]
     trail = [("Devices", "/"), (serial, f"/device/{quote(serial)}")]
-    body = [said, _choose_two(serial, usable, old, new), *rest]
+    body = [sentence, _choose_two(serial, usable, old, new), *details]
     return _page(f"{serial}: {old} and {new}", body, trail)
 
 
@@ -295,12 +302,12 @@ def _history(serial: str, entries: Sequence[Entry], runs: Path) -> list[Markup]:
             faults.append(str(error))
     followed, left_out = key_values.follow(loaded)
     notes = [element("li", text) for text in (*faults, *left_out)]
-    shown = [element("ul", join_markup(notes), class_="flags")] if notes else []
+    note_list = [element("ul", join_markup(notes), class_="flags")] if notes else []
     table = key_values.tabulate(followed)
     if table is None:
-        return shown
+        return note_list
     return [
-        *shown,
+        *note_list,
         element("h2", "Key values over the years"),
         *_chart(key_values.draw(serial, followed)),
         element("div", summary_table(table), class_="wide"),
@@ -325,15 +332,15 @@ def _chart(figure: Figure) -> list[Markup]:
         figure.draw_without_rendering()
     drawings, _ = svg.inline([figure])
     return [
-        element("div", Markup(one), class_="chart", role="img", aria_label=title)
-        for one in drawings
+        element("div", Markup(drawing), class_="chart", role="img", aria_label=title)
+        for drawing in drawings
     ]
 
 
 def show_run(run: Run) -> bytes:
     """What a run is, its limits and flags, and its files."""
     document = run.document
-    name, there = f"{document['serial']} r{document['revision']:03d}", f"/run/{_place(run)}"
+    name, run_url = f"{document['serial']} r{document['revision']:03d}", f"/run/{_place(run)}"
     facts = {
         "procedure": document["procedure"],
         "effective from": document["effective_from"],
@@ -345,14 +352,14 @@ def show_run(run: Run) -> bytes:
     pairs = [
         part for key, text in facts.items() for part in (element("dt", key), element("dd", text))
     ]
-    listed = [entry["name"] for entry in document["files"]]
-    report = next((one for one in REPORTS if one in listed), "")
+    file_names = [entry["name"] for entry in document["files"]]
+    report = next((file_name for file_name in REPORTS if file_name in file_names), "")
     flags = [element("li", flag) for flag in document["flags"]]
     flagged = [element("h2", "Flags"), element("ul", join_markup(flags), class_="flags")]
     kind = {"accepted": "accepted", "rejected": "rejected"}.get(document["verdict"], "open")
     body = [
         element("p", element("strong", document["verdict"]), class_=f"band {kind}"),
-        *([element("p", element("a", "Report", href=f"{there}/{report}"))] if report else []),
+        *([element("p", element("a", "Report", href=f"{run_url}/{report}"))] if report else []),
         element("dl", join_markup(pairs), class_="facts"),
         *_limits(document["acceptance"]),
         *(flagged if flags else []),
@@ -360,8 +367,8 @@ def show_run(run: Run) -> bytes:
         element(
             "ul",
             join_markup(
-                element("li", element("a", one, href=f"{there}/{quote(one)}"))
-                for one in sorted([*listed, "run.json"])
+                element("li", element("a", file_name, href=f"{run_url}/{quote(file_name)}"))
+                for file_name in sorted([*file_names, "run.json"])
             ),
         ),
     ]
@@ -373,14 +380,16 @@ def _limits(acceptance: Sequence[Mapping[str, Any]]) -> list[Markup]:
     """Table of acceptance limits; nothing where there are none."""
     rows = [
         (
-            _text(one["name"]),
-            _text(f"{one['value']:.6g}"),
-            _text(f"{one['limit']:.6g} {one['unit'] if one['unit'] != '1' else ''}"),
+            _text(criterion["name"]),
+            _text(f"{criterion['value']:.6g}"),
+            _text(
+                f"{criterion['limit']:.6g} {criterion['unit'] if criterion['unit'] != '1' else ''}"
+            ),
             element("span", "met", class_="accepted")
-            if one["passed"]
+            if criterion["passed"]
             else element("span", "not met", class_="rejected"),
         )
-        for one in acceptance
+        for criterion in acceptance
     ]
     return [_table(("limit", "value", "limit at", ""), rows)] if rows else []
 

@@ -71,10 +71,10 @@ class RunPages:
         if _HIDDEN.search(path):
             raise _NotFoundError
         segments = [unquote(part, errors="strict") for part in path.strip("/").split("/")]
-        asked = {name: values[-1] for name, values in query.items()}
+        parameters = {name: values[-1] for name, values in query.items()}
         match segments:
             case [""]:
-                return _Answer(pages.list_devices(read_index(self.runs, self.cache), asked))
+                return _Answer(pages.list_devices(read_index(self.runs, self.cache), parameters))
             case ["style.css"]:
                 return _Answer(pages.style(), "text/css; charset=utf-8")
             case ["device", serial]:
@@ -83,9 +83,9 @@ class RunPages:
                     return _Answer(pages.show_device(serial, entries, self.runs))
             case ["compare", serial]:
                 entries = self._entries(serial)
-                known = {entry.revision for entry in entries}
-                old, new = asked.get("old", ""), asked.get("new", "")
-                if not {old, new} <= known:
+                revisions = {entry.revision for entry in entries}
+                old, new = parameters.get("old", ""), parameters.get("new", "")
+                if not {old, new} <= revisions:
                     raise _NotFoundError
                 with self.drawing:
                     return _Answer(pages.show_comparison(serial, entries, old, new, self.runs))
@@ -95,10 +95,10 @@ class RunPages:
 
     def _entries(self, serial: str) -> list[Any]:
         """Runs of a serial."""
-        found = read_index(self.runs, self.cache) if SERIAL.fullmatch(serial) else {}
-        if serial not in found:
+        entries_by_serial = read_index(self.runs, self.cache) if SERIAL.fullmatch(serial) else {}
+        if serial not in entries_by_serial:
             raise _NotFoundError
-        return found[serial]
+        return entries_by_serial[serial]
 
     def _run(self, serial: str, revision: str, name: str = "") -> _Answer:
         """Page of a run, or one of the files that its run.json lists, once all digests were
@@ -113,10 +113,10 @@ class RunPages:
         run = store.load_revision(self.runs, serial, int(revision[1:]))
         if not name:
             return _Answer(pages.show_run(run))
-        listed = {entry["name"] for entry in run.document["files"]} | {"run.json"}
+        file_names = {entry["name"] for entry in run.document["files"]} | {"run.json"}
         path = run.folder / name
         suffix = path.suffix.lower()
-        if not _FILE.fullmatch(name) or name not in listed or suffix not in TYPES:
+        if not _FILE.fullmatch(name) or name not in file_names or suffix not in TYPES:
             raise _NotFoundError
         if path.is_symlink() or not path.resolve().is_relative_to(self.runs.resolve()):
             raise _NotFoundError
@@ -145,10 +145,10 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in {f"{ADDRESS}:{port}", f"localhost:{port}"}:
             return _refusal(HTTPStatus.MISDIRECTED_REQUEST, "This page is for this machine alone.")
         try:
-            asked = urlsplit(self.path)
-            if asked.scheme or asked.netloc:
+            url = urlsplit(self.path)
+            if url.scheme or url.netloc:
                 return _refusal(HTTPStatus.NOT_FOUND, "There is no such page.")
-            return self.server.site.answer(asked.path, parse_qs(asked.query))
+            return self.server.site.answer(url.path, parse_qs(url.query))
         except (_NotFoundError, ValueError, OSError):
             return _refusal(HTTPStatus.NOT_FOUND, "There is no such page.")
         except CalibkitError as error:
