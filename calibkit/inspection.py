@@ -69,21 +69,15 @@ def check(
             new_files.write_new(
                 figure, figures.pdf([log_figure.draw() for log_figure in log_figures])
             )
-    reports = tuple(
-        replace(
-            report,
-            findings=(
-                *report.findings,
-                *(finding for log_file, finding in compared if log_file == report.file),
-            ),
-        )
-        for report in (outcome.report for outcome in outcomes)
-    )
+    reports = []
+    for report in (outcome.report for outcome in outcomes):
+        shared = [finding for log_file, finding in compared if log_file == report.file]
+        reports.append(replace(report, findings=(*report.findings, *shared)))
     judgement = _judge(instrument, spec, data, files, reports, progress, planned)
     if planned is not None:
         missing = _compare(instrument, spec, data, reports, planned.schedule)
         judgement = replace(judgement, lacks=(*judgement.lacks, *missing))
-    return CheckedCampaign(reports, judgement)
+    return CheckedCampaign(tuple(reports), judgement)
 
 
 def _compare(

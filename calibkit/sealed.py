@@ -29,6 +29,7 @@ def seal(document: Mapping[str, Any]) -> str:
     """Text of a JSON document with its own digest beside it, one line per scalar, keys in order,
     ending in a newline.
     """
+    # as a reader finds it: tuples are lists; a NaN passes here, the digest refuses it with advice
     fields: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
     body = {"format": fields.pop("format"), "sha256": "", **fields}
     body["sha256"] = _digest(body)

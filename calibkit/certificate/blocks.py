@@ -131,11 +131,12 @@ def tabulate(
 
 def column_results(table: GridTable, k: int) -> list[tuple[float, Result]]:
     """Abscissae and results of a column that have an uncertainty, or need none."""
-    return [
-        (x, result)
-        for x, row in zip(table.points, table.cells, strict=True)
-        if (result := row[k]) is not None and (result.uncertainty or result.by_definition)
-    ]
+    points = []
+    for x, row in zip(table.points, table.cells, strict=True):
+        result = row[k]
+        if result is not None and (result.uncertainty or result.by_definition):
+            points.append((x, result))
+    return points
 
 
 def plot(
@@ -233,13 +234,12 @@ def lay_out_records(basis: Stated, quantities: Iterable[Quantity]) -> tuple[Bloc
     quantities that are of it.
     """
     all_quantities = [*quantities]
-    return tuple(
-        lay_out_models(
-            *(basis, record, Words(record.stage.replace("_", " ")), ()),
-            [quantity for quantity in all_quantities if quantity.stage == record.stage],
-        )
-        for record in basis.records.values()
-    )
+    blocks = []
+    for record in basis.records.values():
+        title = Words(record.stage.replace("_", " "))
+        stage_quantities = [q for q in all_quantities if q.stage == record.stage]
+        blocks.append(lay_out_models(basis, record, title, (), stage_quantities))
+    return tuple(blocks)
 
 
 def make_block(

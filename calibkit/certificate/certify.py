@@ -124,7 +124,8 @@ def certify(
         _refuse_draft(certificate)
         signed = countersign.sign_checked(document, signer, key)
         document, warnings = signed.document, signed.warnings
-    new_files.write_all(files := {out: document, _beside(out): digital.content}, dry_run=dry_run)
+    files = {out: document, _beside(out): digital.content}
+    new_files.write_all(files, dry_run=dry_run)
     return Issued(tuple(files), certificate, warnings)
 
 

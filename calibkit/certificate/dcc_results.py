@@ -201,25 +201,15 @@ def _covariance(model: Model, units: Sequence[DccUnit]) -> _Element:
     One triangle is written twice: in raw units the other differs by rounding, up to 2e-9 of the
     standard uncertainties.
     """
-    columns = [
-        node(
-            "si:columnXMLList",
-            *(
-                node(
-                    "si:covarianceXMLList",
-                    node(
-                        "si:valueXMLList",
-                        _format_number(
-                            model.covariance[max(i, j)][min(i, j)] * first.factor * second.factor
-                        ),
-                    ),
-                    node("si:unitXMLList", (first * second).text),
-                )
-                for i, first in enumerate(units)
-            ),
-        )
-        for j, second in enumerate(units)
-    ]
+    columns = []
+    for j, second in enumerate(units):
+        column = []
+        for i, first in enumerate(units):
+            covariance = model.covariance[max(i, j)][min(i, j)] * first.factor * second.factor
+            value = node("si:valueXMLList", _format_number(covariance))
+            unit = node("si:unitXMLList", (first * second).text)
+            column.append(node("si:covarianceXMLList", value, unit))
+        columns.append(node("si:columnXMLList", *column))
     factor = _format_factor(_region_factor(len(units), min(map(model.dof_of, model.coefficients))))
     return node(
         "si:measurementUncertaintyMultivariateXMLList",

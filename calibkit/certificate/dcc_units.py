@@ -130,7 +130,8 @@ def _product(tokens: list[str], unit_text: str) -> tuple[DccUnit, list[str]]:
             factor = factor ** Fraction(1, 2) if head == "sqrt(" else factor
         else:
             factor = _atom(head, unit_text)
-        if tokens and (power := tokens[0].removeprefix("^")).lstrip("-").replace(".", "").isdigit():
+        power = tokens[0].removeprefix("^") if tokens else ""
+        if power.lstrip("-").replace(".", "").isdigit():
             factor, tokens = factor ** Fraction(power), tokens[1:]
         product, sign = product * factor**sign, Fraction(1)
     return product, tokens

@@ -158,9 +158,11 @@ def name_subject(key: str) -> Words:
     if parts[-2] == "angle_deg":
         first_axis, _, second_axis = parts[-1].partition("_")
         return Words(f"{first_axis} to {second_axis}", f"{first_axis} 与 {second_axis}")
-    subjects = (subject for part in parts[1:] if (subject := _find_subject(part)) is not None)
-    counted = parts[1].endswith("_lsb")
-    return next(subjects, name_channel(parts[1]) if counted else Words(""))
+    for part in parts[1:]:
+        subject = _find_subject(part)
+        if subject is not None:
+            return subject
+    return name_channel(parts[1]) if parts[1].endswith("_lsb") else Words("")
 
 
 def _find_subject(part: str) -> Words | None:

@@ -32,19 +32,14 @@ def lay_out_figure(figure: CertificateFigure, lang: Lang) -> dict[str, Any]:
 
 def _logarithmic(figure: CertificateFigure) -> CertificateFigure:
     """The same figure of decimal logarithms; bars become those of the upper side."""
-    series = tuple(
-        replace(
-            s,
-            x=tuple(map(math.log10, s.x)),
-            y=tuple(map(math.log10, s.y)),
-            y_u=tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True))
-            if s.y_u
-            else (),
-            ends=tuple((math.log10(low), math.log10(high)) for low, high in s.ends),
-        )
-        for s in figure.series
-    )
-    return replace(figure, series=series)
+    series = []
+    for s in figure.series:
+        x, y = tuple(map(math.log10, s.x)), tuple(map(math.log10, s.y))
+        pairs = zip(s.y, s.y_u, strict=True) if s.y_u else ()
+        y_u = tuple(math.log10((value + u) / value) for value, u in pairs)
+        ends = tuple((math.log10(low), math.log10(high)) for low, high in s.ends)
+        series.append(replace(s, x=x, y=y, y_u=y_u, ends=ends))
+    return replace(figure, series=tuple(series))
 
 
 def _edges(series: Series) -> tuple[tuple[float, ...], tuple[float, ...]]:

@@ -251,7 +251,8 @@ def polynomial(model: Model, terms: Sequence[str], column: str) -> Callable[[At]
 def numbered(prefix: str, model: Model) -> list[str]:
     """Coefficients <prefix>0, <prefix>1, … of a model, as many as it has."""
     names = [c.name for c in model.coefficients]
-    return [name for k in range(len(names)) if (name := f"{prefix}{k}") in names]
+    candidates = (f"{prefix}{k}" for k in range(len(names)))
+    return [name for name in candidates if name in names]
 
 
 def against_rest(point: Callable[[At], Point], rest_values: At) -> Callable[[At], Point]:

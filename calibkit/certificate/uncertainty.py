@@ -120,9 +120,8 @@ def _derivative(term: TypeB, influences: Influences) -> dict[str, tuple[float, f
     all or that grows over their span, whichever moves the result more.
     """
     kinds: tuple[Kind, ...] = ("scale",) if term.unit in type_b.RELATIVE else ("offset", "span")
-    derivatives = [
-        influences[key] for kind in kinds if (key := (term.quantity, kind)) in influences
-    ]
+    keys = [(term.quantity, kind) for kind in kinds]
+    derivatives = [influences[key] for key in keys if key in influences]
     return {term.quantity: (1.0, max(derivatives, key=abs))} if derivatives else {}
 
 

@@ -273,13 +273,13 @@ def _differing(prefix: str, old: Mapping[str, str], new: Mapping[str, str]) -> I
 
 def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[_Setting]:
     """Lines of two recipes, and overrides of the command line, that are in one of them only."""
-    texts = [
-        [line.strip() for line in recipe["text"].splitlines()]
-        + [f"--set {override}" for override in recipe["overrides"]]
-        for recipe in (a, b)
-    ]
+    texts = []
+    for recipe in (a, b):
+        lines = [line.strip() for line in recipe["text"].splitlines()]
+        texts.append(lines + [f"--set {override}" for override in recipe["overrides"]])
     for line in difflib.ndiff(texts[0], texts[1]):
-        if line.startswith(("- ", "+ ")) and (text := line[2:]) and not text.startswith("#"):
+        text = line[2:]
+        if line.startswith(("- ", "+ ")) and text and not text.startswith("#"):
             old, new = (text, "") if line[0] == "-" else ("", text)
             yield _Setting("recipe", old, new)
 

@@ -69,13 +69,11 @@ def _place(panels: list[Axes], margins: Array, pad: Array, top: float) -> None:
     """Place panels whose words take margins [n, 4] beside each, below the title of a page."""
     cells = [ax.get_subplotspec() for ax in panels]
     grid = cells[0].get_gridspec()  # type: ignore[union-attr] # every panel is of a grid
-    rows, columns = (
-        _spread(np.array(index), count, extent, words, min_pad)
-        for index, count, extent, words, min_pad in (
-            ([c.rowspan.start for c in cells], grid.nrows, 1.0 - top, margins[:, 3::-2], pad[1]),  # type: ignore[union-attr]
-            ([c.colspan.start for c in cells], grid.ncols, 1.0, margins[:, ::2], pad[0]),  # type: ignore[union-attr]
-        )
-    )
+    row_index = np.array([c.rowspan.start for c in cells])  # type: ignore[union-attr]
+    column_index = np.array([c.colspan.start for c in cells])  # type: ignore[union-attr]
+    # margins are left, bottom, right, top: rows are spread from the top down, so top comes first
+    rows = _spread(row_index, grid.nrows, 1.0 - top, margins[:, 3::-2], pad[1])
+    columns = _spread(column_index, grid.ncols, 1.0, margins[:, ::2], pad[0])
     for ax, down, left in zip(panels, rows[0], columns[0], strict=True):
         ax.set_position((left, 1.0 - top - down - rows[1], columns[1], rows[1]))
 
