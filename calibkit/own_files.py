@@ -30,12 +30,7 @@ def _check_document(path: Path) -> str:
     from calibkit.firmware import targets
     from calibkit.planning import document as plan_file
 
-    try:
-        text = store.read_bytes(path).decode("utf-8")
-    except UnicodeDecodeError:
-        raise CoefficientError(
-            f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
-        ) from None
+    text = store.read_text(path)
     of_runs = run_document.FORMAT, run_document.VALIDATION_FORMAT
     formats = coefficients.FORMAT, *of_runs, targets.MANIFEST, plan_file.FORMAT
     document = sealed.unseal(text, str(path), *formats)

@@ -178,7 +178,7 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
         raise UsageError(
             f"{folder}: holds no {plan}", hint="name the folder that calibkit plan wrote"
         )
-    document = sealed.unseal(_read(folder / plan), str(folder / plan), FORMAT)
+    document = sealed.unseal(store.read_text(folder / plan), str(folder / plan), FORMAT)
     names = sorted(entry["name"] for entry in document["files"])
     if names != [RECIPE, SCHEDULE]:
         raise CoefficientError(
@@ -187,13 +187,13 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
         )
     for entry in document["files"]:
         path = folder / entry["name"]
-        if hashlib.sha256(_read(path).encode()).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(store.read_text(path).encode()).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{path}: is not the file that belongs to {plan}",
                 hint="it was changed after it was written; plan again, or restore it",
             )
-    schedule = read_schedule(_read(folder / SCHEDULE), str(folder / SCHEDULE))
-    return Plan(document, schedule, Source(RECIPE, _read(folder / RECIPE)))
+    schedule = read_schedule(store.read_text(folder / SCHEDULE), str(folder / SCHEDULE))
+    return Plan(document, schedule, Source(RECIPE, store.read_text(folder / RECIPE)))
 
 
 def beside(recipe: Path) -> Plan | None:
@@ -201,15 +201,9 @@ def beside(recipe: Path) -> Plan | None:
     path, plan = recipe.with_name(SCHEDULE), recipe.with_name(PLAN)
     if not (recipe.is_file() and path.is_file() and plan.is_file()):
         return None
-    document = sealed.unseal(_read(plan), str(plan), FORMAT)
-    return Plan(document, read_schedule(_read(path), str(path)), Source(RECIPE, _read(recipe)))
-
-
-def _read(path: Path) -> str:
-    """Text of a file of a plan, or CoefficientError."""
-    try:
-        return store.read_bytes(path).decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise CoefficientError(
-            f"{path}: cannot be read: {error}", hint="restore the folder of the plan"
-        ) from None
+    document = sealed.unseal(store.read_text(plan), str(plan), FORMAT)
+    return Plan(
+        document,
+        read_schedule(store.read_text(path), str(path)),
+        Source(RECIPE, store.read_text(recipe)),
+    )
