@@ -31,7 +31,7 @@ NOT_WRITTEN = "not written"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Run(store.Run):
+class Run(store.StoredRun):
     """A run with what can be asked of it: from `calibkit.fit` or `calibkit.find_run`.
 
     Attributes
@@ -116,7 +116,7 @@ class Run(store.Run):
     def stage_digests(self) -> dict[str, str]:
         """Stage → digest that its coefficient file states of itself."""
         if not self.in_memory:
-            return store.Run.stage_digests(self)
+            return store.StoredRun.stage_digests(self)
         return {
             record.stage: str(sealed.unseal(record.dumps(), name, record.format)["sha256"])
             for name, record in self.records.items()

@@ -57,7 +57,7 @@ class FitOutcome:
     guessed of how the logs are written and of the date.
     """
 
-    run: store.Run
+    run: store.StoredRun
     summary: Summary
     guesses: tuple[str, ...]
     overlaps: tuple[str, ...]
@@ -113,7 +113,7 @@ def fit(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
-    run = store.Run(folder, document, records)
+    run = store.StoredRun(folder, document, records)
     residuals = getattr(fitted.drawing, "residuals", dict)
     summary = replace(
         page_content.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}"
@@ -125,7 +125,7 @@ def fit(
     return FitOutcome(run, summary, guesses, overlaps, files, page_content, residuals)
 
 
-def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
+def run_recipe(run: store.StoredRun, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, with overrides for the place of use; nothing is excluded
     from now on. CoefficientError for a model of a form that its procedure does not have.
     """
@@ -142,7 +142,7 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
 
 
 def apply(
-    run: store.Run,
+    run: store.StoredRun,
     data: Path,
     out: Path,
     overrides: tuple[str, ...],
@@ -162,7 +162,7 @@ def apply(
 
 
 def compensate(
-    run: store.Run,
+    run: store.StoredRun,
     data: Path,
     overrides: tuple[str, ...],
     *,
@@ -196,7 +196,7 @@ def compensate(
 
 
 def validate(
-    run: store.Run, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
+    run: store.StoredRun, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
 ) -> tuple[dict[str, Any], Summary]:
     """Write as JSON what `judge_unseen` finds."""
     new_files.refuse_existing(out)
@@ -206,7 +206,7 @@ def validate(
 
 
 @one_thread()
-def judge_unseen(run: store.Run, data: Path, progress: Progress) -> tuple[str, Summary]:
+def judge_unseen(run: store.StoredRun, data: Path, progress: Progress) -> tuple[str, Summary]:
     """Hold a run's frozen coefficients against logs that they have not seen; the figures as JSON,
     and a summary.
     """
@@ -260,7 +260,7 @@ def _chain(spec: recipe.Recipe, records: Mapping[str, coefficients.Record]) -> C
 
 
 def _firmware_export(
-    run: store.Run, number: str, prefix: str, *, allow_rejected: bool
+    run: store.StoredRun, number: str, prefix: str, *, allow_rejected: bool
 ) -> FirmwareRun:
     """A run's correction chain in a number format; refuses a run that failed its acceptance limits
     unless told not to.
@@ -296,14 +296,14 @@ def _firmware_export(
 
 
 def export(
-    runs: Sequence[store.Run],
+    runs: Sequence[store.StoredRun],
     target: str,
     number: str,
     prefix: str,
     out: Path,
     *,
     address: int | None = None,
-    layout_of: store.Run | None = None,
+    layout_of: store.StoredRun | None = None,
     allow_rejected: bool = False,
     dry_run: bool = False,
 ) -> list[Path]:

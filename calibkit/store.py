@@ -38,7 +38,7 @@ written.
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class StoredRun:
     """A run folder that was read whole and whose digests are right."""
 
     folder: Path
@@ -247,13 +247,13 @@ def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
     return document
 
 
-def load_revision(runs: Path, serial: str, revision: int) -> Run:
+def load_revision(runs: Path, serial: str, revision: int) -> StoredRun:
     """Read a revision of a serial whole, or raise CoefficientError."""
     own_document(runs, serial, revision)
     return load(_folder(runs, serial, revision))
 
 
-def load(folder: Path) -> Run:
+def load(folder: Path) -> StoredRun:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be
     trusted.
     """
@@ -264,7 +264,7 @@ def load(folder: Path) -> Run:
         for path in _listed(folder, document, RUN_FILE)
         if path.suffix == ".json"
     }
-    return Run(folder, document, records)
+    return StoredRun(folder, document, records)
 
 
 def load_fleet(folder: Path) -> Mapping[str, Any]:

@@ -47,7 +47,7 @@ withheld.
 SHOWN = ("withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")
 
 
-def report(name: str, out: Path, runs: Path) -> store.Run:
+def report(name: str, out: Path, runs: Path) -> store.StoredRun:
     """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt, of some
     as <name>.html too.
     """
@@ -60,7 +60,7 @@ def report(name: str, out: Path, runs: Path) -> store.Run:
     return outcome.run
 
 
-def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:
+def certificate(name: str, run: store.StoredRun, out: Path, work: Path) -> None:
     """Certificate of a sample run after its sample profile; as found and as left where the sample
     has withheld logs.
     """
@@ -81,7 +81,7 @@ def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:
     (out / "certificates" / f"{name}.pdf").write_bytes(made.read_bytes())
 
 
-def picture(run: store.Run, out: Path) -> None:
+def picture(run: store.StoredRun, out: Path) -> None:
     """Draw the drift of the withheld logs before and after compensation by a run that has not seen
     them.
     """

@@ -72,7 +72,7 @@ def warmed_up(root):
 class Fitted:
     """A run, its recipe and its chain."""
 
-    run: store.Run
+    run: store.StoredRun
     spec: recipe.Recipe
     chain: object
 

@@ -481,7 +481,7 @@ def test_excluded_logs_and_flags_are_on_the_certificate(run):
         {"log": "a.csv", "from_s": 10.0, "to_s": 20.0, "reason": "door opened", "person": "op"}
     ]
     document["flags"] = ["something odd"]
-    changed = store.Run(made.folder, document, made.records)
+    changed = store.StoredRun(made.folder, document, made.records)
     found = certificate(changed)
     assert found.run.excluded == (("a.csv from 10 s to 20 s", "door opened", "op"),)
     assert found.run.flags == ("something odd",)

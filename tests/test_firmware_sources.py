@@ -10,7 +10,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
-from calibkit.firmware.chain import Correction
+from calibkit.firmware.chain import ChainCorrection
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.firmware import chain as drift_chain
 from calibkit.instruments.fog_thermal.forms import FILE
@@ -34,7 +34,7 @@ def drift(overrides):
         inputs=[SimpleNamespace(name="temp_case_degc", unit="degC")],
         outputs=[SimpleNamespace(name="drift_dph")],
     )
-    return lines(spec, taken, Correction("drift_dph", "gyro_dph"))
+    return lines(spec, taken, ChainCorrection("drift_dph", "gyro_dph"))
 
 
 def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column():

@@ -221,7 +221,7 @@ def runs_over_temperature(seed, degc, logged, *, bend=0.0):
     """
     rng = np.random.default_rng(seed)
     gyro = replace(simulate_rate_table.RateGyro.draw(rng), K_per_degc=20e-6)
-    table = simulate_rate_table.Table(shortest_hold_s=10.0)
+    table = simulate_rate_table.TurnedTable(shortest_hold_s=10.0)
     rates = simulate_rate_table.both_ways((20.0, 50.0, 100.0))
     runs = []
     for k, (true, shown) in enumerate(zip(degc, logged, strict=True)):

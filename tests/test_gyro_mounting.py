@@ -44,7 +44,7 @@ def run_about(name, table_axis, gyros, axes, start_degc, spec, rng):
         )
         for g, gyro in gyros.items()
     }
-    table = simulate_rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    table = simulate_rate_table.TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     columns = simulate_rate_table.run(seen, table, RATES, start_degc, rng)
     log = Log(name, f"{name}.csv", name, len(columns["time_s"]), pd.DataFrame(columns))
     return table_runs.fit_run(spec, log)
@@ -75,7 +75,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
     ]
     fitted = fit.fit_campaign(spec, {"a": (runs[0],), "b": (runs[1],)})
     degc = np.mean([run.temp_degc for run in runs])
-    table = simulate_rate_table.Table()
+    table = simulate_rate_table.TurnedTable()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
     _, angles = coefficient_files.list_results(fitted, spec)
     return angles.models[0], fitted.flags, K["b"] / K["a"], alpha

@@ -59,7 +59,7 @@ def scale_covers(found, gyro, name="gyro_x"):
     """Whether K of a model covers that of the gyro's best line at the temperature it states."""
     line = model(found, name)
     K = line.coefficients[0]
-    truth, _ = gyro.best_line(simulate_rate_table.Table(), RATES, line.value("temp_case"))
+    truth, _ = gyro.best_line(simulate_rate_table.TurnedTable(), RATES, line.value("temp_case"))
     return inside(K.value, K.standard_uncertainty, line.dof_of(K), truth)
 
 
@@ -77,7 +77,7 @@ def campaign(seed, *, degc=(25.0,), repeat=0.0, drift_dph_per_h=0.0, warming=0.2
     """
     rng = np.random.default_rng([seed, 16])
     gyro = replace(simulate_rate_table.RateGyro.draw(rng), **constants)
-    table = simulate_rate_table.Table(
+    table = simulate_rate_table.TurnedTable(
         interval_s=1.0, warming_degc=warming, start_angle_deg=rng.uniform(0.0, 360.0)
     )
     logs = {}
@@ -108,7 +108,7 @@ def test_one_run_at_25_degc_is_no_better_known_than_runs_repeat(degc):
         powers = 25.0 ** np.arange(len(curve.coefficients))
         value = powers @ [c.value for c in curve.coefficients]
         u = np.sqrt(powers @ np.array(curve.covariance) @ powers)
-        truth, _ = gyro.best_line(simulate_rate_table.Table(), RATES, 25.0)
+        truth, _ = gyro.best_line(simulate_rate_table.TurnedTable(), RATES, 25.0)
         covered.append((scale_covers(found, gyro), inside(value, u, curve.dof, truth)))
     assert np.mean(covered, axis=0).min() >= LEAST
     assert 5.0 < np.sqrt(np.mean(np.square(sizes))) < 15.0

@@ -15,7 +15,7 @@ def table_log(rates, *, axis=(0.0, 0.0, 1.0), noise=3.0, seed=1, **table):
     """Log of a straight-line gyro without bias on the simulated table, and the motion."""
     rng = np.random.default_rng(seed)
     gyro = simulate_rate_table.RateGyro(K, axis, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, noise, 0.05)
-    stand = simulate_rate_table.Table(warming_degc=0.0, **table)
+    stand = simulate_rate_table.TurnedTable(warming_degc=0.0, **table)
     return simulate_rate_table.run({"gyro_x_lsb": gyro}, stand, rates, 25.0, rng)
 
 

@@ -65,7 +65,7 @@ def test_the_table_accelerates_holds_and_turns_whole_revolutions():
     """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
     most.
     """
-    moved = simulate_rate_table._motion(simulate_rate_table.Table(), (1.0, 50.0, -50.0))
+    moved = simulate_rate_table._motion(simulate_rate_table.TurnedTable(), (1.0, 50.0, -50.0))
     change = np.diff(moved.rate_dps) / moved.step_s
     assert np.abs(change).max() == pytest.approx(20.0, rel=1e-6)
     for rate in (1.0, 50.0, -50.0):
@@ -78,7 +78,7 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
     """Its rate has the amplitude of the horizontal earth rate, 12.44 °/h at 34.2°, and no mean over
     a revolution.
     """
-    table = simulate_rate_table.Table(unevenness=0.0)
+    table = simulate_rate_table.TurnedTable(unevenness=0.0)
     moved = simulate_rate_table._motion(table, (5.0,))
     gyro = simulate_rate_table.RateGyro.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
     rate = simulate_rate_table._input_rate(gyro, table, moved) * 3600.0
@@ -92,7 +92,7 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     """A gyro with ripple has a best line that is not its constant K, and one without has."""
     rng = np.random.default_rng(1)
     gyro = simulate_rate_table.RateGyro.draw(rng)
-    table = simulate_rate_table.Table()
+    table = simulate_rate_table.TurnedTable()
     slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
     straight, intercept = gyros.linear(gyro).best_line(table, simulate_rate_table.both_ways(), 25.0)
     assert straight == pytest.approx(gyro.K, rel=1e-12)

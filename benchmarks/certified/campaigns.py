@@ -73,7 +73,7 @@ def rate_table(number: int, _: Errors) -> tuple[Frames, Truth]:
     """One gyro at four temperatures: K and F0 there."""
     made = simulate_rate_table.campaign(number)
     stated: Any = made.truth
-    gyro, table = _gyro(stated["gyro"]), simulate_rate_table.Table(**stated["table"])
+    gyro, table = _gyro(stated["gyro"]), simulate_rate_table.TurnedTable(**stated["table"])
 
     def truth(result: Result) -> float | None:
         terms = [k for k, name in enumerate(("K", "F0")) if f".gyro_x.{name}" in result.quantity]
@@ -106,7 +106,7 @@ def gyro_triad(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Three gyros about three axes: sensitivities and angles at 25 °C."""
     made = simulate.triad(number)
     stated: Any = made.truth
-    at, table = stated["at"]["25"], simulate_rate_table.Table(**stated["table"])
+    at, table = stated["at"]["25"], simulate_rate_table.TurnedTable(**stated["table"])
     found = {}
     for k, g in enumerate("xyz"):
         found[f"gyro_orthogonality.triad.S_{g}{g}"] = at["sensitivity"][k][k]

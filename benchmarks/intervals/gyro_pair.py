@@ -55,7 +55,7 @@ def mounting_rad(case: Case) -> float:
 def state_mounting(case: Case) -> dict[str, object]:
     """Tables of a recipe that state the logs, the site and, where it is given, the mounting."""
     tables: dict[str, object] = {"logs": {"files": ["*.csv"]}}
-    tables["site"] = {"latitude_deg": simulated.Table().latitude_deg}
+    tables["site"] = {"latitude_deg": simulated.TurnedTable().latitude_deg}
     if case.given:
         value = float(np.degrees(mounting_rad(case)))
         stated = {"group": MOUNTING, "effect": "angle", "value": value, "unit": "deg"}
@@ -80,7 +80,7 @@ def log_run(
         )
         for g, gyro in gyros.items()
     }
-    table = simulated.Table(interval_s=INTERVAL_S, start_angle_deg=rng.uniform(0.0, 360.0))
+    table = simulated.TurnedTable(interval_s=INTERVAL_S, start_angle_deg=rng.uniform(0.0, 360.0))
     columns = simulated.run(seen, table, RATES_DPS, simulated.REFERENCE_DEGC, rng)
     return Log(name, f"{name}.csv", name, len(columns["time_s"]), pd.DataFrame(columns))
 

@@ -87,7 +87,7 @@ def _recipe(case: Case) -> RateTableRecipe:
     tables: dict[str, object] = {
         "procedure": "rate_table",
         "logs": {"files": ["*.csv"]},
-        "site": {"latitude_deg": simulated.Table().latitude_deg},
+        "site": {"latitude_deg": simulated.TurnedTable().latitude_deg},
     }
     if case.given:
         tables["errors"] = {"component": [_state(case, error) for error in COMPONENT]}
@@ -122,7 +122,7 @@ def _log(
     gyro: simulated.RateGyro, case: Case, degc: float, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Columns of one run, with the errors of its own."""
-    table = simulated.Table(interval_s=INTERVAL_S, start_angle_deg=rng.uniform(0.0, 360.0))
+    table = simulated.TurnedTable(interval_s=INTERVAL_S, start_angle_deg=rng.uniform(0.0, 360.0))
     size = case.ratio * noise_dps() * rng.normal() if case.error in OF_RUNS else 0.0
     if case.error == SCALE:
         gyro = replace(gyro, K=gyro.K * (1.0 + size / TOP_DPS))
@@ -158,7 +158,9 @@ def simulate(case: Case, number: int) -> Outcome:
     models = {model.name: model for model in made.models}
     line = models["gyro_x"]
     at = np.array([line.value("temp_case"), *AT_DEGC])
-    truth = np.array([gyro.best_line(simulated.Table(), RATES_DPS, degc) for degc in at.tolist()])
+    truth = np.array(
+        [gyro.best_line(simulated.TurnedTable(), RATES_DPS, degc) for degc in at.tolist()]
+    )
     room = np.array(
         [_of_line(c.value, c.standard_uncertainty, line.dof_of(c)) for c in line.coefficients]
     )
@@ -205,7 +207,7 @@ def held_rates() -> _Held:
     """Held rates of any run."""
     rng = np.random.default_rng(1)
     gyro = simulated.RateGyro.draw(rng)
-    table = simulated.Table(interval_s=INTERVAL_S)
+    table = simulated.TurnedTable(interval_s=INTERVAL_S)
     log = simulated.run({GYRO: gyro}, table, RATES_DPS, 25.0, rng)
     spec = RateTableRecipe.model_validate(
         {"procedure": "rate_table", "logs": {"files": ["*.csv"]}}, strict=False

@@ -17,7 +17,7 @@ from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
 from calibkit.report.run import stated_criteria
 from calibkit.run_document import VALIDATION_FORMAT, Verdict
-from calibkit.store import Run, read_bytes
+from calibkit.store import StoredRun, read_bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class RunFiles:
         )
 
     @classmethod
-    def read(cls, run: Run) -> Self:
+    def read(cls, run: StoredRun) -> Self:
         """The files of a run folder."""
         contents = {name: read_bytes(run.folder / name) for name in (*run.records, RUN_FILE)}
         return cls(run.document, run.records, contents)

@@ -29,7 +29,7 @@ def _command_line(*words: object) -> str:
     return f"{_program()} {shlex.join(map(str, words))}"
 
 
-def _name_run(run: store.Run, runs: Path) -> tuple[str, ...]:
+def _name_run(run: store.StoredRun, runs: Path) -> tuple[str, ...]:
     """Words that name a run on the command line: its serial, and the folder of runs where that is
     not the default.
     """

@@ -17,6 +17,7 @@ from typing import Self
 from calibkit.firmware import exact, ranges
 from calibkit.firmware.chain import (
     Chain,
+    ChainTerm,
     Limit,
     Map,
     Memory,
@@ -26,7 +27,6 @@ from calibkit.firmware.chain import (
     Slope,
     Step,
     Sum,
-    Term,
 )
 from calibkit.firmware.program import Program
 from calibkit.firmware.ranges import Range
@@ -104,7 +104,7 @@ class _Analysis:
     """
     reaches: dict[str, float] = field(default_factory=dict)
     storage_error_cache: dict[str, list[float]] = field(default_factory=dict)
-    parts: dict[Term, list[Range]] = field(default_factory=dict)
+    parts: dict[ChainTerm, list[Range]] = field(default_factory=dict)
     """What `reach`, `storage_errors` and `part` found: exact arithmetic is slow."""
 
     def again(self, states: Mapping[str, float]) -> Self:
@@ -145,7 +145,7 @@ class _Analysis:
             ]
         return self.storage_error_cache[table]
 
-    def part(self, entry: Term) -> list[Range]:
+    def part(self, entry: ChainTerm) -> list[Range]:
         """Ranges of a term: of its polynomial, then of each product with one more factor."""
         if entry not in self.parts:
             self.parts[entry] = ranges.term(self.chain, entry, self.value_ranges)
@@ -216,7 +216,7 @@ class _Analysis:
                 total += derivative * errors[name]
         return total
 
-    def term(self, entry: Term, errors: Mapping[str, float]) -> float:
+    def term(self, entry: ChainTerm, errors: Mapping[str, float]) -> float:
         """Rounding of a term's polynomial and products, the factors taken as exact."""
         parts = self.part(entry)
         factors, error = list(entry.factors), 0.0
@@ -230,7 +230,7 @@ class _Analysis:
             error = error * self.reach(name) + self.rounding(reach)
         return error
 
-    def polynomial(self, entry: Term, errors: Mapping[str, float]) -> float:
+    def polynomial(self, entry: ChainTerm, errors: Mapping[str, float]) -> float:
         """Horner's scheme."""
         stored, c = self.storage_errors(entry.table), self.chain.tables[entry.table]
         error, total = stored[-1], float(abs(c[-1]))

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from calibkit.firmware.chain import (
-    Input,
+    ChainInput,
+    ChainTerm,
     Limit,
     Map,
     Memory,
@@ -14,7 +15,6 @@ from calibkit.firmware.chain import (
     Slope,
     Step,
     Sum,
-    Term,
 )
 from calibkit.firmware.program import Program
 
@@ -45,7 +45,7 @@ class Body:
         """Type of a value."""
         return self.program.format.c_type
 
-    def input(self, entry: Input) -> str:
+    def input(self, entry: ChainInput) -> str:
         """Input brought into its range; an indication as it is."""
         flag, helper = entry.flag, "limited"
         if entry.beyond:
@@ -101,7 +101,7 @@ class Body:
         parts = [first, *(sign + value for sign, value in zip(signs[1:], values[1:], strict=True))]
         return " ".join(parts) if sum(map(len, parts)) < ONE_LINE else "\n    ".join(parts)
 
-    def _term(self, entry: Term) -> str:
+    def _term(self, entry: ChainTerm) -> str:
         """One term, in parentheses where it is a product."""
         factors = list(entry.factors)
         value = self._polynomial(entry) if entry.table else factors.pop(0)
@@ -109,7 +109,7 @@ class Body:
             value = f"({value} * {name})"
         return value
 
-    def _polynomial(self, entry: Term) -> str:
+    def _polynomial(self, entry: ChainTerm) -> str:
         """Polynomial, or the plain number."""
         count = len(self.program.tables[entry.table])
         if not entry.over:

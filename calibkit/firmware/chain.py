@@ -16,7 +16,7 @@ from calibkit.firmware.exact import Poly
 
 
 @dataclass(frozen=True, slots=True)
-class Input:
+class ChainInput:
     """A quantity that the application hands over, in the unit that its name ends in; table: least
     and greatest value, and of an indication least and greatest value of its full scale too.
     """
@@ -46,7 +46,7 @@ class Map:
 
 
 @dataclass(frozen=True, slots=True)
-class Term:
+class ChainTerm:
     """± polynomial(over) · factors; without a table the polynomial is 1, without `over` the table
     holds one number.
     """
@@ -62,7 +62,7 @@ class Sum:
     """Sum of terms, added from left to right."""
 
     name: str
-    terms: tuple[Term, ...]
+    terms: tuple[ChainTerm, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,7 +159,7 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
-class Correction:
+class ChainCorrection:
     """An output that the application itself applies to an indication."""
 
     output: str
@@ -193,7 +193,7 @@ class Structure:
     """Forms of the models, as they stand in the coefficient files."""
     formula: str
     """Direction of the correction, in words: corrected = …."""
-    inputs: tuple[Input, ...]
+    inputs: tuple[ChainInput, ...]
     steps: tuple[Step, ...]
     outputs: tuple[Output, ...]
     interval_s: float | None
@@ -294,7 +294,7 @@ class Chain:
     condition: str = ""
     ranges: tuple[str, ...] = ()
     """Ranges in which the models were fitted, in words."""
-    corrections: tuple[Correction, ...] = ()
+    corrections: tuple[ChainCorrection, ...] = ()
     derived: Mapping[str, str] = field(default_factory=dict)
     """How inputs are made that are no columns of the logs, in words."""
     trials: Trials | None = None

@@ -9,8 +9,9 @@ from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import (
     Chain,
-    Correction,
-    Input,
+    ChainCorrection,
+    ChainInput,
+    ChainTerm,
     Limit,
     Map,
     Output,
@@ -20,7 +21,6 @@ from calibkit.firmware.chain import (
     Step,
     Structure,
     Sum,
-    Term,
 )
 
 BEYOND = Fraction(5, 4)
@@ -35,7 +35,7 @@ class Draft:
     """Whether tables have the same lengths for all devices: no power and no term is left out that
     happens to be 0, or that a fit left out.
     """
-    inputs: list[Input] = field(default_factory=list)
+    inputs: list[ChainInput] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
     tables: dict[str, exact.Poly] = field(default_factory=dict)
@@ -45,7 +45,7 @@ class Draft:
     ramped: dict[str, Fraction] = field(default_factory=dict)
     ranges: list[str] = field(default_factory=list)
     derived: dict[str, str] = field(default_factory=dict)
-    corrections: list[Correction] = field(default_factory=list)
+    corrections: list[ChainCorrection] = field(default_factory=list)
 
     def table(self, name: str, numbers: Iterable[Fraction]) -> str:
         """Store a table and return its name."""
@@ -66,7 +66,9 @@ class Draft:
         """
         if name not in [entry.name for entry in self.inputs]:
             self.derived |= {name: derived} if derived else {}
-            self.inputs.append(Input(name, unit, meaning, self.table(f"{name}_range", span), flag))
+            self.inputs.append(
+                ChainInput(name, unit, meaning, self.table(f"{name}_range", span), flag)
+            )
         return name
 
     def indication(
@@ -77,7 +79,7 @@ class Draft:
         """
         full = max(fitted, full)
         table = self.table(f"{name}_range", (-fitted, fitted, -full, full))
-        self.inputs.append(Input(name, unit, meaning, table, "FULL_SCALE", beyond_flag))
+        self.inputs.append(ChainInput(name, unit, meaning, table, "FULL_SCALE", beyond_flag))
         return name
 
     def map(
@@ -126,7 +128,7 @@ class Draft:
         *factors: str,
         sign: int = 1,
         order: int = 0,
-    ) -> list[Term]:
+    ) -> list[ChainTerm]:
         """Term sign · polynomial(variable) · factors: none where it vanishes, a plain number where
         it does not vary; of a padded chain always the term, at least to the order.
         """
@@ -134,13 +136,13 @@ class Draft:
         if self.padded:
             varies = any(step.name == variable for step in self.steps)
             self.table(table, exact.padded(numbers, order) if varies else numbers[:1])
-            return [Term(table, variable if varies else "", factors, sign)]
+            return [ChainTerm(table, variable if varies else "", factors, sign)]
         if not coefficients:
             return []
         if coefficients == (Fraction(1),) and factors:
-            return [Term("", "", factors, sign)]
+            return [ChainTerm("", "", factors, sign)]
         self.table(table, coefficients)
-        return [Term(table, variable if len(coefficients) > 1 else "", factors, sign)]
+        return [ChainTerm(table, variable if len(coefficients) > 1 else "", factors, sign)]
 
     def output(
         self,
@@ -157,9 +159,9 @@ class Draft:
         """
         self.outputs.append(Output(name, unit, source, meaning))
         if corrects:
-            self.corrections.append(Correction(name, corrects, product))
+            self.corrections.append(ChainCorrection(name, corrects, product))
 
-    def sum(self, name: str, *terms: Sequence[Term]) -> str:
+    def sum(self, name: str, *terms: Sequence[ChainTerm]) -> str:
         """Add a sum of terms."""
         self.steps.append(Sum(name, tuple(term for part in terms for term in part)))
         return name
@@ -266,9 +268,9 @@ def _sources(step: Step) -> tuple[str, ...]:
     return (step.source,)
 
 
-def factor(name: str, sign: int = 1) -> list[Term]:
+def factor(name: str, sign: int = 1) -> list[ChainTerm]:
     """Term ± value."""
-    return [Term("", "", (name,), sign)]
+    return [ChainTerm("", "", (name,), sign)]
 
 
 def numbers(model: Model, *names: str) -> exact.Poly:

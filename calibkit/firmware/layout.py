@@ -47,7 +47,7 @@ def write_program(program: Program) -> list[str]:
     ]
 
 
-def _input(entry: chain.Input) -> dict[str, str]:
+def _input(entry: chain.ChainInput) -> dict[str, str]:
     """Fields of an input; `beyond` stands where it is used, so that the layout of a chain that does
     not need it stays as it was.
     """
@@ -73,7 +73,7 @@ def read_program(
         for document in documents[1:]:
             ((kind, fields),) = document.items()
             if kind == "input":
-                inputs.append(chain.Input(**fields))
+                inputs.append(chain.ChainInput(**fields))
             elif kind == "output":
                 outputs.append(chain.Output(**fields))
             else:
@@ -110,7 +110,8 @@ def _step(kind: str, fields: dict[str, Any]) -> chain.Step:
     """A step of its JSON object."""
     if kind == "sum":
         terms = tuple(
-            chain.Term(**{**term, "factors": tuple(term["factors"])}) for term in fields["terms"]
+            chain.ChainTerm(**{**term, "factors": tuple(term["factors"])})
+            for term in fields["terms"]
         )
         return chain.Sum(fields["name"], terms)
     if kind == "select":

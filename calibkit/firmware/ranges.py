@@ -5,6 +5,7 @@ from fractions import Fraction
 
 from calibkit.firmware.chain import (
     Chain,
+    ChainTerm,
     Limit,
     Map,
     Memory,
@@ -14,7 +15,6 @@ from calibkit.firmware.chain import (
     Slope,
     Step,
     Sum,
-    Term,
 )
 
 Range = tuple[Fraction, Fraction]
@@ -45,7 +45,7 @@ def total(parts: Sequence[Range]) -> Range:
     return low, high
 
 
-def term(chain: Chain, entry: Term, value_ranges: Mapping[str, Range]) -> list[Range]:
+def term(chain: Chain, entry: ChainTerm, value_ranges: Mapping[str, Range]) -> list[Range]:
     """Ranges of a term: of its polynomial, then of each product with one more factor."""
     c = chain.tables[entry.table] if entry.table else ()
     first = _polynomial(c, value_ranges[entry.over] if entry.over else ONE) if c else ONE

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibkit.firmware.chain import (
-    Input,
+    ChainInput,
+    ChainTerm,
     Limit,
     Map,
     Memory,
@@ -24,7 +25,6 @@ from calibkit.firmware.chain import (
     Slope,
     Step,
     Sum,
-    Term,
 )
 from calibkit.firmware.program import Program
 
@@ -168,7 +168,7 @@ class _Run:
         self.flag(flag, (x < low) | (x > high), group)
         return np.where(x < low, low, np.where(x > high, high, x))
 
-    def input(self, entry: Input, x: Words) -> Words:
+    def input(self, entry: ChainInput, x: Words) -> Words:
         """A value brought into its range; an indication as it is."""
         low, high = self.numbers(entry.table)
         if not entry.beyond:
@@ -210,7 +210,7 @@ class _Run:
             total = total + self.term(entry)
         return total
 
-    def term(self, entry: Term) -> Words:
+    def term(self, entry: ChainTerm) -> Words:
         """One term."""
         factors = [self.values[name] for name in entry.factors]
         value = self.polynomial(entry) if entry.table else factors.pop(0)
@@ -218,7 +218,7 @@ class _Run:
             value = value * factor
         return -value if entry.sign < 0 else value
 
-    def polynomial(self, entry: Term) -> Words:
+    def polynomial(self, entry: ChainTerm) -> Words:
         """Horner's scheme from the highest power down."""
         *lower, total = self.numbers(entry.table)
         if not entry.over:

@@ -141,7 +141,7 @@ def _finished(plan: DeviceTask, serial: str) -> Row:
         return _row(outcome.run, spec, before=False)
 
 
-def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.Run | None:
+def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.StoredRun | None:
     """Newest run of a device by this software with this recipe, date and logs, whole and with right
     digests, or None.
     """
@@ -186,7 +186,7 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
     }
 
 
-def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
+def _row(run: store.StoredRun, spec: recipe.Recipe, *, before: bool) -> Row:
     """What the fleet's table states of a run."""
     document = run.document
     patterns = instruments.optional(spec.procedure, "KEY_FIGURES") or (".+",)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.coefficients import Model, Record
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +38,7 @@ class KeyFigure:
 
 
 def select_key_figures(
-    run: Run, names: Sequence[str], reference_temp_degc: float
+    run: StoredRun, names: Sequence[str], reference_temp_degc: float
 ) -> tuple[KeyFigure, ...]:
     """Key figures of a run: what is tested against acceptance limits, then coefficients and figures
     whose whole names match one of the patterns `names`.

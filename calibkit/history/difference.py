@@ -16,7 +16,7 @@ from calibkit.errors import UsageError
 from calibkit.forms import Form, FormsOf
 from calibkit.numeric import change, gum
 from calibkit.numeric.change import Joint
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 ABSENT = Coefficient("", math.nan, "", math.nan)
@@ -85,8 +85,8 @@ class _Setting:
 class Difference:
     """Everything that differs between two runs."""
 
-    before: Run
-    after: Run
+    before: StoredRun
+    after: StoredRun
     models: tuple[ModelChange, ...]
     figures: tuple[ModelChange, ...]
     settings: tuple[_Setting, ...]
@@ -97,7 +97,7 @@ class Difference:
         return sum(entry.verdict in verdicts for model in self.models for entry in model.changes)
 
 
-def compare_runs(before: Run, after: Run, forms_of: FormsOf) -> Difference:
+def compare_runs(before: StoredRun, after: StoredRun, forms_of: FormsOf) -> Difference:
     """What changed from one run to another; raises UsageError for runs of different procedures."""
     procedures = before.document["procedure"], after.document["procedure"]
     if procedures[0] != procedures[1]:
@@ -247,7 +247,7 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
     return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)
 
 
-def _settings(before: Run, after: Run) -> Iterator[_Setting]:
+def _settings(before: StoredRun, after: StoredRun) -> Iterator[_Setting]:
     """Recipe lines, overrides, conditions, software and libraries that differ."""
     a, b = before.document, after.document
     for key in ("serial", "software", "python"):
@@ -284,7 +284,7 @@ def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[_Setti
             yield _Setting("recipe", old, new)
 
 
-def _flags(before: Run, after: Run) -> tuple[str, ...]:
+def _flags(before: StoredRun, after: StoredRun) -> tuple[str, ...]:
     """What a reader must know before a difference is taken for a change of the instrument."""
     flags = []
     if before.document["serial"] != after.document["serial"]:

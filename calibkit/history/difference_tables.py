@@ -9,7 +9,7 @@ from calibkit.history.difference import Difference, ModelChange
 from calibkit.numeric.change import CHANCE, SIGNIFICANT
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table, tabulate
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 MOST_SETTINGS = 24
 """Settings that the console shows."""
@@ -144,7 +144,7 @@ def difference_document(difference: Difference) -> dict[str, Any]:
     }
 
 
-def identify_run(run: Run) -> dict[str, Any]:
+def identify_run(run: StoredRun) -> dict[str, Any]:
     """What identifies a run."""
     facts = ("serial", "revision", "procedure", "effective_from", "verdict", "accepted")
     return {"name": run.name, **{key: run.document[key] for key in (*facts, "software", "sha256")}}

@@ -11,7 +11,7 @@ from calibkit.coefficients import Component
 from calibkit.readers import parts
 from calibkit.recipe import Recipe
 from calibkit.recipe.tables import ErrorComponent
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 POOLED = "pooled"
 """Key of run.json that lists the runs which a fit took components from."""
@@ -73,7 +73,7 @@ def pool_components(spec: Recipe, runs: Path, logs: Sequence[Path]) -> Pooled:
     return Pooled(spec.model_copy(update={"errors": errors}), pooled_runs, flags)
 
 
-def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[Run]:
+def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[StoredRun]:
     """Newest run of each serial whose type and procedure are those of a recipe and whose logs are
     none of these.
     """
@@ -88,7 +88,7 @@ def _earlier_runs(spec: Recipe, runs: Path, digests: set[str]) -> Iterator[Run]:
                 break
 
 
-def _components(run: Run) -> dict[tuple[str, str], Component]:
+def _components(run: StoredRun) -> dict[tuple[str, str], Component]:
     """(group, effect) → component of the first model that has it: models of one run share them."""
     components: dict[tuple[str, str], Component] = {}
     for name in sorted(run.records):

@@ -21,7 +21,7 @@ from calibkit.history import difference
 from calibkit.history.difference import Change
 from calibkit.numeric import change
 from calibkit.numeric.change import Trend
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 YEAR_DAYS = 365.25
 
@@ -95,7 +95,7 @@ class Timeline:
     """Every revision of a serial, the faults of its chain, and its numbers over time."""
 
     serial: str
-    runs: tuple[Run, ...]
+    runs: tuple[StoredRun, ...]
     in_force: Mapping[int, _InForce]
     refused: tuple[_Refused, ...]
     breaks: tuple[str, ...]
@@ -152,7 +152,7 @@ class Timeline:
         )
 
 
-def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
+def _chain_faults(runs: Sequence[StoredRun], numbers: Sequence[int]) -> Iterator[str]:
     """One line per fault of the chain: a revision that is missing, a file that does not supersede
     the one before it.
     """
@@ -185,7 +185,7 @@ def _state_break(number: int, record: Record, expected: str) -> str:
     return f"r{number:03d}: {record.stage} supersedes {superseded}, expected {required}"
 
 
-def _dates_in_force(runs: Sequence[Run]) -> dict[int, _InForce]:
+def _dates_in_force(runs: Sequence[StoredRun]) -> dict[int, _InForce]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
     until = dict(itertools.pairwise([*sorted(winners), ""]))
@@ -196,7 +196,7 @@ def _dates_in_force(runs: Sequence[Run]) -> dict[int, _InForce]:
     }
 
 
-def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
+def _flags(runs: Sequence[StoredRun]) -> tuple[str, ...]:
     """What a reader of a timeline must know."""
     flags = [
         f"{run.name} was rejected: it is never in force by date"
@@ -223,7 +223,7 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def independent_runs(runs: Sequence[Run]) -> set[int]:
+def independent_runs(runs: Sequence[StoredRun]) -> set[int]:
     """Revisions that were not rejected and share no log with a newer one of them."""
     newer_inputs: list[Mapping[str, object]] = []
     independent = set()
@@ -235,7 +235,7 @@ def independent_runs(runs: Sequence[Run]) -> set[int]:
     return independent
 
 
-def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[NumberSeries]:
+def _series(runs: Sequence[StoredRun], forms_of: FormsOf) -> Iterator[NumberSeries]:
     """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
     meaning.
     """
@@ -256,7 +256,9 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[NumberSeries]:
             yield _one_series(quantity, tuple(determinations), independent)
 
 
-def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[FollowedNumber, Coefficient]]:
+def _numbers(
+    run: StoredRun, forms: Mapping[str, Form]
+) -> Iterator[tuple[FollowedNumber, Coefficient]]:
     """Every coefficient and figure of a run that belongs to the instrument and not to one log."""
     for record in run.records.values():
         for model in record.models:

@@ -8,7 +8,7 @@ from calibkit.history.difference_tables import CHANGE_KEYS, TYPE_A, identify_run
 from calibkit.history.timeline import Determination, FollowedNumber, NumberSeries, Timeline
 from calibkit.report.summary import Summary
 from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 OVER_TIME = (
     "change: from the first date to the last; step: largest between neighbours; a year: slope of"
@@ -77,7 +77,7 @@ def summarize_timeline(
     return Summary(f"{timeline.serial}: {count}", tables, flags, (), verdict)
 
 
-def _revision_row(timeline: Timeline, run: Run) -> tuple[Cell, ...]:
+def _revision_row(timeline: Timeline, run: StoredRun) -> tuple[Cell, ...]:
     """One revision, and until when it is in force."""
     document = run.document
     dates = timeline.in_force[document["revision"]]

@@ -28,7 +28,7 @@ from calibkit.numeric import gum
 from calibkit.numeric.change import Joint
 from calibkit.report.run import stated_criteria
 from calibkit.results.evaluation import RunResults
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 Answer = Literal["yes", "no", "cannot tell"]
 POINTS = 25
@@ -104,8 +104,8 @@ class ComparedResult:
 class StillGood:
     """The answer on two runs, result by result; the joint test of each exported model; flags."""
 
-    before: Run
-    after: Run
+    before: StoredRun
+    after: StoredRun
     compared: tuple[ComparedResult, ...]
     joints: tuple[tuple[str, int, Joint], ...]
     """Model, number of its coefficients, and their joint test."""
@@ -134,8 +134,8 @@ class StillGood:
 
 
 def compare(
-    before: Run,
-    after: Run,
+    before: StoredRun,
+    after: StoredRun,
     *,
     limits: Mapping[str, tuple[float, str]] = MappingProxyType({}),
     profile: Profile | None = None,

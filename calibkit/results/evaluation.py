@@ -17,7 +17,7 @@ from calibkit.recipe import TypeB, type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
 from calibkit.results.inputs import Names, parse_inputs
-from calibkit.store import Run
+from calibkit.store import StoredRun
 
 SETTLED = "rates are held until the lags of the model have settled"
 EXTRAPOLATED = "extrapolated, U is not known"
@@ -27,13 +27,13 @@ EXTRAPOLATED = "extrapolated, U is not known"
 class RunResults:
     """A run with its results as functions of their inputs."""
 
-    run: Run
+    run: StoredRun
     quantities: tuple[Quantity, ...]
     stated: Stated
     gravity_mps2: float | None
 
     @classmethod
-    def read(cls, run: Run, terms: Sequence[TypeB] = ()) -> Self:
+    def read(cls, run: StoredRun, terms: Sequence[TypeB] = ()) -> Self:
         """Results of a run, with type B terms on top of the recipe's."""
         spec = instruments.fitted_recipe(run.document)
         results = instruments.optional(spec.procedure, "results")

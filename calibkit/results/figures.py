@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.results.evaluation import PointResult
-    from calibkit.store import Run
+    from calibkit.store import StoredRun
 
 SUFFIXES = (".pdf", ".png")
 COLOURS = (SIDES["cooling"], SIDES["heating"], SIDES["both"], "#aa7700", "#7744aa", MUTED)
@@ -42,7 +42,7 @@ def render(figure: Figure, suffix: str) -> bytes:
 
 
 def write_values(
-    run: Run, values: Sequence[PointResult], ranges: Mapping[str, Array], suffix: str
+    run: StoredRun, values: Sequence[PointResult], ranges: Mapping[str, Array], suffix: str
 ) -> bytes:
     """Values as CSV, or as a figure over their ranges."""
     if suffix.lower() == ".csv":

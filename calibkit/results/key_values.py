@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
     from calibkit.numeric.change import Reach, Trend
-    from calibkit.store import Run
+    from calibkit.store import StoredRun
 
 MOST_PANELS = 12
 FEWEST_DATES = 3
@@ -44,7 +44,7 @@ class FollowedResult:
 
     quantity: Quantity
     at: tuple[tuple[str, float, str], ...]
-    values: tuple[tuple[Run, Result], ...]
+    values: tuple[tuple[StoredRun, Result], ...]
     limits: tuple[float, float] | None
     line: Trend | None
     reach: Reach | None
@@ -72,7 +72,7 @@ class FollowedResult:
         return f"about {_month(reach.expected)}, {between}"
 
 
-def _year(run: Run) -> float:
+def _year(run: StoredRun) -> float:
     """Effective date as a year, counted as by `timeline`."""
     return dt.date.fromisoformat(run.document["effective_from"]).toordinal() / YEAR_DAYS
 
@@ -82,7 +82,7 @@ def _month(year: float) -> str:
     return dt.date.fromordinal(round(year * YEAR_DAYS)).isoformat()[:7]
 
 
-def follow(runs: Sequence[Run]) -> tuple[tuple[FollowedResult, ...], tuple[str, ...]]:
+def follow(runs: Sequence[StoredRun]) -> tuple[tuple[FollowedResult, ...], tuple[str, ...]]:
     """Key values of every result that the newest run compares, at one point that all runs hold at:
     the reference temperature, or of a drift, which is zero there, the end that is farthest. Also
     returns why runs are left out.

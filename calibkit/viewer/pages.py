@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from calibkit.store import Run
+    from calibkit.store import StoredRun
     from calibkit.viewer.index import Entry
 
 A_PAGE = 100
@@ -337,7 +337,7 @@ def _chart(figure: Figure) -> list[Markup]:
     ]
 
 
-def show_run(run: Run) -> bytes:
+def show_run(run: StoredRun) -> bytes:
     """What a run is, its limits and flags, and its files."""
     document = run.document
     name, run_url = f"{document['serial']} r{document['revision']:03d}", f"/run/{_place(run)}"
@@ -394,6 +394,6 @@ def _limits(acceptance: Sequence[Mapping[str, Any]]) -> list[Markup]:
     return [_table(("limit", "value", "limit at", ""), rows)] if rows else []
 
 
-def _place(run: Run) -> str:
+def _place(run: StoredRun) -> str:
     """Serial and revision as a path."""
     return f"{quote(run.document['serial'])}/r{run.document['revision']:03d}"

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 from calibkit.coefficients import Model, Record
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Chain, Term
+from calibkit.firmware.chain import Chain, ChainTerm
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.accelerometer import correction as corrections, forms
@@ -86,7 +86,7 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
         minus_zero = draft.polynomial(f"zero_{axis}", zero, "u", sign=-1)
         draft.sum(f"a_{axis}", minus_zero, draft.polynomial(f"scale_{axis}", scale, "u", component))
     for row, axis in enumerate(AXES):
-        added: list[list[Term]] = []
+        added: list[list[ChainTerm]] = []
         of_row = [t for t in terms if t.axis == row and t.power == 0 and t.kind in "cmn"]
         # the largest terms last
         for term in sorted(of_row, key=lambda t: (-len(t.factors), t.factors == (row,))):

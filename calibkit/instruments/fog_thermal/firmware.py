@@ -17,7 +17,7 @@ import numpy as np
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
-from calibkit.firmware.chain import Case, Chain, Memory, Select, Term, Trials
+from calibkit.firmware.chain import Case, Chain, ChainTerm, Memory, Select, Trials
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.fog_thermal import firmware_bank
@@ -204,7 +204,7 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
         exact.mapped(numbers(model, *names), r_middle, r_half)
         for names in rate_names(len(model.coefficients) // 3 - 1)
     ]
-    terms: list[list[Term]] = []
+    terms: list[list[ChainTerm]] = []
     largest = Fraction(0)
     for i in (2, 1, 0):
         parts = [

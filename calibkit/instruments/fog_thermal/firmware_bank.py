@@ -17,7 +17,7 @@ from itertools import pairwise
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact, thermal_steps
-from calibkit.firmware.chain import Memory, Play, Term
+from calibkit.firmware.chain import ChainTerm, Memory, Play
 from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.instruments.fog_thermal.forms import read_bank
 from calibkit.instruments.fog_thermal.numeric.bank import (
@@ -72,7 +72,7 @@ def follow_bank(
     constant = -exact.value(static, at_rest) - offset
 
     # rates (a + c z) ρ + b z_k ρ, ρ limited to the largest fitted one on either side
-    rates: list[Term] = []
+    rates: list[ChainTerm] = []
     largest = thermal_steps.largest(model, RATE)
     for k, lag in enumerate(bank.lags, start=1):
         thermal_steps.follow_lag(draft, f"lag_{k}", h, Fraction(lag), fastest)
@@ -103,14 +103,14 @@ def _table(
     bank: Bank,
     span: tuple[Fraction, Fraction],
     at_rest: Fraction,
-) -> tuple[list[Term], Fraction]:
+) -> tuple[list[ChainTerm], Fraction]:
     """Terms of the table over temperature, one per segment between knots: slope times u limited to
     the segment; and their sum at rest at the reference.
     """
     middle, half = span
     knots = [(Fraction(knot) - middle) / half for knot in bank.knots]
     values = numbers(model, *(f"g{k}" for k in range(1, len(knots) + 1)))
-    terms: list[Term] = []
+    terms: list[ChainTerm] = []
     offset = Fraction(0)
     for k, ((low, high), (first, last)) in enumerate(
         zip(pairwise(knots), pairwise(values), strict=True), start=1
@@ -124,7 +124,7 @@ def _table(
 
 def _hysteresis(
     draft: Draft, model: Model, bank: Bank, span: tuple[Fraction, Fraction]
-) -> list[Term]:
+) -> list[ChainTerm]:
     """Terms h (p − T)/c of the play operators p of half width c; T is relative to the origin, so
     that p is 0 at the reset.
     """
@@ -132,7 +132,7 @@ def _hysteresis(
     origin = (middle - Fraction(ORIGIN_DEGC)) / half
     share = numbers(model, STATIC_LAGS[2])[0]
     shares = {"lag_fast": abs(1 - share), "lag_static": abs(share)}
-    terms: list[Term] = []
+    terms: list[ChainTerm] = []
     if bank.widths:
         draft.sum("swing", factor("coil"), draft.polynomial("origin", (origin,), ""))
     for k, width in enumerate((Fraction(width) / half for width in bank.widths), start=1):
@@ -152,9 +152,9 @@ def _hysteresis(
     return terms
 
 
-def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[Term]:
+def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[ChainTerm]:
     """Terms of the warm-up since the reset: w (1 − f), f ← f + (1 − a)(1 − f) from 0."""
-    terms: list[Term] = []
+    terms: list[ChainTerm] = []
     for k, theta in enumerate(bank.warm_up, start=1):
         a, name = exact.exp(-h / Fraction(theta)), f"warm_{k}"
         draft.steps.append(Memory(f"{name}_before", name, "zero"))

@@ -427,7 +427,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
     directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     shortest_s = min(hold.duration_s for hold in schedule.recorded("rate"))
-    table = simulate_rate_table.Table(interval_s=1.0, shortest_hold_s=shortest_s)
+    table = simulate_rate_table.TurnedTable(interval_s=1.0, shortest_hold_s=shortest_s)
     # the base is mounted with its axes, or with the axis of each gyro of a pair, along the table's
     mounted = directions if isinstance(spec, GyroPairRecipe) else np.eye(3)
     tilts = np.radians(rng.normal(0.0, assumed.size(*MOUNTING), (3, 3)))

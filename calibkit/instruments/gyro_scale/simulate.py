@@ -9,7 +9,12 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.gyro_scale import simulate_rate_table
-from calibkit.instruments.gyro_scale.simulate_rate_table import RateGyro, Table, both_ways, turn
+from calibkit.instruments.gyro_scale.simulate_rate_table import (
+    RateGyro,
+    TurnedTable,
+    both_ways,
+    turn,
+)
 from calibkit.simulate.campaign import Campaign
 
 START_DEGC = 25.0
@@ -33,7 +38,7 @@ def pair(
     noise_lsb: float = 3.0,
     rates_dps: Sequence[float] | None = None,
     ideal: bool = False,
-    table: Table | None = None,
+    table: TurnedTable | None = None,
 ) -> Campaign:
     """Simulate `table_axis_a.csv` and `table_axis_b.csv`, each with both gyros.
 
@@ -65,7 +70,7 @@ def pair(
     if ideal:
         gyros = {name: linear(gyro) for name, gyro in gyros.items()}
     rates = both_ways() if rates_dps is None else tuple(rates_dps)
-    stand = table or Table(start_angle_deg=rng.uniform(0.0, 360.0))
+    stand = table or TurnedTable(start_angle_deg=rng.uniform(0.0, 360.0))
     logs: dict[str, dict[str, Array]] = {}
     lines: dict[str, dict[str, float]] = {}
     for axis in ("a", "b"):
@@ -127,7 +132,7 @@ def triad(
     axes = _normalise(np.eye(3) + tilts * (1.0 - np.eye(3)))
     turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in GYROS}
-    table = Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    table = TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     rates = both_ways(RATES_DPS) if rates_dps is None else tuple(rates_dps)
     logs: dict[str, dict[str, Array]] = {}
     truths: dict[str, dict[str, list[list[float]]]] = {}

@@ -57,7 +57,7 @@ class RateGyro:
     """Time constant of the output filter."""
 
     def best_line(
-        self, table: "Table", rates_dps: Sequence[float], temp_degc: float
+        self, table: "TurnedTable", rates_dps: Sequence[float], temp_degc: float
     ) -> tuple[float, float]:
         """Slope [1/s/(°/s)] and intercept [1/s] of the noise-free least-squares line over table
         rates.
@@ -95,7 +95,7 @@ class RateGyro:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class TurnedTable:
     """Constants of a rate table with a vertical axis and of its room."""
 
     latitude_deg: float = 34.2
@@ -137,7 +137,7 @@ def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Arra
     return np.asarray(gyro.K * (1.0 + gyro.K_per_degc * warmer) * seen, dtype=np.float64)
 
 
-def _motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
+def _motion(table: TurnedTable, rates_dps: Sequence[float]) -> _Motion:
     """Motion of the table through held rates, at rest before the first and after the last."""
     corners, held = [0.0, 3.0], [0.0, 0.0]
     for rate in (*rates_dps, 0.0):
@@ -163,7 +163,7 @@ def _integral(rate: Array, step: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
-def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
+def _input_rate(gyro: RateGyro, table: TurnedTable, moved: _Motion) -> Array:
     """Rate about the gyro's input axis [k] [°/s] in each fine step: table rate plus earth rate."""
     middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
     latitude = np.radians(table.latitude_deg)
@@ -178,7 +178,7 @@ def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
 
 
 def _indication(
-    gyro: RateGyro, table: Table, moved: _Motion, temp_degc: Array, rng: np.random.Generator
+    gyro: RateGyro, table: TurnedTable, moved: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
     """Indication [n] [1/s] at case temperatures [n] [°C]: whole counts in each sampling interval
     over the interval's length.
@@ -195,7 +195,7 @@ def _indication(
 
 def run(
     gyros: Mapping[str, RateGyro],
-    table: Table,
+    table: TurnedTable,
     rates_dps: Sequence[float],
     start_degc: float,
     rng: np.random.Generator,
@@ -219,7 +219,7 @@ def run(
 
 def turn(
     gyros: Mapping[str, RateGyro],
-    table: Table,
+    table: TurnedTable,
     rates_dps: Sequence[float],
     start_degc: float,
     rng: np.random.Generator,
@@ -268,7 +268,7 @@ def campaign(
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     gyro = RateGyro.draw(rng, axis=tilted(rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0)))
-    table = Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    table = TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     planned = {f"room_{k + 1}.csv": REFERENCE_DEGC for k in range(room_runs)}
     planned |= {f"at_{degc:.0f}.csv": degc for degc in temperatures_degc}
     rates = both_ways()
