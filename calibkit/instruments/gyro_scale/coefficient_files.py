@@ -364,10 +364,10 @@ def of_input_axes(fit: Fit, gyros: Sequence[str]) -> Iterator[Figure]:
         for a, axis in enumerate(forms.AXES):
             yield figure_of(f"misalignment.{gyro}{axis}", unit, "1", (g, a))
     for g, h in combinations(range(len(gyros)), 2):
-        angle = figure_of(f"angle_deg.{gyros[g]}_{gyros[h]}", _value_of_angle(fit, g, h), "deg")
-        yield angle
-        name = angle.name.replace("angle_deg", "orthogonality_error_deg")
-        yield replace(angle, name=name, value=90.0 - angle.value)
+        angle, pair = _value_of_angle(fit, g, h), f"{gyros[g]}_{gyros[h]}"
+        yield figure_of(f"angle_deg.{pair}", angle, "deg")
+        off = replace(angle, value=90.0 - angle.value)
+        yield figure_of(f"orthogonality_error_deg.{pair}", off, "deg")
 
 
 def figure_of(name: str, value: Value, unit: str, at: Any = ()) -> Figure:  # noqa: ANN401 (an index)

@@ -52,22 +52,20 @@ def turns_both_ways(rate_dps: Array) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Held rates of gyros in all runs; what has a K and F0 of its own is a line."""
+    """Held rates [n] of gyros in all runs, with the indications as logged; `run` is the number of
+    the run of each row, another one for each gyro in it, `line` that of what has a K and F0 of its
+    own, `channel` that of gyro and table axis, which have a noise and a response.
+    """
 
     rate_dps: Array
-    """[n]."""
     indication: Array
-    """[n], as logged."""
     run: Integers
-    """[n], number of the run of each row, another one for each gyro in it."""
     row_degc: Array
-    """[n], NaN where it is not known."""
+    """NaN where it is not known."""
     hours: Array
-    """[n], from the middle of the run; 0 where times are not known."""
+    """From the middle of the run; 0 where times are not known."""
     line: Integers
-    """[n], number of the line of each row."""
     channel: Integers
-    """[n], number of gyro and table axis of each row, which have a noise and a response."""
 
     @property
     def temp_degc(self) -> Array:

@@ -1,5 +1,11 @@
 """Held rates of a rate-table log: rows in which the table holds a rate, without acceleration and
 settling.
+
+    max Ω − min Ω ≤ max(relative · max|Ω|, floor, 10 σ, 3.5 q)     over a window of rows
+
+σ is the noise of the rate, from the smallest fifth of its second differences, which excludes steady
+acceleration and steps; q the quantum between whose multiples a logged rate flickers. Overlapping
+windows make a held rate, of which the settling time and the first and last interval are left out.
 """
 
 from collections.abc import Callable, Iterator
@@ -122,18 +128,18 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         wide = ANGLE_SLACK * rules.relative
         criteria.append(_stillness(motion.by_turn, time_s.size, window, wide, rules.floor_dps)[0])
 
-    def held(first: int, stop: int) -> Mask:
+    def is_held(first: int, stop: int) -> Mask:
         # windows that contain no gap
         step = motion.interval_s[first : stop + window - 1]
         gaps = np.concatenate(([0], np.cumsum(step[1:] > GAP * interval)))
-        chosen = np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
+        windows = np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
         for criterion in criteria:
-            chosen &= criterion(first, stop)
+            windows &= criterion(first, stop)
         chunks.release(rate_dps, motion.turn_deg, motion.interval_s)
-        return chosen
+        return windows
 
-    runs = chunks.find_runs(max(time_s.size - window + 1, 0), held).tolist()
-    least, kept, covered = max(rules.shortest_samples // 2, 2), [], 0
+    runs = chunks.find_runs(max(time_s.size - window + 1, 0), is_held).tolist()
+    fewest, spans, covered = max(rules.shortest_samples // 2, 2), [], 0
     for first_window, end in runs:
         # rows that two runs of windows share belong to the first
         begin, covered = max(first_window, covered), end - 1 + window
@@ -144,15 +150,15 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
         settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
         first, stop = max(settled, first + 1), stop - 1
-        if stop - first >= least:
-            kept.append((first, stop))
+        if stop - first >= fewest:
+            spans.append((first, stop))
     chunks.release(time_s)
-    if not kept:
+    if not spans:
         low, high = chunks.extremes(rate_dps)
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
         both = ", by table rate and table angle together" if motion.angle_logged else ""
         raise FitError(f"no held rate of {rules.shortest_s:g} s in {span}{both}", hint=NO_RATE_HINT)
-    return np.array(kept, dtype=np.int64)
+    return np.array(spans, dtype=np.int64)
 
 
 def _stillness(
@@ -168,10 +174,10 @@ def _stillness(
             return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in chunks.ranges(rows - 2))
 
         # small second differences: excludes steady acceleration and the steps between short holds
-        least = order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
-        noise, quantum = FIFTH_TO_SIGMA * least / np.sqrt(6.0), QUANTA * _quantum(rate, rows)
+        fewest = order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
+        noise, quantum = FIFTH_TO_SIGMA * fewest / np.sqrt(6.0), QUANTA * _quantum(rate, rows)
 
-    def held(first: int, stop: int) -> Mask:
+    def is_held(first: int, stop: int) -> Mask:
         values = rate(first, stop + window - 1)
         highest, lowest = (
             _of_windows(extreme, values, window) for extreme in (np.maximum, np.minimum)
@@ -180,7 +186,7 @@ def _stillness(
         allowed = np.maximum(allowed, max(NOISE_RANGE * noise, quantum))
         return np.asarray(highest - lowest <= allowed, dtype=np.bool_)
 
-    return held, quantum
+    return is_held, quantum
 
 
 def _of_windows(extreme: np.ufunc, values: Array, window: int) -> Array:
@@ -218,10 +224,10 @@ def _quantum(rate: Series, rows: int) -> float:
             continue
         change, row = np.concatenate(([before], step[at])), np.concatenate(([last], at + a))
         flicker = np.abs(change) < 1.5 * quantum
-        taken = (
+        reversed_soon = (
             flicker[1:] & flicker[:-1] & (change[1:] * change[:-1] < 0.0) & (np.diff(row) < SOON)
         )
-        back += int(np.count_nonzero(taken))
+        back += int(np.count_nonzero(reversed_soon))
         last, before = int(row[-1]), float(change[-1])
     return quantum if back > FLICKER * rows else 0.0
 
@@ -236,7 +242,7 @@ def _steady(
     middle = order_statistics.median(part)
     noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
     allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
-    near = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
-    begin, end = near[np.argmax(near[:, 1] - near[:, 0])].tolist()
+    steady_runs = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
+    begin, end = steady_runs[np.argmax(steady_runs[:, 1] - steady_runs[:, 0])].tolist()
     chunks.release(rate)
     return first + begin, first + end

@@ -51,14 +51,29 @@ MOVED = {
 }
 """Input → means over held rates that it moves; of a clock counts and turns per second."""
 SHARE, RATE_STEP_DPS, LATITUDE_STEP_DEG = 1e-5, 1e-6, 1e-3
-
+"""Errors of table rate and clock, of the zero of the table's rate and of the latitude, about as
+large as such errors are: steps of the differences by which results follow them.
+"""
 
 __all__ = ["FORMS", "correct", "faults", "fit", "read", "validate"]
 
 
 def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted[Campaign]:
     """Fit gyros to the logs of a data folder; every coefficient file carries all flags."""
-    runs = _read_runs(spec, data, files, progress)
+    axes = {file: spec.find_axis(file) for file in files}
+    for axis in spec.logs_of_axes:
+        if axis not in axes.values():
+            raise RecipeError(
+                f"no log about table axis {axis} among {', '.join(files)}",
+                hint="each table axis needs a log: see [pair] or [axes], and [logs] files, exclude",
+            )
+    logs = ingest.read_ahead(
+        progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
+    )
+    # runs about each table axis, in the order of the files
+    runs: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.logs_of_axes, ())
+    for log in copies.refuse_copies(logs):
+        runs[axes[log.file]] += (table_runs.fit_run(spec, log),)
     campaign = fit_campaign(spec, runs)
     results = coefficient_files.list_results(campaign, spec)
 
@@ -123,23 +138,3 @@ def _find_sensitivities(
         return coefficient_files.list_results(fit_campaign(moved, shifted, campaign), moved)
 
     return differentiate(errors, results, refit)
-
-
-def _read_runs(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Runs:
-    """Runs about each table axis, in the order of the files."""
-    axes = {file: spec.find_axis(file) for file in files}
-    for axis in spec.logs_of_axes:
-        if axis not in axes.values():
-            raise RecipeError(
-                f"no log about table axis {axis} among {', '.join(files)}",
-                hint="each table axis needs a log: see [pair] or [axes], and [logs] files, exclude",
-            )
-    logs = copies.refuse_copies(
-        ingest.read_ahead(
-            progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
-        )
-    )
-    runs: dict[str, tuple[TableRun, ...]] = dict.fromkeys(spec.logs_of_axes, ())
-    for log in logs:
-        runs[axes[log.file]] += (table_runs.fit_run(spec, log),)
-    return runs

@@ -46,7 +46,9 @@ FOLLOWS = 0.2
 
 @dataclass(frozen=True, slots=True)
 class Lines:
-    """Lines of g gyros in runs about a axes."""
+    """Lines of g gyros in runs about a axes; gyro, table axis and set of runs at one temperature of
+    each line [lines] are numbers.
+    """
 
     fitted: equation.Fitted
     """Equation (1) of all held rates; each gyro in each run is a line."""
@@ -55,11 +57,8 @@ class Lines:
     at rest [lines].
     """
     gyro_of: Integers
-    """[lines]."""
     axis_of: Integers
-    """[lines]."""
     set_of: Integers
-    """[lines], number of the set of runs at one temperature."""
     number: Mapping[tuple[str, str], int]
     """File and gyro → line."""
     all_published: tuple[Line, ...]

@@ -77,14 +77,13 @@ class FigureName(NamedTuple):
 
 @dataclass(frozen=True)
 class Line:
-    """Best straight line (1) of one gyro over the p held rates of a run."""
+    """Best straight line (1) of one gyro over the held rates Ω_j [p] of a run, with means F_j and
+    their standard uncertainty by noise within the held rates.
+    """
 
     rate_dps: Array
-    """[p]."""
     indication: Array
-    """Means F_j [p]."""
     noise: Array
-    """Standard uncertainty [p] of the means by noise within the held rates."""
 
     @cached_property
     def fit(self) -> LinearFit:
