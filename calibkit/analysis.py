@@ -47,7 +47,7 @@ class Run(store.StoredRun):
     >>> logs = {name: pd.DataFrame(columns) for name, columns in simulated.logs.items()}
     >>> run = calibkit.fit("gyro_pair", logs=logs, runs=None, date="2026-11-21")
     >>> run.figures
-    ('scale-factor error against rate', 'gamma and alpha')
+    ('scale-factor error against rate',)
     >>> list(run.residuals().columns)
     ['run', 'gyro', 'table_rate_dps', 'residual_ppm', 'standard_uncertainty_ppm']
     >>> run.model("a_about_a")

@@ -53,7 +53,7 @@ def _read_in_format(path: Path, file: str, logs: Logs, required_columns: Collect
     return _read_as(logs.format, path, file, logs, required_columns)
 
 
-class FormatReader(Protocol):
+class Reader(Protocol):
     """What the module of a format offers; a plugin's may have the bytes that its files begin with
     as `SIGNATURES`.
     """
@@ -68,7 +68,7 @@ def _read_as(
     """Read a log in a format by name; the module of the format is imported now."""
     if name in FORMATS:
         module = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
-        return cast("FormatReader", module).read(path, file, logs, required_columns)
+        return cast("Reader", module).read(path, file, logs, required_columns)
     return _read_by_plugin(name, path, file, logs, required_columns)
 
 
@@ -84,7 +84,7 @@ def _read_by_plugin(
             f"{file}: no plugin that reads format '{name}' is installed",
             hint="install the package that reads it; run.json of a fit with it names the package",
         )
-    reader, origin = cast("FormatReader", plugins.load(entry)), plugins.identify(entry)
+    reader, origin = cast("Reader", plugins.load(entry)), plugins.identify(entry)
     title = f"'{name}' ({origin.distribution} {origin.version})"
     with optional.refuse_damaged(file, title):
         table = reader.read(path, file, logs, required_columns)
