@@ -254,15 +254,15 @@ class TourBench(Bench):
         return all(cover_range(degc, self.order + 2, span) for degc in parts)
 
     def powers_of_degc(
-        self, model: str, letter: str, unit: str, covariance: Array, count: int
+        self, model: str, letter: str, unit: str, fit: Fit, count: int
     ) -> Iterator[PredictedCoefficient]:
-        """First coefficients of a polynomial in powers of °C, from the covariance of all of its
-        coefficients for the temperature mapped from the range of use to [-1, 1].
+        """First coefficients of a polynomial in powers of °C, by the fit of all of them, the first
+        of its parameters, for the temperature mapped from the range of use to [-1, 1].
         """
-        to_raw = polynomial.to_raw_powers(*self.assumed.middle_half, self.order)
-        _, raw = polynomial.in_raw_powers(np.zeros(self.order + 1), covariance, to_raw)
-        for k, u in enumerate(np.sqrt(np.diag(raw))[:count].tolist()):
-            yield PredictedCoefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), u)
+        to_raw = polynomial.to_raw_powers(*self.assumed.middle_half, self.order).astype(np.float64)
+        u = fit.of(lambda p: to_raw @ p[: self.order + 1]).u
+        for k, size in enumerate(u[:count].tolist()):
+            yield PredictedCoefficient(model, f"{letter}{k}", power_unit(unit, "degC", k), size)
 
 
 def propose(bench: Bench) -> Proposal:

@@ -82,11 +82,11 @@ class BiasBench(TourBench):
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """In powers of °C, the same for all channels."""
-        covariance = self.fit(self.rows(design)).covariance
+        fit = self.fit(self.rows(design))
         unit = self.assumed.device.noise_unit
         for channel in self.spec.polynomials.bias:
             size = channel.order + 1
-            yield from self.powers_of_degc(channel.indication, "p", unit, covariance, size)
+            yield from self.powers_of_degc(channel.indication, "p", unit, fit, size)
 
     def choices(self) -> tuple[int, ...]:
         """How often it is switched on at each temperature."""

@@ -152,9 +152,9 @@ class StationBench(TourBench):
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """Of s(T) in powers of °C."""
-        covariance = self.fit(self.rows(design)).covariance[:-1, :-1]
+        fit = self.fit(self.rows(design))
         for axis in self.spec.axes:
-            yield from self.powers_of_degc(axis, "s", "1", covariance, self.order + 1)
+            yield from self.powers_of_degc(axis, "s", "1", fit, self.order + 1)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A single log shows no difference between logs."""
