@@ -16,7 +16,6 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
@@ -141,13 +140,15 @@ class Campaign:
         """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
         straight line, in ppm of full scale.
         """
+        from pandas import DataFrame, concat  # a slow import
+
         frames = []
         for channel, run, line in self.own_lines():
             residual, u = line.of_full_scale_ppm
             frame = {"run": run.log.name, "gyro": channel.gyro, "table_rate_dps": line.rate_dps}
             frame |= {"residual_ppm": residual, "standard_uncertainty_ppm": u}
-            frames.append(pd.DataFrame(frame))
-        table = pd.concat(frames)
+            frames.append(DataFrame(frame))
+        table = concat(frames)
         return {str(name): table[name].to_numpy() for name in table}
 
 
