@@ -16,7 +16,7 @@ import numpy as np
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
 from calibkit.frame import Remark
-from calibkit.instruments.fog_thermal import decision
+from calibkit.instruments.fog_thermal import decision, forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, hysteresis
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
@@ -29,10 +29,9 @@ from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.report.overview import KeyValue
 from calibkit.report.table import number_or_none
+from calibkit.thermal_forms import CASE
 
 RESULT = "bias_at_reference"
-SLOPE_STEP_DEGC = 0.05
-"""Change of case temperature for the numerical derivative of the rate at rest."""
 LEAST_SOAK_S = 300.0
 """Shortest soak [s] that shows the drift at rest."""
 SAME_SOAK_DEGC = 5.0
@@ -112,10 +111,12 @@ def _state_at_rest(
         stated.figures.append(Figure("earth_rate_along_input_axis", earth_rate, "deg/h", 0.0))
         stated.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
         by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*where).tolist()
+        written = forms.write_thermal(thermal, recipe.drift.interval_s)
+        by_case = float(forms.slope_over_case(written, {CASE: np.array([degc])})[0])
         known = {
             "latitude_deg": (latitude, -by_latitude),
             "gyro_dph": (rate, 1.0),
-            "temp_case_degc": (degc, _slope_at_rest(thermal, degc)),
+            "temp_case_degc": (degc, by_case),
             "input_axis_elevation_deg": (axis.elevation_deg, -by_elevation),
             "input_axis_azimuth_deg": (axis.azimuth_deg or 0.0, -by_azimuth),
         }
@@ -128,15 +129,6 @@ def _state_at_rest(
     stated.at_rest = KeyValue(name, bias, "°/h", u)
     for log, value in zip(logs, thermal.turn_on.tolist(), strict=True):
         stated.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
-
-
-def _slope_at_rest(thermal: OnLevels, degc: float) -> float:
-    """Derivative of the rate at rest by case temperature [°/h/°C]."""
-    around = degc - SLOPE_STEP_DEGC, degc + SLOPE_STEP_DEGC
-    low, high = (evaluate.at_rest(thermal, at)[0] for at in around)
-    # at an end of the fitted range the rate is clamped beyond it
-    inside = np.ptp([thermal.nearest_fitted(at) for at in around])
-    return float((high - low) / inside) if inside else 0.0
 
 
 def _half_spread(model: OnLevels) -> float:

@@ -13,9 +13,7 @@ from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
@@ -161,13 +159,9 @@ def _coefficients_page(report: DriftReport) -> Figure:
             ylabel=COEFFICIENTS[j],
             title=f"a{j}: bars k = 2, dashed: not exported",
         )
-    _tested(axes[3], report.tested)
-    return figure
-
-
-def _tested(ax: Axes, tested: Sequence[Shown]) -> None:
-    """Panel of each tested model's share of the raw drift on left-out ramps; raw is 1."""
-    shown = sorted(tested, key=lambda entry: -entry.share)
+    # each tested model's share of the raw drift on left-out ramps; raw is 1
+    ax = axes[3]
+    shown = sorted(report.tested, key=lambda entry: -entry.share)
     ax.barh(
         [entry.name for entry in shown],
         [min(entry.share, 3.0) for entry in shown],
@@ -191,6 +185,7 @@ def _tested(ax: Axes, tested: Sequence[Shown]) -> None:
     )
     ax.set_xlim(0.0, 3.4)
     ax.grid(visible=False, axis="y")
+    return figure
 
 
 def _residual_page(report: DriftReport) -> Figure:
@@ -213,30 +208,25 @@ def _residual_page(report: DriftReport) -> Figure:
         xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling"
     )
     if report.hysteresis:
-        _hysteresis(axes[1], report.hysteresis)
-    return figure
-
-
-def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
-    """Panel of the hysteresis curves with error bars (k = 2)."""
-    for (name, side), colour in zip(sides, (RAW, DENOISED), strict=False):
-        ax.errorbar(
-            side.temperature,
-            side.difference,
-            2.0 * side.standard_uncertainty,
-            fmt="o",
-            ms=4,
-            capsize=3,
-            color=colour,
-            label=name,
+        for (name, side), colour in zip(report.hysteresis, (RAW, DENOISED), strict=False):
+            axes[1].errorbar(
+                side.temperature,
+                side.difference,
+                2.0 * side.standard_uncertainty,
+                fmt="o",
+                ms=4,
+                capsize=3,
+                color=colour,
+                label=name,
+            )
+        axes[1].legend(loc="best")
+        axes[1].axhline(0.0, color=MUTED, lw=0.6)
+        axes[1].set(
+            xlabel="case temperature [°C]",
+            ylabel="cooling − heating [°/h]",
+            title="hysteresis: bars k = 2",
         )
-    ax.legend(loc="best")
-    ax.axhline(0.0, color=MUTED, lw=0.6)
-    ax.set(
-        xlabel="case temperature [°C]",
-        ylabel="cooling − heating [°/h]",
-        title="hysteresis: bars k = 2",
-    )
+    return figure
 
 
 def _means(values: Array, group: int) -> Array:

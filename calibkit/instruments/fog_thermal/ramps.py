@@ -57,7 +57,7 @@ class PreparedLog:
     denoised: published.Blocks
     thermal: ThermalLog
     ramps: tuple[Ramp, ...]
-    noise: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
+    noise: tuple[Figure, ...]
     flags: tuple[str, ...]
 
 
@@ -280,8 +280,8 @@ def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
 
 def _denoised(
     log: Log, gyro: Array, blocks: intervals.Intervals, recipe: FogThermalRecipe
-) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]]:
-    """Block means [m] of the denoised indication, and noise and thresholds per level.
+) -> tuple[Array, tuple[Figure, ...]]:
+    """Block means [m] of the denoised indication, and figures of noise and thresholds per level.
 
     A log is denoised in one piece: cut at the ends of its ramps, short soaks keep waves of noise
     and the pieces meet in steps.
@@ -301,10 +301,14 @@ def _denoised(
         )
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    noise = (log.name, tuple(smooth.noise), tuple(smooth.thresholds))
+    noise = tuple(
+        Figure(f"{log.name}.{kind}_{level}", float(value), "deg/h", 0.0)
+        for level, both in enumerate(zip(smooth.noise, smooth.thresholds, strict=True), start=1)
+        for kind, value in zip(("noise", "threshold"), both, strict=True)
+    )
     means = blocks.means(smooth.signal)
     chunks.release(gyro)
-    return means, (noise,)
+    return means, noise
 
 
 def _ramps(
@@ -332,11 +336,5 @@ def _ramps(
 
 def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
     """denoise.json: noise and threshold of every level of every log."""
-    figures = tuple(
-        Figure(f"{name}.{kind}_{level}", value, "deg/h", 0.0)
-        for log in logs
-        for name, noise, thresholds in log.noise
-        for level, both in enumerate(zip(noise, thresholds, strict=True), start=1)
-        for kind, value in zip(("noise", "threshold"), both, strict=True)
-    )
+    figures = tuple(figure for log in logs for figure in log.noise)
     return StageResult("denoise", figures=figures, flags=() if figures else ("denoising is off",))

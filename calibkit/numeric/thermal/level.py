@@ -8,7 +8,7 @@ of a quantised thermometer.
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.numeric.thermal.terms import Drivers
@@ -35,39 +35,26 @@ def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
     slope = np.zeros(time.size)
     for start in range(0, time.size, rows):
         ends = np.arange(start, min(start + rows, time.size))
-        slope[ends] = _end_slopes(time, values, ends, first[ends], width, window_s)
+        # the normal equations of a parabola in x = (t − t_end)/window
+        at = ends[:, None] - np.arange(width)
+        inside = (at >= first[ends][:, None]).astype(np.float64)
+        at = np.maximum(at, first[ends][:, None])
+        x = (time[at] - time[ends][:, None]) / window_s
+        y = (values[at] - values[ends][:, None]) * inside
+        powers = [inside, inside * x]
+        for _ in range(3):
+            powers.append(powers[-1] * x)
+        s0, s1, s2, s3, s4 = (np.sum(power, axis=1) for power in powers)
+        v0, v1, v2 = np.sum(y, axis=1), np.sum(y * x, axis=1), np.sum(y * powers[2], axis=1)
+        # slope at x = 0 by Cramer's rule
+        minors = (s1 * s4 - s2 * s3, s0 * s4 - s2 * s2, s0 * s3 - s1 * s2)
+        determinant = s0 * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2)
+        started = (s0 >= LEAST_SAMPLES) & (x[:, -1] <= -0.5) & (determinant > 0.0)
+        at_end = (-minors[0] * v0 + minors[1] * v1 - minors[2] * v2) / np.where(
+            started, determinant, 1.0
+        )
+        slope[ends] = np.where(started, at_end, 0.0) / window_s
     return slope * SECONDS_PER_MINUTE
-
-
-def _end_slopes(
-    time: Array,
-    values: Array,
-    ends: Integers,
-    first: Integers,
-    width: int,
-    window_s: float,
-) -> Array:
-    """Slopes [m, 1/s] at the newest sample of the windows first … ends, by the normal equations of
-    a parabola in x = (t − t_end)/window.
-    """
-    rows = ends[:, None] - np.arange(width)
-    inside = (rows >= first[:, None]).astype(np.float64)
-    rows = np.maximum(rows, first[:, None])
-    x = (time[rows] - time[ends][:, None]) / window_s
-    y = (values[rows] - values[ends][:, None]) * inside
-    powers = [inside, inside * x]
-    for _ in range(3):
-        powers.append(powers[-1] * x)
-    s0, s1, s2, s3, s4 = (np.sum(power, axis=1) for power in powers)
-    v0, v1, v2 = np.sum(y, axis=1), np.sum(y * x, axis=1), np.sum(y * powers[2], axis=1)
-    # slope at x = 0 by Cramer's rule
-    minors = (s1 * s4 - s2 * s3, s0 * s4 - s2 * s2, s0 * s3 - s1 * s2)
-    determinant = s0 * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2)
-    started = (s0 >= LEAST_SAMPLES) & (x[:, -1] <= -0.5) & (determinant > 0.0)
-    slope = (-minors[0] * v0 + minors[1] * v1 - minors[2] * v2) / np.where(
-        started, determinant, 1.0
-    )
-    return np.asarray(np.where(started, slope, 0.0) / window_s, dtype=np.float64)
 
 
 def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) -> Drivers:
