@@ -52,7 +52,7 @@ def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Cr
     """Criteria on the largest figure of each kind; raises FitError where a limit is stated but no
     run gives the figure.
     """
-    shown: dict[Limit, list[float]] = {
+    values_of: dict[Limit, list[float]] = {
         limit: []
         for kinds in (RUN_LIMITS, UNCERTAINTY_LIMITS, BETWEEN_LIMITS)
         for limit in kinds.values()
@@ -60,18 +60,18 @@ def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Cr
     for figure in figures:
         kind, standard, _ = FigureName.of(figure.name)
         if kind in RUN_LIMITS and standard == GJB:
-            shown[RUN_LIMITS[kind]].append(figure.value)
+            values_of[RUN_LIMITS[kind]].append(figure.value)
         if kind in BETWEEN_LIMITS:
-            shown[BETWEEN_LIMITS[kind]].append(abs(figure.value))
+            values_of[BETWEEN_LIMITS[kind]].append(abs(figure.value))
         if kind in UNCERTAINTY_LIMITS:
-            shown[UNCERTAINTY_LIMITS[kind]].append(figure.standard_uncertainty)
-    for (_, key, _), values in shown.items():
+            values_of[UNCERTAINTY_LIMITS[kind]].append(figure.standard_uncertainty)
+    for (_, key, _), values in values_of.items():
         if getattr(limits, key, None) is not None and not values:
             raise FitError(
                 f"acceptance.{key} = {getattr(limits, key):g}: these logs cannot show that figure",
                 hint="add the runs that it needs, or take the limit out of the recipe",
             )
-    return _judge(limits, shown)
+    return _judge(limits, values_of)
 
 
 def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterion, ...]:
@@ -91,16 +91,18 @@ def judge_unseen(
 ) -> tuple[Criterion, ...]:
     """Criteria on the largest error of each kind in unseen runs."""
     return _judge(
-        limits, {limit: [abs(one[key]) for one in errors] for key, limit in kinds.items()}
+        limits, {limit: [abs(error[key]) for error in errors] for key, limit in kinds.items()}
     )
 
 
-def _judge(limits: LineAcceptance, shown: Mapping[Limit, Sequence[float]]) -> tuple[Criterion, ...]:
+def _judge(
+    limits: LineAcceptance, values_of: Mapping[Limit, Sequence[float]]
+) -> tuple[Criterion, ...]:
     """Criteria that the largest values do not exceed their limits; a limit that the recipe does not
     state is left out.
     """
     criteria = []
-    for (name, key, unit), values in shown.items():
+    for (name, key, unit), values in values_of.items():
         limit: float | None = getattr(limits, key, None)
         if limit is not None:
             criteria.append(at_most(name, max(values), limit, unit))

@@ -333,7 +333,9 @@ def _state_pair(stated: Stated, record: Record) -> Block:
     """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
     pair = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (state(stated, one, {}) for one in quantities.list_pair(record, pair))
+    *ratios, alpha = (
+        state(stated, quantity, {}) for quantity in quantities.list_pair(record, pair)
+    )
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
         if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):

@@ -128,7 +128,7 @@ class Campaign:
     @property
     def reference(self) -> AxesSet:
         """The set of runs nearest the reference temperature."""
-        return next(one for one in self.sets if not one.suffix)
+        return next(axes_set for axes_set in self.sets if not axes_set.suffix)
 
     def own_lines(self) -> Iterator[tuple[Channel, TableRun, Line]]:
         """Published lines of gyros about their own axes in each run."""
@@ -202,8 +202,8 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
         )
     within = (Figure(forms.WITHIN_RUNS, 1.0, "1", 0.0),) if campaign.within_runs else ()
     return tuple(
-        StageResult(stage, tuple(of_file), (*shown, *within), campaign.flags, conditions)
-        for stage, of_file, shown in files
+        StageResult(stage, tuple(of_file), (*of_file_figures, *within), campaign.flags, conditions)
+        for stage, of_file, of_file_figures in files
     )
 
 

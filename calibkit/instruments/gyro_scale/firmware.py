@@ -101,11 +101,11 @@ def _chain_about_base(spec: GyroTriadRecipe, matrix: GyroMatrix) -> Chain:
 
 
 def _polynomials(
-    draft: Draft, matrix: GyroMatrix, over: str
+    draft: Draft, matrix: GyroMatrix, abscissa: str
 ) -> tuple[Polynomials, list[exact.Poly]]:
     """Sensitivities [gyro][axis] and biases [gyro] as polynomials of u, or as constants."""
     if matrix.curves:
-        middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], over)
+        middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], abscissa)
         order = HIGHEST_ORDER if draft.padded else 0
         constants = [
             exact.padded(exact.mapped(powers(model, "p"), middle, half), order)
@@ -146,14 +146,14 @@ def _add_quotient(
     rate, which the recipe may leave in the result.
     """
     (gyro,) = matrix.gyros
-    over = f"u_{gyro}" if matrix.curves else ""
-    ((K,),), (F0,) = _polynomials(draft, matrix, over)
+    abscissa = f"u_{gyro}" if matrix.curves else ""
+    ((K,),), (F0,) = _polynomials(draft, matrix, abscissa)
     _add_indication(draft, matrix, gyro, ([K], F0), full_scale_dps)
     low, high = matrix.model.valid[RATE]
     draft.ranges.append(f"rate of gyro {gyro} {exact.limits_text(low, high)} deg/s")
-    terms = draft.polynomial(f"zero_{gyro}", F0, over, sign=-1)
+    terms = draft.polynomial(f"zero_{gyro}", F0, abscissa, sign=-1)
     draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
-    draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, over))
+    draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, abscissa))
     source = f"rate_{gyro}"
     draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
     if earth_dps:

@@ -131,7 +131,7 @@ def _fit_over_runs(
     x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
     of_room: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
     name = forms.line_name(gyro)
-    repeated = tuple(run for run, chosen in zip(runs, room, strict=True) if chosen)
+    repeated = tuple(run for run, at_room in zip(runs, room, strict=True) if at_room)
     # what differs from run to run and from side to side
     sizes = [s for s in fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
     mean_line = polynomials.restated(lambda p: of_room @ p)
@@ -152,11 +152,11 @@ def _fit_over_runs(
     return replace(channel, figures=tuple(_figures(channel, K_of_runs, room, slope, spec)))
 
 
-def _over_temperature(whole: equation.Fitted) -> tuple[Fit, ordering.Ordering | None]:
+def _over_temperature(fitted: equation.Fitted) -> tuple[Fit, ordering.Ordering | None]:
     """Polynomials of K, then of F0, of the best straight line [2 (order + 1)], with what the runs
     leave open, and whether K changes with time in the runs, beside what temperature changes.
     """
-    fit, rows, terms = whole
+    fit, rows, terms = fitted
     steady, known_degc = rows.indication, ordering.STEADY_DEGC
     if terms.order:
         mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fit.parameters
@@ -247,8 +247,8 @@ def _fit_pair(
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
     """
-    known = spec.known_errors()
-    run_scale = run_lines.run_scale(known.get("scale"))
+    known_sizes = spec.known_errors()
+    run_scale = run_lines.run_scale(known_sizes.get("scale"))
     mean_lines = run_lines.mean_lines().widened_by([run_scale] if run_scale else [])
     # K and F0 of A about a, A about b, B about a, B about b
     places = [2 * "ab".index(gyro) + "ab".index(axis) for gyro, axis in PAIR]
@@ -261,7 +261,7 @@ def _fit_pair(
     K = K.part(slice(3))
     by_noise = published.indicate(K)
     flags.refuse_opposite(by_noise, from_a)
-    tilt, tilt_dof = find_mounting(by_noise, from_a, known.get("angle"))
+    tilt, tilt_dof = find_mounting(by_noise, from_a, known_sizes.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
     across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
@@ -291,7 +291,9 @@ def _fit_pair(
     pair, figures = write_pair(run_lines, runs, ratios, from_a, components)
     of_pair: list[str] = []
     if not frozen:
-        known_by_gamma = (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known else None
+        known_by_gamma = (
+            (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known_sizes else None
+        )
         within = run_scale is None
         of_pair += flags.of_gamma(by_noise, from_a)
         of_pair += flags.of_pair(spec, runs, run_lines, apart, known_by_gamma, within=within)
@@ -327,7 +329,7 @@ def _at_one_temperature(K: Fit, apart_degc: float, spec: GyroPairRecipe) -> Fit:
 
 
 def find_mounting(
-    indicated: Value, from_a: Value, known: tuple[float, float] | None
+    indicated: Value, from_a: Value, known_sizes: tuple[float, float] | None
 ) -> tuple[float, float]:
     """Standard deviation [rad] of the angle between a gyro's axis and its table axis, and its
     degrees of freedom: what the two γ of a pair by noise alone differ by, or what is known [°]
@@ -336,10 +338,10 @@ def find_mounting(
     cosine = min(abs(float(indicated.value)), 1.0)
     sine = max(float(np.sqrt(1.0 - cosine**2)), SMALL_SINE)
     apart = (float(from_a.value) - float(indicated.value)) ** 2 if sine > SMALL_SINE else 0.0
-    if known is None:
+    if known_sizes is None:
         # noise is not taken off: two γ that agree by chance would hide the tilts
         return float(np.sqrt(apart)) / sine, 1.0
-    value, dof = np.radians(known[0]), known[1]
+    value, dof = np.radians(known_sizes[0]), known_sizes[1]
     noise = float(from_a.u) ** 2 + float(indicated.u) ** 2
     square = 0.5 * max(apart - noise, 0.0) / sine**2
     pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
@@ -357,14 +359,14 @@ def _fit_axes(
     the temperature varies.
     """
     # errors move no value: a refit of nearly the same runs leaves them out
-    known = {} if frozen else spec.known_errors()
+    known_sizes = {} if frozen else spec.known_errors()
     S, run_scale, mounting = run_lines.sensitivity(), None, None
     if not frozen:
-        run_scale = run_lines.run_scale(known.get("scale"))
-    if "angle" in known:
+        run_scale = run_lines.run_scale(known_sizes.get("scale"))
+    if "angle" in known_sizes:
         # a tilt toward one of the other axes
         across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
-        mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known["angle"])
+        mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known_sizes["angle"])
     stated = None if frozen else [error for error in (run_scale, mounting) if error]
     of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
     degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
@@ -432,12 +434,12 @@ def _fit_set(
     earth's rate about the table's axis, is known; `stated` are errors of known size, None where
     nothing is to be said of errors.
     """
-    chosen, count = run_lines.set_of == number, len(spec.gyros)
+    line_mask, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
-    runs_about = np.bincount(run_lines.axis_of[chosen])
+    runs_about = np.bincount(run_lines.axis_of[line_mask])
     errors = [*(stated or ())]
     if vertical_dps is not None and stated is not None:
-        errors += run_lines.run_zeros(chosen, vertical_dps)
+        errors += run_lines.run_zeros(line_mask, vertical_dps)
 
     def S_and_B(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
         K, F0 = p.reshape(2, count, 3)
@@ -446,7 +448,7 @@ def _fit_set(
         biases = np.average(F0 - vertical_dps * K, axis=1, weights=runs_about)
         return np.concatenate((K.ravel(), biases))
 
-    fit = run_lines.mean_lines(chosen).restated(S_and_B).widened_by(errors)
+    fit = run_lines.mean_lines(line_mask).restated(S_and_B).widened_by(errors)
     figures = [*of_input_axes(fit.part(slice(3 * count)), spec.gyros)]
     if vertical_dps is not None:
         sizes = np.linalg.norm(fit.parameters[: 3 * count].reshape(-1, 3), axis=1)
@@ -454,20 +456,22 @@ def _fit_set(
         for g, gyro in enumerate(spec.gyros):
             figures.append(figure_of(f"bias.{gyro}", biases, "deg/h", g))
     sensitivities, names_of_biases = forms.triad_names(spec.gyros)
-    named = [(name, "1/deg") for name in sensitivities] + [
+    names_and_units = [(name, "1/deg") for name in sensitivities] + [
         (name, "1/s") for name in names_of_biases
     ]
     of_runs = [run_lines.published(run, gyro).fit for run in runs for gyro in spec.gyros]
     model = forms.TRIAD.write_fit(
         f"triad{suffix}",
         fit,
-        named[: len(fit.parameters)],
-        residual_rms=rms([one.residual_rms for one in of_runs]),
+        names_and_units[: len(fit.parameters)],
+        residual_rms=rms([line_fit.residual_rms for line_fit in of_runs]),
         residual_unit="1/s",
         valid=table_runs.valid_ranges(runs),
     )
     model = replace(
-        model, dof=min(one.dof for one in of_runs), components=stated_components(*(stated or ()))
+        model,
+        dof=min(line_fit.dof for line_fit in of_runs),
+        components=stated_components(*(stated or ())),
     )
     degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})

@@ -80,7 +80,7 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
     influences = _find_sensitivities(spec, runs, campaign, results)
     # the first screen shows the first table of the last file: lines of one gyro, what is between
     # several
-    of_files = [tabulate_fit([one], spec, influences, certificate.blocks) for one in results]
+    of_files = [tabulate_fit([result], spec, influences, certificate.blocks) for result in results]
     tables: list[Table] = [table for of_file in of_files for table in of_file]
     shared = list_components("Errors that held rates share", results[0].models)
     tables += [shared] if shared.rows else []
@@ -122,11 +122,11 @@ def _find_sensitivities(
         errors.append(InputError("latitude_deg", "offset", LATITUDE_STEP_DEG))
 
     def refit(error: InputError) -> Sequence[StageResult]:
-        moved, shifted = spec, dict(runs)
+        moved_spec, shifted = spec, dict(runs)
         if error.input == "latitude_deg":
             latitude = error.shift(spec.site.latitude_deg)
             site = spec.site.model_copy(update={"latitude_deg": latitude})
-            moved = spec.model_copy(update={"site": site})
+            moved_spec = spec.model_copy(update={"site": site})
         else:
             for axis, group in runs.items():
                 of_axis = []
@@ -135,6 +135,8 @@ def _find_sensitivities(
                     means = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
                     of_axis.append(replace(run, plateaus=replace(held, **means)))
                 shifted[axis] = tuple(of_axis)
-        return coefficient_files.list_results(fit_campaign(moved, shifted, campaign), moved)
+        return coefficient_files.list_results(
+            fit_campaign(moved_spec, shifted, campaign), moved_spec
+        )
 
     return differentiate(errors, results, refit)

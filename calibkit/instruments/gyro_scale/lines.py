@@ -148,9 +148,9 @@ class Lines:
 
     def rows_of(self, runs: Sequence[TableRun], gyro: str) -> equation.Rows:
         """Held rates of a gyro in some runs, as one line."""
-        chosen = np.zeros(self.gyro_of.size, dtype=np.bool_)
-        chosen[[self.number[run.log.file, gyro] for run in runs]] = True
-        return self.rows.of_lines(chosen)
+        line_mask = np.zeros(self.gyro_of.size, dtype=np.bool_)
+        line_mask[[self.number[run.log.file, gyro] for run in runs]] = True
+        return self.rows.of_lines(line_mask)
 
     @property
     def K(self) -> Array:  # noqa: N802 - the letter of the standards
@@ -205,28 +205,28 @@ class Lines:
                     " out, K and F0 hold at the middle of the run and at its mean temperature"
                 )
 
-    def _weights(self, chosen: Mask | None = None) -> Array:
-        """Weights [g a, lines] of the means over the chosen lines of each gyro about each axis."""
+    def _weights(self, line_mask: Mask | None = None) -> Array:
+        """Weights [g a, lines] of the means over the lines of a mask of each gyro and axis."""
         gyros, axes = self.gyro_of.max() + 1, self.axis_of.max() + 1
         weights = np.zeros((gyros * axes, self.gyro_of.size))
         lines = np.arange(self.gyro_of.size)
-        weights[self.gyro_of * axes + self.axis_of, lines] = 1.0 if chosen is None else chosen
+        weights[self.gyro_of * axes + self.axis_of, lines] = 1.0 if line_mask is None else line_mask
         return np.asarray(weights / np.sum(weights, axis=1, keepdims=True))
 
-    def sensitivity(self, chosen: Mask | None = None) -> Array:
-        """Mean scale factors [g, a] over the chosen lines, without any over all."""
-        return np.asarray((self._weights(chosen) @ self.K).reshape(self.gyro_of.max() + 1, -1))
+    def sensitivity(self, line_mask: Mask | None = None) -> Array:
+        """Mean scale factors [g, a] over the lines of a mask, without one over all."""
+        return np.asarray((self._weights(line_mask) @ self.K).reshape(self.gyro_of.max() + 1, -1))
 
     def own(self) -> Mask:
         """Which lines [lines] are of gyros about the axis that they sense most."""
         most = np.argmax(np.abs(self.sensitivity()), axis=1)
         return np.asarray(most[self.gyro_of] == self.axis_of, dtype=np.bool_)
 
-    def mean_lines(self, chosen: Mask | None = None) -> Fit:
-        """K [g a], then F0 [g a], of each gyro about each axis: means over chosen lines, or all; K
-        of what changes with time at the end of the runs.
+    def mean_lines(self, line_mask: Mask | None = None) -> Fit:
+        """K [g a], then F0 [g a], of each gyro about each axis: means over the lines of a mask, or
+        all; K of what changes with time at the end of the runs.
         """
-        weights = self._weights(chosen)
+        weights = self._weights(line_mask)
         unused = np.zeros_like(weights)
         of_K_and_F0 = np.block([[weights, unused, unused], [unused, weights, unused]])
         fit = self.fit.restated(lambda p: of_K_and_F0 @ p)
@@ -238,14 +238,14 @@ class Lines:
             bounds.append(of_lines[:, None] * decided.half_width / np.sqrt(3.0))
         return replace(fit, parameters=fit.parameters + shift, bounds=np.hstack(bounds))
 
-    def run_scale(self, known: tuple[float, float] | None) -> Shared | None:
+    def run_scale(self, stated: tuple[float, float] | None) -> Shared | None:
         """How scale factors differ from run to run: as stated [ppm] with degrees of freedom, or as
         repeated runs show; None where neither tells.
 
         s² = max(MS, u²), MS the mean square about the means of repeated runs, u that of noise: a
         repeatability that chance makes small keeps the degrees of freedom of the repeats.
         """
-        if known is None:
+        if stated is None:
             own = self.own()
             of_gyro_and_set = np.column_stack((self.gyro_of, self.set_of))[own]
             repeats = np.unique(of_gyro_and_set, axis=0, return_inverse=True)[1].reshape(-1)
@@ -255,18 +255,18 @@ class Lines:
                 return None
             square = float(np.sum((self.K[own] / mean - 1.0) ** 2)) / dof
             noise = float(np.mean((self.u_K[own] / mean) ** 2))
-            known = float(np.sqrt(max(square, noise))) / equation.PPM, dof
+            stated = float(np.sqrt(max(square, noise))) / equation.PPM, dof
         return Shared(
             group="run",
             effect="scale",
             level=self.rows.line,
             loading=(self.K[self.rows.line] * self.rows.rate_dps * equation.PPM)[:, None],
             unit="ppm",
-            size=known[0],
-            size_dof=known[1],
+            size=stated[0],
+            size_dof=stated[1],
         )
 
-    def mounting(self, across: Array, known: tuple[float, float]) -> Shared:
+    def mounting(self, across: Array, stated: tuple[float, float]) -> Shared:
         """Tilts of the mounting about each axis, of a size [°] with degrees of freedom; `across`
         [g, a, k] is what a gyro indicates by each of k tilts of an axis [1/deg per rad].
         """
@@ -277,20 +277,20 @@ class Lines:
             level=axis,
             loading=np.radians(across[gyro, axis]) * self.rows.rate_dps[:, None],
             unit="deg",
-            size=known[0],
-            size_dof=known[1],
+            size=stated[0],
+            size_dof=stated[1],
         )
 
-    def run_zeros(self, chosen: Mask, vertical_dps: float) -> Iterator[Shared]:
-        """How the biases F0 − K ω of each gyro differ from run to run among the chosen lines, by s²
-        as that of scale factors; ω is the earth's rate about the table's axis [°/s].
+    def run_zeros(self, line_mask: Mask, vertical_dps: float) -> Iterator[Shared]:
+        """How the biases F0 − K ω of each gyro differ from run to run among the lines of a mask, by
+        s² as that of scale factors; ω is the earth's rate about the table's axis [°/s].
         """
         count = self.gyro_of.size
         G = np.hstack((-vertical_dps * np.eye(count), np.eye(count), np.zeros((count, count))))
         bias = G @ self.fit.parameters
         variance = np.einsum("ip,pq,iq->i", G, self.fit.total_covariance, G)
         for gyro in range(self.gyro_of.max() + 1):
-            same = chosen & (self.gyro_of == gyro)
+            same = line_mask & (self.gyro_of == gyro)
             square = max(float(np.var(bias[same], ddof=1)), float(np.mean(variance[same])))
             yield Shared(
                 group="run",

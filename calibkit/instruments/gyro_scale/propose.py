@@ -102,7 +102,7 @@ def _choose(
 ) -> RecipeChoice:
     """Choice of a recipe that reads the gyros' columns in counts per second."""
     gyros = evidence.gyros()
-    reference = {name: one for name, one in evidence.columns.items() if name not in gyros}
+    reference = {name: column for name, column in evidence.columns.items() if name not in gyros}
     renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
     count, logs = len(axes), len(evidence.group.files)
     reason = f"a table rate beside {count} gyro{'s' * (count > 1)}, in {logs} log{'s' * (logs > 1)}"

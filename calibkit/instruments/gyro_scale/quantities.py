@@ -96,7 +96,7 @@ def hold_within_runs(records: Iterable[Record]) -> bool:
     """Whether scale factors hold within their runs: nothing tells how they repeat, which files of
     gyros about several axes state.
     """
-    return any(figure.name == forms.WITHIN_RUNS for one in records for figure in one.figures)
+    return any(figure.name == forms.WITHIN_RUNS for record in records for figure in record.figures)
 
 
 def undecided_scale(record: Record) -> Words | None:

@@ -163,11 +163,11 @@ def _integral(rate: Array, step: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
-def _input_rate(gyro: RateGyro, table: TurnedTable, moved: _Motion) -> Array:
+def _input_rate(gyro: RateGyro, table: TurnedTable, motion: _Motion) -> Array:
     """Rate about the gyro's input axis [k] [°/s] in each fine step: table rate plus earth rate."""
-    middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
+    middle = np.radians(0.5 * (motion.angle_deg[1:] + motion.angle_deg[:-1]))
     latitude = np.radians(table.latitude_deg)
-    along = np.diff(moved.angle_deg) / moved.step_s + EARTH_RATE_DPS * np.sin(latitude)
+    along = np.diff(motion.angle_deg) / motion.step_s + EARTH_RATE_DPS * np.sin(latitude)
     level = EARTH_RATE_DPS * np.cos(latitude)
     return np.asarray(
         gyro.axis[0] * level * np.cos(middle)
@@ -178,15 +178,15 @@ def _input_rate(gyro: RateGyro, table: TurnedTable, moved: _Motion) -> Array:
 
 
 def _indication(
-    gyro: RateGyro, table: TurnedTable, moved: _Motion, temp_degc: Array, rng: np.random.Generator
+    gyro: RateGyro, table: TurnedTable, motion: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
     """Indication [n] [1/s] at case temperatures [n] [°C]: whole counts in each sampling interval
     over the interval's length.
     """
     from scipy.signal import lfilter
 
-    rate = _input_rate(gyro, table, moved)
-    keep = np.exp(-moved.step_s / gyro.lag_s)
+    rate = _input_rate(gyro, table, motion)
+    keep = np.exp(-motion.step_s / gyro.lag_s)
     filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
     counted = _response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
     noisy = counted + gyro.noise_lsb * rng.normal(0.0, 1.0, counted.size)
@@ -201,9 +201,9 @@ def run(
     rng: np.random.Generator,
 ) -> dict[str, Array]:
     """Log columns of the table turning through held rates [°/s], with one column per gyro."""
-    moved = _motion(table, rates_dps)
-    angle = moved.angle_deg[::FINE]
-    time = moved.time_s[::FINE]
+    motion = _motion(table, rates_dps)
+    angle = motion.angle_deg[::FINE]
+    time = motion.time_s[::FINE]
     case = start_degc + table.warming_degc * (1.0 - np.exp(-time[1:] / table.warming_s))
     encoder = np.round(angle + rng.normal(0.0, 2e-5, angle.size), DECIMALS["table_angle_deg"])
     columns = {
@@ -213,7 +213,7 @@ def run(
         "temp_case_degc": noise.reading(case, 0.01, 0.01, rng),
     }
     return columns | {
-        name: _indication(gyro, table, moved, case, rng) for name, gyro in gyros.items()
+        name: _indication(gyro, table, motion, case, rng) for name, gyro in gyros.items()
     }
 
 
