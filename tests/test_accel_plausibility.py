@@ -20,12 +20,12 @@ AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
 @pytest.fixture
 def columns():
     """26 attitudes at five temperatures: 130 dwells of a sensor with 3 % and 50 mg of its own."""
-    conditions = simulator._Conditions(
-        temperatures_degc=(-20.0, 20.0, 50.0, 85.0, 125.0),
-        inclinations_deg=(45.0, 90.0, 135.0),
-        table_noise_deg=0.001,
-    )
-    logged = simulator.campaign(3, conditions).logs["positions.csv"]
+    conditions = {
+        "temperatures_degc": (-20.0, 20.0, 50.0, 85.0, 125.0),
+        "inclinations_deg": (45.0, 90.0, 135.0),
+        "table_noise_deg": 0.001,
+    }
+    logged = simulator.campaign(3, **conditions).logs["positions.csv"]
     names = ("temp_case_degc", "inclination_deg", "toolface_deg", *AXES)
     logged = {name: np.array(logged[name]) for name in names}
     warm = logged["temp_case_degc"] - 25.0
@@ -192,7 +192,7 @@ def test_an_eccentric_encoder_gives_numbers(fitted):
     no coefficient file holds a NaN, and the degrees of freedom are those of the components fitted.
     """
     rng = np.random.default_rng(29)
-    sensors = tuple(simulator._sensor(rng, axis) for axis in range(3))
+    sensors = tuple(simulator.draw_sensor(rng, axis) for axis in range(3))
     around = [(tilt, 45.0 * k) for tilt in (45.0, 90.0, 135.0) for k in range(8)]
     angles = np.tile([(0.0, 0.0), *around, (180.0, 0.0)], (7, 1))
     warm = np.repeat([-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0], 26)
@@ -297,7 +297,7 @@ def test_good_dwells_on_an_inaccurate_table_are_not_suspect(fitted):
     """
     suspects = 0
     for seed in range(6):
-        logged = simulator.campaign(seed, simulator._Conditions()).logs["positions.csv"]
+        logged = simulator.campaign(seed).logs["positions.csv"]
         _, run = fitted(f"A{seed}", logged)
         suspects += len(flagged_suspects(run))
     assert suspects <= 1
@@ -307,8 +307,8 @@ def test_suspects_say_that_they_were_left_out_and_summaries_do_not_count_them(fi
     """A dwell bumped by 20 mg: the flag states how far it is off, the table of errors, the residual
     and the acceptance limits are those of the other dwells.
     """
-    conditions = simulator._Conditions(table_noise_deg=0.001)
-    logged = simulator.campaign(11, conditions).logs["positions.csv"]
+    conditions = {"table_noise_deg": 0.001}
+    logged = simulator.campaign(11, **conditions).logs["positions.csv"]
     logged = {name: np.array(column) for name, column in logged.items()}
     logged["accel_y_g"][100] += 0.02
     outcome, run = fitted("A", logged, "acceptance.max_inclination_error_deg=0.02")

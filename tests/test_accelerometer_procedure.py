@@ -28,7 +28,7 @@ def vector_columns():
 
 def simulated(folder, seed, log_writer, *, sign=1.0, rows=None, **conditions):
     """Write a simulated campaign's dwells as positions.csv."""
-    columns = simulator.campaign(seed, simulator._Conditions(**conditions)).logs["positions.csv"]
+    columns = simulator.campaign(seed, **conditions).logs["positions.csv"]
     kept = slice(None) if rows is None else rows
     changed = {name: np.asarray(columns[name])[kept] for name in COLUMNS}
     for axis in COLUMNS[3:]:
@@ -118,13 +118,13 @@ def test_a_table_within_a_hundredth_of_a_degree_gives_the_attitude_within_the_li
     assert outcome.code == 0, outcome.err
     # the same instrument again: other dwells, exact table, so that the errors are those of the
     # coefficients
-    conditions = simulator._Conditions(
-        table_noise_deg=0.0,
-        inclinations_deg=(20.0, 45.0, 75.0, 110.0, 160.0),
-        toolfaces=5,
-        temperatures_degc=(-10.0, 50.0, 115.0),
-    )
-    columns = simulator.campaign(5, conditions).logs["positions.csv"]
+    conditions = {
+        "table_noise_deg": 0.0,
+        "inclinations_deg": (20.0, 45.0, 75.0, 110.0, 160.0),
+        "toolfaces": 5,
+        "temperatures_degc": (-10.0, 50.0, 115.0),
+    }
+    columns = simulator.campaign(5, **conditions).logs["positions.csv"]
     log = log_writer(
         tmp_path / "new" / "positions.csv", **{name: columns[name] for name in COLUMNS}
     )
@@ -190,9 +190,7 @@ def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     """
     columns = {
         name: np.array(values)
-        for name, values in simulator.campaign(4, simulator._Conditions())
-        .logs["positions.csv"]
-        .items()
+        for name, values in simulator.campaign(4).logs["positions.csv"].items()
     }
     log_writer(tmp_path / "clean" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     columns["accel_y_g"] = columns["accel_y_g"].copy()
@@ -213,7 +211,7 @@ def test_a_face_that_is_set_up_wrong_is_flagged_and_stays_in_the_fit(
     """An attitude whose toolface is off by 0.05° at every temperature is named with its error, its
     dwells are no suspects, and Q stays within U of the truth.
     """
-    campaign = simulator.campaign(4, simulator._Conditions())
+    campaign = simulator.campaign(4)
     columns = {name: np.array(v) for name, v in campaign.logs["positions.csv"].items()}
     log_writer(tmp_path / "clean" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     wrong = (columns["inclination_deg"] == 90.0) & (columns["toolface_deg"] == 0.0)

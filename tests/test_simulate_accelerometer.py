@@ -2,8 +2,6 @@
 them.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -86,8 +84,8 @@ def test_the_sensors_are_not_the_model_that_is_fitted():
     """Without any noise the K model leaves tens of µg, the triad with turning axes a tenth
     of that.
     """
-    quiet = simulate._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate.campaign(0, quiet)
+    quiet = {"noise_g": 0.0, "table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
+    campaign = simulate.campaign(0, **quiet)
     fitted = fit(campaign, SECOND_ORDER)
     rms = max(model.residual_rms for model in fitted.k)
     assert rms > 1e-5  # g
@@ -98,21 +96,21 @@ def test_one_indication_is_the_sensor_written_out():
     """Flux loss by an exponential, a bias that saturates, an axis that turns, IEEE 1293 terms: one
     dwell by hand.
     """
-    sensor = simulate._Sensor(
-        scale_factor=1.01,
-        flux_loss=1e-3,
-        flux_curvature=1e-5,
-        bias=2e-3,
-        bias_slope=1e-5,
-        bias_bend=4e-3,
-        bend_width=50.0,
-        second_order=1e-3,
-        third_order=2e-3,
-        cross_product=3e-3,
-        axis=(1.0, 0.0, 0.0),
-        axis_turn=(0.0, 0.0, 1e-3),
-    )
-    other = replace(sensor, axis=(0.0, 1.0, 0.0))
+    sensor = {
+        "scale_factor": 1.01,
+        "flux_loss": 1e-3,
+        "flux_curvature": 1e-5,
+        "bias": 2e-3,
+        "bias_slope": 1e-5,
+        "bias_bend": 4e-3,
+        "bend_width": 50.0,
+        "second_order": 1e-3,
+        "third_order": 2e-3,
+        "cross_product": 3e-3,
+        "axis": (1.0, 0.0, 0.0),
+        "axis_turn": (0.0, 0.0, 1e-3),
+    }
+    other = sensor | {"axis": (0.0, 1.0, 0.0)}
     found = simulate.indications(
         (sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0])
     )
@@ -128,9 +126,9 @@ def test_one_indication_is_the_sensor_written_out():
 
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
-    campaign = simulate.campaign(5, simulate._Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
+    campaign = simulate.campaign(5, noise_g=0.0, thermometer_noise_degc=0.0)
     told = campaign.truth
-    sensors = tuple(simulate._Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
+    sensors = tuple(told["sensors"][f"accel_{axis}"] for axis in "xyz")
     vector = attitude.gravity_vector(
         np.array(told["inclination_deg"]), np.array(told["toolface_deg"])
     )
@@ -145,7 +143,7 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     """With 0.01° table noise inclination errs by 0.05° at most and toolface by
     0.1°/sin(inclination), everywhere.
     """
-    campaign = simulate.campaign(seed, simulate._Conditions(table_noise_deg=0.01))
+    campaign = simulate.campaign(seed, table_noise_deg=0.01)
     indicated, temperature, inclination, toolface = read(campaign)
     corrected = k_applied(fit(campaign), indicated, temperature)
     before = AttitudeErrors.compare(indicated, inclination, toolface)
@@ -168,8 +166,8 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     """A second campaign of the same triad errs within the propagated uncertainty and the dwell
     noise, 90 % of the time.
     """
-    quiet = simulate._Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate.campaign(7, quiet)
+    quiet = {"table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
+    campaign = simulate.campaign(7, **quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
     angles = np.column_stack([inclination, toolface])
@@ -204,10 +202,7 @@ def test_wild_dwells_are_named():
     """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
     nothing.
     """
-    clean, spoilt = (
-        simulate.campaign(6, simulate._Conditions(table_noise_deg=0.0, wild=count))
-        for count in (0, 3)
-    )
+    clean, spoilt = (simulate.campaign(6, table_noise_deg=0.0, wild=count) for count in (0, 3))
     wild = spoilt.truth["wild_dwells"]
     assert len(wild) == 3
     before, after = fit(clean, recipe()), fit(spoilt, recipe())

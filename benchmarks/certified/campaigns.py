@@ -123,11 +123,11 @@ def gyro_triad(number: int, errors: Errors) -> tuple[Frames, Truth]:
 def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
     """A triad on a table: what a fit to the same dwells without noise and errors gives."""
     noisy = triad.campaign(number)
-    exact = triad._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)  # noqa: SLF001 (the simulator's own)
+    exact = {"noise_g": 0.0, "table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
     # of dwells without an error no size of one is estimated
     settings = ('loss="least_squares"', "errors.groups=[]")
     spec: Any = instruments.parse_recipe(recipe.find("accelerometer", settings))
-    (columns,) = triad.campaign(number, exact).logs.values()
+    (columns,) = triad.campaign(number, **exact).logs.values()
     frame = pd.DataFrame(dict(columns))
     log = Log("positions", "positions.csv", "", len(frame), frame)
     held = dwells.collect_dwells([log], spec)
