@@ -8,7 +8,7 @@ from scipy.stats import t
 
 from calibkit.errors import FrameError, RecipeError
 from calibkit.instruments.accelerometer import forms, shared_errors
-from calibkit.instruments.accelerometer.correction import Correction, DwellErrors
+from calibkit.instruments.accelerometer.corrections import Correction, DwellErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.findings import judge_unexplained, remark_on_dwells
 from calibkit.instruments.accelerometer.fit import fit_triad

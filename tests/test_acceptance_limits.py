@@ -10,8 +10,8 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.coefficients import Figure
-from calibkit.instruments.accelerometer import correction as triad_errors, forms
-from calibkit.instruments.accelerometer.correction import AttitudeErrors
+from calibkit.instruments.accelerometer import corrections as triad_errors, forms
+from calibkit.instruments.accelerometer.corrections import AttitudeErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog

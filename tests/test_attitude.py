@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.correction import AttitudeErrors
+from calibkit.instruments.accelerometer.corrections import AttitudeErrors
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.numeric import attitude, earth
 from triad_dwells import recipe

@@ -272,7 +272,7 @@ def test_corrected_components_have_the_uncertainty_of_all_coefficients(tmp_path)
     """K: u of a component is the root of the squares of its changes, coefficient by
     coefficient, each moved by its own u through the correction that `apply` uses.
     """
-    from calibkit.instruments.accelerometer.correction import find_correction
+    from calibkit.instruments.accelerometer.corrections import find_correction
 
     found = results_of(tmp_path, "accelerometer", triad_stages(), mode="k")
     at = {T: 27.0, "accel_x_g": 0.5, "accel_y_g": -0.6, "accel_z_g": 0.7}

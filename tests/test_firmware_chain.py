@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
-from calibkit.instruments.accelerometer import correction as triad_correction, firmware
+from calibkit.instruments.accelerometer import corrections as triad_correction, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms

@@ -236,8 +236,8 @@ def test_derivatives_are_those_of_differences():
 
     s = np.array([both(values)[0]])
     plus, none, one = np.array([True]), np.zeros(1), np.ones(1)
-    by_root = root_choice.slopes(parts, latitude, plus, one, none)[0, 4]
-    by_psi = root_choice.slopes(parts, latitude, plus, none, s)[0, 3]
+    by_root = root_choice.seek_with_slopes(parts, latitude, plus, one, none)[1][0, 4]
+    by_psi = root_choice.seek_with_slopes(parts, latitude, plus, none, s)[1][0, 3]
     step = 1e-6 * np.maximum(np.abs(values), 0.1)
     for k in range(5):
         up, down = values.copy(), values.copy()

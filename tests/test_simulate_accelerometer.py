@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.accelerometer import published, simulate
-from calibkit.instruments.accelerometer.correction import AttitudeErrors
+from calibkit.instruments.accelerometer.corrections import AttitudeErrors
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes

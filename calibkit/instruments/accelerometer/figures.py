@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments import Fitted
-    from calibkit.instruments.accelerometer.correction import AttitudeErrors, DwellErrors
+    from calibkit.instruments.accelerometer.corrections import AttitudeErrors, DwellErrors
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 

@@ -8,7 +8,7 @@ from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, ChainTerm
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments.accelerometer import correction as corrections, forms
+from calibkit.instruments.accelerometer import corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.published import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe

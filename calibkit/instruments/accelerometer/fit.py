@@ -18,7 +18,7 @@ from calibkit.errors import FitError
 from calibkit.fit.solve import sensitivities
 from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import findings, forms, published
-from calibkit.instruments.accelerometer.correction import FIELDS
+from calibkit.instruments.accelerometer.corrections import FIELDS
 from calibkit.instruments.accelerometer.determination import choose_terms
 from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
 from calibkit.instruments.accelerometer.equation import AXES

@@ -13,13 +13,13 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
-    correction as corrections,
+    corrections,
     dwells as triad_dwells,
     findings,
     forms,
     plausibility,
 )
-from calibkit.instruments.accelerometer.correction import Correction, DwellErrors
+from calibkit.instruments.accelerometer.corrections import Correction, DwellErrors
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import (
     find_sensitivities,

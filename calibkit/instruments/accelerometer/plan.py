@@ -28,7 +28,7 @@ from calibkit.instruments.accelerometer import (
     simulate_magnitude,
     triad,
 )
-from calibkit.instruments.accelerometer.correction import COMPENSATIONS
+from calibkit.instruments.accelerometer.corrections import COMPENSATIONS
 from calibkit.instruments.accelerometer.determination import asked_terms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms

@@ -19,7 +19,7 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.forms import Form
-from calibkit.instruments.accelerometer import correction as corrections, forms
+from calibkit.instruments.accelerometer import corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 

@@ -154,25 +154,24 @@ def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
     return np.stack([attitude.inclination, attitude.toolface, s, psi, root])
 
 
-def slopes(parts: Components, latitude_deg: Array, plus: Mask, weight: Array, rest: Array) -> Array:
-    """Derivatives [n, 5, 6] of the results of `seek_north` by its inputs."""
-    inputs = np.stack(
-        [
-            *(parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y),
-            *(np.radians(latitude_deg), rest),
-        ]
-    )
+def seek_with_slopes(
+    parts: Components, latitude_deg: Array, plus: Mask, weight: Array, rest: Array
+) -> tuple[Array, Array]:
+    """Results [5, n] of `seek_north`, and their derivatives [n, 5, 6] by its inputs."""
+    components = parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y
+    inputs = np.stack([*components, np.radians(latitude_deg), rest])
     with np.errstate(divide="ignore", invalid="ignore"):
+        values = np.asarray(seek_north(inputs, plus, weight), dtype=np.float64)
         by_input = derivative(
             lambda step: seek_north(inputs + step[:, None], plus, weight), np.zeros(6)
         )
-    return np.moveaxis(by_input, 1, 0)
+    return values, np.moveaxis(by_input, 1, 0)
 
 
 def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
     """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
     always = np.ones(plus.size)
-    return slopes(parts, latitude_deg, plus, always, 0.0 * always)[:, ROOT, :5]
+    return seek_with_slopes(parts, latitude_deg, plus, always, 0.0 * always)[1][:, ROOT, :5]
 
 
 def mounting_slopes(parts: Components, latitude_deg: float, plus: Mask) -> Array:
@@ -315,15 +314,13 @@ def solve(
         # where both are exact, they are taken to agree
         share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
     weight = np.where(accepted, share, 0.0)
-    s = np.where(accepted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
-    azimuth, uncorrected = (
-        published.azimuth(
-            parts.accel_x, parts.accel_y, factor * parts.gyro_x, factor * parts.gyro_y, latitude
-        )
-        for factor in (s, np.ones_like(s))
-    )
     # to first order, of the components, the latitude, and what the prior adds to s
-    by_input = slopes(parts, latitude, column == 0, weight, (1.0 - weight) * prior.s)[:, :4]
+    rest = np.where(accepted, (1.0 - weight) * prior.s, prior.s)
+    (_, _, s, azimuth, _), by_result = seek_with_slopes(parts, latitude, column == 0, weight, rest)
+    by_input = by_result[:, :4]
+    uncorrected = published.azimuth(
+        parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude
+    )
     jacobian = by_input * UNITS[:, None]
     inputs = np.zeros((column.size, 6, 6))
     inputs[:, :4, :4] = parts.covariance

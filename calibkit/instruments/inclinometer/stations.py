@@ -357,36 +357,31 @@ def fit_stations(
     """
     if gyro_ramp and time_s is None:
         raise FitError("a bias ramp without times", hint="log time_s, or fit the bias alone")
-    numbers = np.asarray(station, dtype=np.float64)
-    unique, first = np.unique(numbers, return_index=True)
-    order = unique[np.argsort(first, kind="stable")]
-    readings = np.column_stack((accel, gyro))
-    place = np.searchsorted(unique, numbers)
-    elapsed = np.zeros(numbers.size)
-    if gyro_ramp and time_s is not None:
+    import pandas as pd
+
+    place, names = pd.factorize(np.asarray(station))
+    readings, elapsed = np.column_stack((accel, gyro)), np.zeros(place.size)
+    if time_s is not None and gyro_ramp:
         elapsed = time_s - (np.bincount(place, time_s) / np.bincount(place))[place]
     all_columns = derivative(
         partial(residual, sensor=sensor, position_deg=position_deg, elapsed_s=elapsed, reading=0.0),
         np.zeros(len(COEFFICIENTS)),
     )
     count = len(COEFFICIENTS) if gyro_ramp else len(COEFFICIENTS) - 1
-    coefficients = np.full((order.size, 2, len(COEFFICIENTS)), np.nan)
-    covariance = np.full((order.size, 4, 4), np.nan)
-    squares, dofs = np.zeros((order.size, 2)), np.zeros((order.size, 2), dtype=np.int64)
+    coefficients = np.full((len(names), 2, len(COEFFICIENTS)), np.nan)
+    covariance = np.full((len(names), 4, 4), np.nan)
+    squares, dofs = np.zeros((len(names), 2)), np.zeros((len(names), 2), dtype=np.int64)
     status = []
-    for k, name in enumerate(order):
-        rows = numbers == name
+    for k in range(len(names)):
+        rows = place == k
         design, reading = all_columns[rows], readings[rows]
         fault = faults[k] if faults else ""
         status.append(fault or _undetermined(design[:, :count], elapsed[rows], reading))
         if status[k]:
             continue
         coefficients[k], covariance[k] = 0.0, 0.0
-        # the accelerometer has no ramp
-        widths = len(COEFFICIENTS) - 1, count
-        gains = {width: np.linalg.pinv(design[:, :width]) for width in widths}
-        for j, width in enumerate(widths):
-            gain, pair = gains[width], slice(2 * j, 2 * j + 2)
+        for j, width in enumerate((len(COEFFICIENTS) - 1, count)):  # the accelerometer has no ramp
+            gain, pair = np.linalg.pinv(design[:, :width]), slice(2 * j, 2 * j + 2)
             coefficients[k, j, :width] = gain @ reading[:, j]
             covariance[k, pair, pair] = (gain @ gain.T)[:2, :2]
             dofs[k, j] = len(reading) - width
@@ -394,7 +389,7 @@ def fit_stations(
                 left = reading[:, j] - design @ coefficients[k, j]
                 squares[k, j] = left @ left
     if all(status) and not any(faults):
-        raise FitError(f"none of {order.size} stations can be fitted: {status[0]}")
+        raise FitError(f"none of {len(names)} stations can be fitted: {status[0]}")
     return StationFits(coefficients, covariance, tuple(status), squares, dofs)
 
 
