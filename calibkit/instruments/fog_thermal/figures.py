@@ -13,7 +13,6 @@ from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
-
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
@@ -110,7 +109,7 @@ def before_after_page(report: DriftReport) -> Figure:
         passed = start + (log.time - log.time[0]) / SECONDS_PER_HOUR
         smooth, hours = log.denoised - log.denoised.mean(), _means(passed, group)
         named = "denoised" if number == 0 else "_nolegend_"
-        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, label=named)
+        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, zorder=3, label=named)
         curves = ((log.raw, RAW, 2.0, "before"), (log.compensated, GOOD, 1.2, "after"))
         for values, colour, width, label in curves:
             drift = _means(values - values.mean(), group)

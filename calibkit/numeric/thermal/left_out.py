@@ -1,6 +1,8 @@
 """Models of a bias that are held against each other on ramps that were left out of the fit.
 
-The error of a model is that of the drift figure: means over 100 s of what it leaves of a ramp.
+The error of a model is that of the drift figure: with e the means over 100 s of what it leaves of a
+ramp, s_j = mean e² of ramp j, pooled √(mean s_j) (`LeftOutErrors`). Of the models that help, the
+simplest is taken whose s_j are on average within one standard error of the best (`simplest`).
 """
 
 from collections.abc import Iterable, Sequence
