@@ -11,7 +11,6 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import corrections as triad_errors, forms
-from calibkit.instruments.accelerometer.corrections import AttitudeErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
@@ -109,17 +108,12 @@ def fog_covered(value, **limits):
 def triad_stand(**limits):
     """Criteria of corrected dwells; the keyword `figures` changes what was found."""
     figures = {"inclination": 0.1, "toolface": 0.1, "residual": 0.1} | limits.pop("figures")
-    none = np.zeros(0)
-    errors = AttitudeErrors(
-        none,
-        none,
-        {
-            "inclination_max_deg": figures["inclination"],
-            "toolface_max_deg": 9.0,
-            "toolface_sin_max_deg": figures["toolface"],
-        },
-    )
-    found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), errors)
+    sizes = {
+        "inclination_max_deg": figures["inclination"],
+        "toolface_max_deg": 9.0,
+        "toolface_sin_max_deg": figures["toolface"],
+    }
+    found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), sizes)
     return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
 
 
@@ -150,19 +144,16 @@ def triad_unseen(value, temperature=25.0, terms=()):
         *(vectors, np.full(4, temperature), unknown, unknown, np.zeros((4, 3))),
         *(unknown, of_log, (), ()),
     )
-    none = np.zeros(0)
-    angles = AttitudeErrors(none, none, {})
     residual = np.column_stack([np.full(4, value), np.zeros((4, 2))])
-    return [
-        triad_errors.DwellErrors(residual, angles).judge_uncertainty("x", dwells, correction, terms)
-    ]
+    found = triad_errors.DwellErrors(residual)
+    return [found.judge_uncertainty("x", dwells, correction, terms)]
 
 
 def triad_noise(value, **limits):
     """Criteria of corrected dwells whose noise, by the fit, is 0.1 g and whose residual is this
     many times as large.
     """
-    found = triad_errors.DwellErrors(np.full((2, 1), 0.1 * value), None, 0.1)
+    found = triad_errors.DwellErrors(np.full((2, 1), 0.1 * value), noise_g=0.1)
     return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
 
 

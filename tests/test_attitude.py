@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.corrections import AttitudeErrors
+from calibkit.instruments.accelerometer.corrections import DwellErrors
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.numeric import attitude, earth
 from triad_dwells import recipe
@@ -90,7 +90,7 @@ def test_toolface_errors_stay_inside_their_inclination_range():
     vector = attitude.gravity_vector(
         inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0])
     )
-    found = AttitudeErrors.compare(vector, inclination, toolface, (10.0, 170.0))
+    found = DwellErrors.of_vectors(vector, inclination, toolface, (10.0, 170.0))
     np.testing.assert_allclose(found.inclination_deg[:4], 0.02, atol=1e-9)
     assert np.isnan(found.toolface_deg[[0, 1, 4]]).all()
     np.testing.assert_allclose(found.toolface_deg[2:4], [0.1, -0.05], atol=1e-9)
@@ -111,7 +111,7 @@ def test_a_range_that_reaches_the_vertical_is_refused(range_deg):
 
 def test_no_dwell_in_range_gives_no_toolface_figure():
     """With only upright dwells the toolface figures are NaN, not zero."""
-    found = AttitudeErrors.compare(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
+    found = DwellErrors.of_vectors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
     toolface = [size for name, size in found.figures.items() if name.startswith("toolface")]
     assert len(toolface) == 3
     assert np.isnan(toolface).all()

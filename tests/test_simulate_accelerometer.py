@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.accelerometer import published, simulate
-from calibkit.instruments.accelerometer.corrections import AttitudeErrors
+from calibkit.instruments.accelerometer.corrections import DwellErrors
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
@@ -146,14 +146,14 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     campaign = simulate.campaign(seed, table_noise_deg=0.01)
     indicated, temperature, inclination, toolface = read(campaign)
     corrected = k_applied(fit(campaign), indicated, temperature)
-    before = AttitudeErrors.compare(indicated, inclination, toolface)
-    after = AttitudeErrors.compare(corrected, inclination, toolface)
+    before = DwellErrors.of_vectors(indicated, inclination, toolface)
+    after = DwellErrors.of_vectors(corrected, inclination, toolface)
     assert before.figures["inclination_max_deg"] > 0.2
     assert after.figures["inclination_max_deg"] <= 0.05
     assert after.figures["toolface_sin_max_deg"] <= 0.1
     # against the true angles of the table, which the calibration has not seen, only the model's own
     # error is left
-    truth = AttitudeErrors.compare(
+    truth = DwellErrors.of_vectors(
         corrected,
         np.array(campaign.truth["inclination_deg"]),
         np.array(campaign.truth["toolface_deg"]),
@@ -187,7 +187,7 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     by_vector = np.stack(angle_slopes(*angles)) / np.linalg.norm(corrected, axis=1)[:, None]
     variances = np.einsum("kni,nij,knj->kn", by_vector, covariance, by_vector)
     u_inclination, u_toolface_sin = np.degrees(np.sqrt(variances))
-    found = AttitudeErrors.compare(corrected, inclination[~even], toolface[~even])
+    found = DwellErrors.of_vectors(corrected, inclination[~even], toolface[~even])
     inside = np.isfinite(found.toolface_deg)
     u_toolface = u_toolface_sin / np.sin(np.radians(inclination[~even]))
     assert (

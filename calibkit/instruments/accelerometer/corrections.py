@@ -4,7 +4,7 @@ tables, the first screen of a fit and a validation.json state them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -130,8 +130,8 @@ class Correction:
         indication, temperature = dwells.indication, dwells.temperature
         shifted_inputs = {}
         if term.quantity in FIELDS:
-            field = FIELDS[term.quantity]
-            shifted_inputs[field] = getattr(dwells, field) + term.u_of(0.0)
+            name = FIELDS[term.quantity]
+            shifted_inputs[name] = getattr(dwells, name) + term.u_of(0.0)
         elif term.quantity in forms.COMPONENTS:
             axis, shifted = forms.COMPONENTS.index(term.quantity), indication.copy()
             of_one = indication[:, axis] if term.unit in RELATIVE else 1.0
@@ -187,54 +187,67 @@ def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -
 
 
 @dataclass(frozen=True, slots=True)
-class AttitudeErrors:
-    """Inclination and toolface errors of n dwells against a reference attitude; toolface errors
-    grow as 1/sin(inclination), and stand only within a range of inclination.
+class DwellErrors:
+    """Errors of n dwells against the reference; those of toolface grow as 1/sin(inclination), and
+    stand only within a range of inclination.
     """
 
-    inclination_deg: Array
-    """[n], indicated minus reference [°]."""
-    toolface_deg: Array
-    """[n], indicated minus reference in (−180, 180] [°], NaN outside the range."""
-    figures: Mapping[str, float]
-    """Key in a validation.json → root mean square or largest size [°]; of toolface times
-    sin(inclination), which hardly depends on the range, too. NaN where no dwell lies in it.
+    residual: Array
+    """Residuals of the components [n, 3, g], or of the magnitude of gravity [n, 1, g]."""
+    figures: Mapping[str, float] = field(default_factory=dict)
+    """Key in a validation.json → root mean square or largest size [°] of the attitude's errors; of
+    toolface times sin(inclination), which hardly depends on the range, too. NaN where no dwell lies
+    in it; empty where the magnitude of gravity is the only reference.
     """
+    inclination_deg: Array = field(default_factory=lambda: np.zeros(0))
+    """[n], indicated minus reference [°]."""
+    toolface_deg: Array = field(default_factory=lambda: np.zeros(0))
+    """[n], indicated minus reference in (−180, 180] [°], NaN outside the range."""
+    noise_g: float = np.nan
+    """Noise of a dwell by the fit of the correction [g]; NaN where nothing is corrected."""
 
     @classmethod
     def compare(
+        cls, dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
+    ) -> Self:
+        """Errors of dwells against the reference attitudes or the magnitude of gravity, for raw
+        indications or, where a correction is given, for corrected components.
+        """
+        vector, noise = dwells.indication, np.nan
+        if correction is not None:
+            vector, noise = correction(vector, dwells.temperature), correction.noise_g
+        if spec.reference.kind == "magnitude":
+            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, noise_g=noise)
+        angles = dwells.inclination, dwells.toolface
+        return cls.of_vectors(vector, *angles, spec.toolface_range_deg, noise)
+
+    @classmethod
+    def of_vectors(
         cls,
         vector: Array,
         inclination_deg: Array,
         toolface_deg: Array,
         inclination_range_deg: tuple[float, float] = (10.0, 170.0),
+        noise_g: float = np.nan,
     ) -> Self:
         """Errors of gravity vectors [n, 3] against reference angles [n] [°]."""
         low, high = inclination_range_deg
+        residual = vector - attitude.gravity_vector(inclination_deg, toolface_deg)
         tilt = attitude.inclination(vector) - inclination_deg
         inside = (inclination_deg >= low) & (inclination_deg <= high)
         roll = np.where(inside, attitude.wrapped(attitude.toolface(vector) - toolface_deg), np.nan)
         scaled = roll * np.sin(np.radians(inclination_deg))
+        largest = [
+            float(np.fmax.reduce(np.abs(errors), initial=np.nan)) for errors in (tilt, roll, scaled)
+        ]
         figures = {
             "inclination_rms_deg": rms(tilt),
-            "inclination_max_deg": _largest(tilt),
+            "inclination_max_deg": largest[0],
             "toolface_rms_deg": rms(roll[inside]),
-            "toolface_max_deg": _largest(roll[inside]),
-            "toolface_sin_max_deg": _largest(scaled[inside]),
+            "toolface_max_deg": largest[1],
+            "toolface_sin_max_deg": largest[2],
         }
-        return cls(tilt, roll, figures)
-
-
-@dataclass(frozen=True, slots=True)
-class DwellErrors:
-    """Errors of a set of dwells against the reference."""
-
-    residual: Array
-    """Residuals of the components [n, 3, g], or of the magnitude of gravity [n, 1, g]."""
-    angles: AttitudeErrors | None
-    """Attitude errors; None where the magnitude of gravity is the only reference."""
-    noise_g: float = np.nan
-    """Noise of a dwell by the fit of the correction [g]; NaN where nothing is corrected."""
+        return cls(residual, figures, tilt, roll, noise_g)
 
     @property
     def residual_rms_g(self) -> float:
@@ -245,9 +258,10 @@ class DwellErrors:
         """Criteria of the recipe's acceptance limits on the corrected dwells."""
         limits, residual = spec.acceptance, self.residual_rms_g
         tested: list[tuple[str, float, float | None, str]] = []
-        if self.angles is not None:
-            tilt = self.angles.figures["inclination_max_deg"]
-            scaled = self.angles.figures["toolface_sin_max_deg"]
+        if self.figures:
+            tilt, scaled = (
+                self.figures[key] for key in ("inclination_max_deg", "toolface_sin_max_deg")
+            )
             times_sine = "largest toolface error times sin(inclination)"
             tested += [
                 ("largest inclination error", tilt, limits.max_inclination_error_deg, "deg"),
@@ -273,7 +287,7 @@ class DwellErrors:
         shared, independent = correction.uncertainty(dwells)
         by_terms = [correction.by_term(dwells, term) for term in terms]
         shared = np.concatenate([shared, *(part[:, :, None] for part in by_terms)], axis=2)
-        if self.angles is None:  # lengths: along the corrected vector
+        if self.residual.shape[1] == 1:  # lengths: along the corrected vector
             vector = correction(dwells.indication, dwells.temperature)
             unit = vector / np.linalg.norm(vector, axis=1)[:, None]
             shared = np.einsum("ni,nik->nk", unit, shared)[:, None]
@@ -285,23 +299,6 @@ class DwellErrors:
             dof=correction.dof,
         )
         return over_u(f"{name}: rms error", comparison.to_object())
-
-    @classmethod
-    def compare(
-        cls, dwells: DwellSet, spec: AccelerometerRecipe, correction: Correction | None = None
-    ) -> Self:
-        """Errors of dwells against the reference attitudes or the magnitude of gravity, for raw
-        indications or, where a correction is given, for corrected components.
-        """
-        vector, noise = dwells.indication, np.nan
-        if correction is not None:
-            vector, noise = correction(vector, dwells.temperature), correction.noise_g
-        if spec.reference.kind == "magnitude":
-            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None, noise)
-        angles = AttitudeErrors.compare(
-            vector, dwells.inclination, dwells.toolface, spec.toolface_range_deg
-        )
-        return cls(vector - dwells.reference, angles, noise)
 
 
 def tabulate_errors(
@@ -323,18 +320,17 @@ def tabulate_errors(
     )
     rows: list[tuple[str | float, ...]] = []
     for name, of_dwells in errors.items():
-        if of_dwells.angles is not None:
-            figures = [number(figure, 3) for figure in of_dwells.angles.figures.values()]
-            pairs = ", ".join(figures[:2]), ", ".join(figures[2:4])
-            rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, figures[4]))
+        figures = [number(figure, 3) for figure in of_dwells.figures.values()]
+        pairs = ", ".join(figures[:2]), ", ".join(figures[2:4])
+        rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, figures[4]))
     return Table(title, heads, tuple(rows))
 
 
 def list_errors(errors: DwellErrors, spec: AccelerometerRecipe) -> dict[str, object]:
     """JSON object of the errors of one log; the toolface with its inclination range."""
     entries: dict[str, object] = {"residual_rms_g": errors.residual_rms_g}
-    if errors.angles is not None:
-        entries |= {name: number_or_none(x) for name, x in errors.angles.figures.items()}
+    if errors.figures:
+        entries |= {name: number_or_none(x) for name, x in errors.figures.items()}
         entries["toolface_inclination_range_deg"] = list(spec.toolface_range_deg)
     return entries
 
@@ -353,12 +349,12 @@ def summarize_errors(
         KeyValue("residual rms, before", before, "µg"),
         KeyValue("residual rms, after", after, "µg"),
     ]
-    if raw.angles is not None and corrected.angles is not None:
-        tilt = corrected.angles.figures["inclination_max_deg"]
+    if corrected.figures:
+        tilt = corrected.figures["inclination_max_deg"]
         facts.append(
-            f"Largest inclination error: {raw.angles.figures['inclination_max_deg']:.3f}° before,"
+            f"Largest inclination error: {raw.figures['inclination_max_deg']:.3f}° before,"
             f" {tilt:.3f}° after; largest toolface error times sin(inclination):"
-            f" {corrected.angles.figures['toolface_sin_max_deg']:.3f}° after."
+            f" {corrected.figures['toolface_sin_max_deg']:.3f}° after."
         )
         values.append(KeyValue("largest inclination error, after", tilt, "°"))
     if corrected.noise_g > 0.0:
@@ -366,7 +362,3 @@ def summarize_errors(
         facts.append(f"Noise of the dwells alone gives {noise:.0f} µg.")
         values.append(KeyValue("noise of the dwells", noise, "µg"))
     return Overview(sentence, tuple(facts), tuple(values), table)
-
-
-def _largest(values: Array) -> float:
-    return float(np.max(np.abs(values))) if values.size else float("nan")

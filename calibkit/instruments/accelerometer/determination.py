@@ -57,17 +57,17 @@ def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tu
     cross-axis terms change with temperature. Raises FitError for other terms, and for a K, that the
     dwells do not determine.
     """
-    terms, held = asked_terms(spec), (dwells.reference, dwells.temperature)
+    terms, conditions = asked_terms(spec), (dwells.reference, dwells.temperature)
     if spec.reference.kind == "magnitude":  # the start of that fit says what it needs
         return terms, ()
     if spec.k.enabled:
-        require_k(spec.k.axes, *held)
+        require_k(spec.k.axes, *conditions)
     lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
-    fault = find_undetermined(terms, terms.names, *held, lower=lower)
+    fault = find_undetermined(terms, terms.names, *conditions, lower=lower)
     if fault is None:
         return terms, ()
     constant = Terms(tuple(t for t in terms.listed if t.kind != "c" or not t.power))
-    if find_undetermined(constant, constant.names, *held, lower=lower) is not None:
+    if find_undetermined(constant, constant.names, *conditions, lower=lower) is not None:
         raise fault
     flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
     return constant, (flag,)
@@ -157,12 +157,9 @@ def distinct_temperatures(temperature: Array) -> tuple[Array, Array]:
     """
     ascending = np.sort(temperature)
     openings = [0]
-    while (
-        following := int(
-            np.searchsorted(ascending, ascending[openings[-1]] + TEMPERATURE_STEP_DEGC)
-        )
-    ) < ascending.size:
-        openings.append(following)
+    while ascending[-1] >= ascending[openings[-1]] + TEMPERATURE_STEP_DEGC:
+        step_up = ascending[openings[-1]] + TEMPERATURE_STEP_DEGC
+        openings.append(int(np.searchsorted(ascending, step_up)))
     label = np.searchsorted(ascending[openings], temperature, side="right") - 1
     levels = np.bincount(label, weights=temperature) / np.bincount(label)
     return levels, levels[label]

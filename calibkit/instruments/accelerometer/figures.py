@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments import Fitted
-    from calibkit.instruments.accelerometer.corrections import AttitudeErrors, DwellErrors
+    from calibkit.instruments.accelerometer.corrections import DwellErrors
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
@@ -36,21 +36,19 @@ class TriadReport:
         """Columns of a tidy table, one row per dwell: what the correction leaves of the components,
         or of the length, of gravity, and of the attitude.
         """
-        dwells, left, angles = self.dwells, self.after.residual, self.after.angles
+        dwells, left = self.dwells, self.after.residual
         names = ("x", "y", "z") if left.shape[1] == 3 else ("length",)
-        columns = {
+        columns: dict[str, Any] = {
             "dwell": dwells.place,
             "temp_case_degc": dwells.temperature,
             "inclination_deg": dwells.inclination,
             "toolface_deg": dwells.toolface,
             **{f"residual_{name}_g": left[:, k] for k, name in enumerate(names)},
         }
-        if angles is None:
-            return columns
-        return columns | {
-            "residual_inclination_deg": angles.inclination_deg,
-            "residual_toolface_deg": angles.toolface_deg,
-        }
+        if self.after.figures:
+            columns["residual_inclination_deg"] = self.after.inclination_deg
+            columns["residual_toolface_deg"] = self.after.toolface_deg
+        return columns
 
 
 def _draw_residuals(title: str, report: TriadReport) -> Figure:
@@ -75,12 +73,11 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
     return figure
 
 
-def _draw_angles(
-    title: str, report: TriadReport, before: AttitudeErrors, after: AttitudeErrors
-) -> Figure:
+def _draw_angles(title: str, report: TriadReport) -> Figure:
     """Inclination and toolface errors before and after correction, against inclination and
     temperature.
     """
+    before, after = report.before, report.after
     low, high = report.spec.toolface_range_deg
     figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
     toolface = f"toolface ({low:g}-{high:g}° inclination)"
@@ -110,7 +107,6 @@ def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
     results = tabulate_fit(fitted.results, report.spec, fitted.sensitivities, certificate.blocks)
     full_summary = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
     residuals = _draw_residuals(title, report)
-    before, after = report.before.angles, report.after.angles
-    if before is None or after is None:
+    if not report.after.figures:
         return Drawn((residuals,), full_summary)
-    return Drawn((_draw_angles(title, report, before, after), residuals), full_summary)
+    return Drawn((_draw_angles(title, report), residuals), full_summary)

@@ -135,7 +135,7 @@ def fit(
     tables = [components] if components.rows else []
     tables.append(compared)
     if uncertainty:
-        rows = tuple((one.name, number(one.value, 2), one.unit) for one in uncertainty)
+        rows = tuple((figure.name, number(figure.value, 2), figure.unit) for figure in uncertainty)
         title = "Uncertainty of one corrected dwell (type A)"
         tables.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
@@ -220,7 +220,8 @@ def validate(
             *after.judge_errors(spec),
         ]
         flags += (*dwells.flags, *map(str, plausibility.find_implausible(dwells, spec)[1]))
-        if (outside := correction.outside(dwells.temperature)) > 0.0:
+        outside = correction.outside(dwells.temperature)
+        if outside > 0.0:
             flags.append(
                 f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells"
             )

@@ -24,8 +24,8 @@ from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 POSITIONS = tuple(
-    {name: sign * float(name == own) for name in forms.COMPONENTS}
-    for own in forms.COMPONENTS
+    {name: sign * float(name == vertical) for name in forms.COMPONENTS}
+    for vertical in forms.COMPONENTS
     for sign in (1.0, -1.0)
 )
 """Indications [g] of the six positions with one axis along gravity."""

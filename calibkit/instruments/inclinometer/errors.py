@@ -84,12 +84,12 @@ class AngleErrors:
         """Angle → root mean square and largest size [2, 2] [°] of its errors with s = 1 and
         corrected; NaN without any.
         """
-        return {
-            name: np.array(
-                [[rms(e[np.isfinite(e)]), np.fmax.reduce(np.abs(e), initial=np.nan)] for e in both]
-            )
-            for name, both in self.by_angle.items()
-        }
+        sizes = {}
+        for name, stages in self.by_angle.items():
+            root_mean_squares = [rms(errors[np.isfinite(errors)]) for errors in stages]
+            largest = np.fmax.reduce(np.abs(stages), axis=1, initial=np.nan)
+            sizes[name] = np.column_stack([root_mean_squares, largest])
+        return sizes
 
     def turn(self) -> tuple[float, float]:
         """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
@@ -177,7 +177,7 @@ def tabulate_errors(angles: AngleErrors, title: str) -> Table:
     """Table of the errors over all stations, before and after correction; s does not affect
     inclination and toolface.
     """
-    counts = {name: int(np.isfinite(both[1]).sum()) for name, both in angles.by_angle.items()}
+    counts = {name: int(np.isfinite(e[1]).sum()) for name, e in angles.by_angle.items()}
     cells = tuple(
         (name, str(counts[name]), *(number(size, 3) for size in sizes.T.ravel().tolist()))
         for name, sizes in angles.sizes.items()

@@ -67,7 +67,7 @@ class ScaleModel:
                 *(model.value("accel_noise"), model.value("gyro_noise")),
                 round(model.value("noise_dof")),
             ),
-            next((one.value for one in model.components if one.group == MOUNTING), 0.0),
+            next((part.value for part in model.components if part.group == MOUNTING), 0.0),
         )
 
 

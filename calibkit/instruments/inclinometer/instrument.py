@@ -96,7 +96,8 @@ def fit(
     results = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
     for axis, status in stations.status.items():
-        if count := sum(map(bool, status)):
+        count = sum(map(bool, status))
+        if count:
             left_out.append(LeftOut("stations", count, len(status), "unsolved", axis))
     return Fitted(
         (result,),

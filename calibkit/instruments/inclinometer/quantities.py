@@ -17,7 +17,7 @@ def scale(record: Record, model: Model) -> Quantity:
     value = polynomial(model, numbered("s", model), TEMPERATURE)
     over_temperature = TEMPERATURE in model.valid
     # files of calibkit 0.2 state what the choice of the order adds; later ones average the orders
-    u_choice = next((one.value for one in model.parameters if one.name == "order_choice"), 0.0)
+    u_choice = next((p.value for p in model.parameters if p.name == "order_choice"), 0.0)
     more = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
 
     def point(at: At) -> Point:

@@ -305,8 +305,8 @@ def _fit_over_temperature(
     turn_deg = max(stated_deg, float(np.hypot(angle, u)))
     components = components_of(over.fit.shared)
     if turn_deg:
-        own = Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1)
-        components = (*components, own)
+        of_turn = Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1)
+        components = (*components, of_turn)
     of_logs = [size for size in over.fit.shared if size.error.group == "log"]
     flags = [*warn_of_few_levels(of_logs)]
     if over.separable is False:
