@@ -168,7 +168,7 @@ class Correction:
 
 def find_stage(compensation: str) -> str:
     """Stage of a compensation; raises CoefficientError for the mixed one of 0.2."""
-    if compensation not in COMPENSATIONS:
+    if compensation == "kq":
         raise CoefficientError(MIXED, hint=IN_STEAD)
     return COMPENSATIONS[compensation]
 

@@ -83,25 +83,27 @@ def fit(
                 hint="remove one of the two",
                 at=("affine", term),
             )
-    stage = corrections.COMPENSATIONS.get(spec.compensation)
-    if stage is None:
-        raise FitError(corrections.MIXED, hint=corrections.IN_STEAD)
-    if spec.reference.solver == "lmfit":
-        raise FitError(
+    no_more = (
+        (spec.compensation == "kq", corrections.MIXED, corrections.IN_STEAD),
+        (
+            spec.reference.solver == "lmfit",
             "reference.solver = 'lmfit': profile intervals are no longer computed",
-            hint="remove it: U of the fit agrees with them to 0.2 %",
-        )
-    if spec.k.groups == "log":
-        raise FitError(
+            "remove it: U of the fit agrees with them to 0.2 %",
+        ),
+        (
+            spec.k.groups == "log",
             "k.groups = 'log': K has no covariance of its own from logs left out any more",
-            hint="remove it: errors that dwells of a soak or an attitude share are estimated",
-        )
-    if spec.affine.enabled and spec.affine.cross_order > 1:
-        raise FitError(
-            f"affine.cross_order = {spec.affine.cross_order}: cross-axis terms on compensated"
-            " values are linear in temperature at most",
-            hint="state 1",
-        )
+            "remove it: errors that dwells of a soak or an attitude share are estimated",
+        ),
+        (
+            spec.affine.enabled and spec.affine.cross_order > 1,
+            "affine.cross_order above 1: cross-axis terms are linear in temperature at most",
+            "state 1",
+        ),
+    )
+    for asked, message, hint in no_more:
+        if asked:
+            raise FitError(message, hint=hint)
     in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     logs = list(copies.refuse_copies(in_turn))
     dwells = triad_dwells.collect_dwells(logs, spec)
@@ -124,6 +126,7 @@ def fit(
         for result in results
         if result.stage in CORRECTIONS
     }
+    stage = corrections.COMPENSATIONS[spec.compensation]
     corrected = by_stage[stage]
     out = f", {len(suspects)} left out" if suspects else ""
     compared = corrections.tabulate_errors(

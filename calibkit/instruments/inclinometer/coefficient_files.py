@@ -13,7 +13,11 @@ from calibkit.instruments.inclinometer.errors import AngleErrors
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import mounting_slopes, root_slopes
+from calibkit.instruments.inclinometer.root_choice import (
+    ROOT_DISAGREES,
+    mounting_slopes,
+    root_slopes,
+)
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Rows, Stations, solve_components
@@ -29,6 +33,8 @@ SIGNIFICANT, LEAST_DEG = 4.0, 0.03
 """Least offset of the latitude that is reported, in standard uncertainties and in degrees."""
 FEWEST = 5
 """Fewest stations, beyond the number of coefficients of s(T), for an estimate of the latitude."""
+REFUSED = "refused: "
+"""How the flag of a refused station begins."""
 LATITUDE_STEP_DEG, INDEX_STEP_DEG, SHARE = 1e-3, 1e-3, 1e-5
 
 
@@ -127,20 +133,23 @@ def flag_latitude(
 
 def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, refused stations first; stations with the same flag share a line."""
-    contradicted = int(solved.contradicted.sum())
-    lines = []
-    if 2 * contradicted > len(stations.names):
-        lines.append(f"{contradicted} of {len(stations.names)} stations contradict s(T): {WRONG}")
-    refused, flagged = [], []
-    for name, reason, flags in zip(
-        stations.names, solved.combined.status, solved.combined.flags, strict=True
-    ):
-        if reason:
-            refused.append((name, f"refused: {reason}"))
-        else:
-            flagged += [(name, flag) for flag in flags]
+    # stations where a root differs significantly from its prior, or is impossible
+    contradicted = np.zeros(len(stations.names), dtype=np.bool_)
+    for axis, pair in solved.solutions.items():
+        prior = solved.priors[axis]
+        limit = ROOT_DISAGREES * np.hypot(pair.s_root_uncertainty, prior.standard_uncertainty)
+        with np.errstate(invalid="ignore"):
+            departs = np.abs(pair.s_root - prior.s) > limit
+        contradicted |= departs | [WRONG in reason for reason in pair.status]
+    lines, count = list[str](), int(contradicted.sum())
+    if 2 * count > contradicted.size:
+        lines.append(f"{count} of {contradicted.size} stations contradict s(T): {WRONG}")
+    combined, texts = solved.combined, list[tuple[str, str]]()
+    for name, reason, flags in zip(stations.names, combined.status, combined.flags, strict=True):
+        texts += [(name, flag) for flag in ([f"{REFUSED}{reason}"] if reason else flags)]
+    texts.sort(key=lambda text: not text[1].startswith(REFUSED))
     stations_of_flag: dict[str, list[str]] = {}
-    for name, text in (*refused, *flagged):
+    for name, text in texts:
         stations_of_flag.setdefault(text, []).append(name)
     lines += [
         f"station{'s' if len(names) > 1 else ''} {', '.join(names)}: {text}"

@@ -69,26 +69,21 @@ class AngleErrors:
         return np.isfinite(self.after) & np.isfinite(self.before)
 
     @property
-    def by_angle(self) -> dict[str, Array]:
-        """Angle → errors [2, n] with s = 1 and corrected, which does not affect inclination and
-        toolface; NaN where either azimuth error is not known.
+    def sizes(self) -> dict[str, Array]:
+        """Angle → root mean square and largest size [°] of its errors and their number [2, 3], with
+        s = 1 and corrected, which does not affect inclination and toolface; NaN without any.
         """
-        return {
+        by_angle = {
             "azimuth": np.where(self.known, [self.before, self.after], np.nan),
             "inclination": np.array([self.inclination] * 2),
             "toolface": np.array([self.toolface] * 2),
         }
-
-    @property
-    def sizes(self) -> dict[str, Array]:
-        """Angle → root mean square and largest size [2, 2] [°] of its errors with s = 1 and
-        corrected; NaN without any.
-        """
         sizes = {}
-        for name, stages in self.by_angle.items():
-            root_mean_squares = [rms(errors[np.isfinite(errors)]) for errors in stages]
-            largest = np.fmax.reduce(np.abs(stages), axis=1, initial=np.nan)
-            sizes[name] = np.column_stack([root_mean_squares, largest])
+        for name, stages in by_angle.items():
+            finite = [errors[np.isfinite(errors)] for errors in stages]
+            largest = [np.fmax.reduce(np.abs(errors), initial=np.nan) for errors in finite]
+            counts = [errors.size for errors in finite]
+            sizes[name] = np.column_stack([[*map(rms, finite)], largest, counts])
         return sizes
 
     def turn(self) -> tuple[float, float]:
@@ -177,11 +172,10 @@ def tabulate_errors(angles: AngleErrors, title: str) -> Table:
     """Table of the errors over all stations, before and after correction; s does not affect
     inclination and toolface.
     """
-    counts = {name: int(np.isfinite(e[1]).sum()) for name, e in angles.by_angle.items()}
     cells = tuple(
-        (name, str(counts[name]), *(number(size, 3) for size in sizes.T.ravel().tolist()))
+        (name, f"{sizes[1, 2]:.0f}", *(number(size, 3) for size in sizes[:, :2].T.ravel().tolist()))
         for name, sizes in angles.sizes.items()
-        if counts[name] or name == "azimuth"
+        if sizes[1, 2] or name == "azimuth"
     )
     heads = ("", "stations", "rms, s = 1 [°]", "rms [°]", "largest, s = 1 [°]", "largest [°]")
     return Table(title, heads, cells)
@@ -266,7 +260,7 @@ def list_validation(
         stage: {
             f"{angle}_{name}_deg": number_or_none(float(size))
             for angle, sizes in angles.sizes.items()
-            for name, size in zip(("rms", "max"), sizes[k], strict=True)
+            for name, size in zip(("rms", "max"), sizes[k, :2], strict=True)
         }
         for k, stage in enumerate(("before", "after"))
     }

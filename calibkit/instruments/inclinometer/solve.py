@@ -120,21 +120,6 @@ class SolvedStations:
         """Mask [n] of the stations without a result."""
         return np.array([bool(reason) for reason in self.combined.status], dtype=np.bool_)
 
-    @property
-    def contradicted(self) -> Mask:
-        """Mask [n] of the stations where any pair's root of s differs significantly from its prior,
-        or is impossible.
-        """
-        contradicted = np.zeros(len(self.combined.status), dtype=np.bool_)
-        for axis, pair in self.solutions.items():
-            prior = self.priors[axis]
-            with np.errstate(invalid="ignore"):
-                departs = np.abs(pair.s_root - prior.s) > root_choice.ROOT_DISAGREES * np.hypot(
-                    pair.s_root_uncertainty, prior.standard_uncertainty
-                )
-            contradicted |= departs | [WRONG in reason for reason in pair.status]
-        return contradicted
-
     def require_consistent(self, where: str) -> None:
         """Raise FitError for a log most of whose stations are inconsistent; single inconsistent
         stations are only refused.
