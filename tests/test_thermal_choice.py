@@ -10,7 +10,6 @@ import pytest
 
 from calibkit import thermal_forms
 from calibkit.errors import FitError
-from calibkit.fit import choose as fit_choose
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
@@ -24,6 +23,7 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     choose,
 )
 from calibkit.numeric import flicker, intervals
+from calibkit.numeric.one_standard_error import choose_simplest
 from calibkit.numeric.thermal import (
     fits,
     left_out,
@@ -146,7 +146,7 @@ def test_every_candidate_is_in_the_table_with_every_ramp(choice):
         assert result.raw_squares == pytest.approx(choice.tested[0].raw_squares)
     assert choice.chosen.name in choice.reason
     best = min(choice.tested, key=lambda result: result.pooled)
-    assert fit_choose.choose({0: choice.chosen.squares, 1: best.squares}) == 0
+    assert choose_simplest({0: choice.chosen.squares, 1: best.squares}) == 0
 
 
 def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):

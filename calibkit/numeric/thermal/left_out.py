@@ -13,7 +13,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.fit.choose import choose as choose_simplest
+from calibkit.numeric.one_standard_error import choose_simplest
 from calibkit.numeric.thermal.fits import LevelBasis, Solution, lagged_basis
 from calibkit.numeric.thermal.pooled_fit import Rows, Stack
 

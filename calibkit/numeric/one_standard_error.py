@@ -7,7 +7,7 @@ import numpy as np
 from calibkit.arrays import Array
 
 
-def choose(squares: Mapping[int, Array]) -> int:
+def choose_simplest(squares: Mapping[int, Array]) -> int:
     """Number of the first of some models that is within one standard error of the best.
 
     Parameters
