@@ -127,7 +127,7 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     rows = replace(rows, indication=K0 * indication)
     shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
     middle_half = polynomial.middle_and_half(rows.temp_degc)
-    terms = equation.Terms(1, order, middle_half, shapes)
+    terms = equation.ResponseTerms(1, order, middle_half, shapes)
     known = {"scale": size["scale"], "zero": size["zero"]}
     shared = [
         replace(one, size=known[one.effect], size_dof=20.0)

@@ -21,7 +21,7 @@ def runs(seed, *, warming=0.0, tau_s=300.0, drift=0.0, cubic=0.0):
     F = np.concatenate([shown + rng.standard_normal(17) for _ in range(3)])
     run, zero = np.repeat(np.arange(3), 17), np.zeros(51, dtype=int)
     hours = np.tile(t / 3600.0, 3) - t[-1] / 7200.0
-    rows = equation.Rows(np.tile(RATES, 3), F, run, np.full(51, 25.0), hours, zero, zero)
+    rows = equation.RateRows(np.tile(RATES, 3), F, run, np.full(51, 25.0), hours, zero, zero)
     bend = np.polyfit(RATES, 1e6 * cubic * (RATES / 100.0) ** 3, 1)[0]
     return rows, scale[-1] + bend
 
@@ -51,11 +51,11 @@ def test_without_times_or_with_an_unknown_effect_of_temperature_nothing_is_decid
     """No hours, or a run that warms by 1 °C at one temperature: None."""
     rows, _ = runs(0, warming=200e-6)
     zero = rows.line
-    unlogged = equation.Rows(
+    unlogged = equation.RateRows(
         rows.rate_dps, rows.indication, rows.run, rows.row_degc, np.zeros(51), zero, zero
     )
     assert ordering.decide(unlogged, rows.indication) is None
-    warm = equation.Rows(
+    warm = equation.RateRows(
         rows.rate_dps, rows.indication, rows.run, 25.0 + rows.hours * 6.0, rows.hours, zero, zero
     )
     assert ordering.decide(warm, rows.indication) is None

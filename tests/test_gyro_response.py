@@ -22,7 +22,7 @@ def rows_of(shape, seed=0, *, runs=1):
     shown = shape(rate) * (1.0 + 2e-5 * rng.standard_normal(runs)[run])
     shown = shown + NOISE * rng.standard_normal(rate.size)
     zero = np.zeros(rate.size, dtype=int)
-    return equation.Rows(rate, shown, run, np.full(rate.size, 25.0), 0.0 * rate, zero, zero)
+    return equation.RateRows(rate, shown, run, np.full(rate.size, 25.0), 0.0 * rate, zero, zero)
 
 
 def powers_of(shape, seed=0, *, runs=1):
@@ -30,7 +30,7 @@ def powers_of(shape, seed=0, *, runs=1):
     return bent_response.choose(rows_of(shape, seed, runs=runs), TERMS).powers
 
 
-TERMS = equation.Terms(fastest_dps=150.0)
+TERMS = equation.ResponseTerms(fastest_dps=150.0)
 
 
 @pytest.mark.parametrize("runs", [1, 3])
@@ -52,7 +52,7 @@ def test_two_rates_show_no_shape():
     """Nothing but the line is determined."""
     zero = np.zeros(4, dtype=int)
     rate = np.array([-1.0, 1.0, -1.0, 1.0])
-    rows = equation.Rows(rate, 1e4 * rate, zero, np.full(4, 25.0), 0.0 * rate, zero, zero)
+    rows = equation.RateRows(rate, 1e4 * rate, zero, np.full(4, 25.0), 0.0 * rate, zero, zero)
     assert bent_response.choose(rows, TERMS).powers == ()
 
 

@@ -1,4 +1,7 @@
-"""Acceptance limits of a recipe on the figures of fits and of unseen runs."""
+"""Criteria of the limits that a recipe states: on the largest figure of each kind over all gyros
+and runs of a fit (of GJB 2426A by `published`, of the angles between gyros by `coefficient_files`),
+on the residuals of the lines over their noise, and on the largest error in unseen runs (`unseen`).
+"""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -79,9 +82,9 @@ def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterio
     largest of all gyros, where the recipe limits it and noise was measured.
     """
     ratios = np.array([line.residual_over_noise for line in lines])
-    known = ratios[np.isfinite(ratios)].tolist()
+    finite_ratios = ratios[np.isfinite(ratios)].tolist()
     limit = ("residual over noise", "max_residual_over_noise", "1")
-    return _judge(limits, {limit: known}) if known else ()
+    return _judge(limits, {limit: finite_ratios}) if finite_ratios else ()
 
 
 def judge_unseen(

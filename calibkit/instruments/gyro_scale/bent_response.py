@@ -32,7 +32,7 @@ with the temperature, each costs much of K(T).
 """
 
 
-def choose(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
+def choose(rows: equation.RateRows, terms: equation.ResponseTerms) -> equation.ResponseTerms:
     """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
     of temperature where K and F0 are.
     """
@@ -41,7 +41,7 @@ def choose(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
     return _best(rows, [terms, *bent], MARGIN)
 
 
-def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
+def beside_line(rows: equation.RateRows, terms: equation.ResponseTerms) -> equation.ResponseTerms:
     """Terms with what is beside a straight line.
 
     Where every run turns both ways, what they have of the response is part of the best straight
@@ -59,20 +59,20 @@ def beside_line(rows: equation.Rows, terms: equation.Terms) -> equation.Terms:
 
 
 def _best(
-    rows: equation.Rows, candidates: Sequence[equation.Terms], margin: float
-) -> equation.Terms:
-    """The first terms whose error, at runs that are left out, of a single run at rates, no later
-    ones lower to a share of it.
+    rows: equation.RateRows, candidates: Sequence[equation.ResponseTerms], margin: float
+) -> equation.ResponseTerms:
+    """The first candidate whose rms error at left-out runs (at left-out rates of a single run) no
+    later one brings below `margin` times it.
     """
-    best_terms, least = candidates[0], _left_out_rms(rows, candidates[0])
+    best_terms, smallest_rms = candidates[0], _left_out_rms(rows, candidates[0])
     for terms in candidates[1:]:
         error = _left_out_rms(rows, terms)
-        if error < margin * least:
-            best_terms, least = terms, error
+        if error < margin * smallest_rms:
+            best_terms, smallest_rms = terms, error
     return best_terms
 
 
-def _left_out_rms(rows: equation.Rows, terms: equation.Terms) -> float:
+def _left_out_rms(rows: equation.RateRows, terms: equation.ResponseTerms) -> float:
     """Root mean square error at runs, or rates of a single run, that are left out; infinite where
     the rest does not determine the equation.
     """

@@ -1,6 +1,7 @@
-"""Rate-table results: scale factors and figures of each gyro, K and F0 over temperature; N, ε, γ
-and α of a pair; sensitivities, unit vectors of the input axes and the angles between them for three
-axes.
+"""Certificate blocks of gyros on a rate table: scale factors and figures of each gyro, K and F0
+over temperature; N, ε, γ and α of a pair; sensitivities, unit vectors of the input axes and the
+angles between them for three axes. Each block prints the equation that it is of, F = K Ω + F0 and
+those of `published`, (2), and `forms.TRIAD`.
 """
 
 import math
@@ -111,19 +112,19 @@ ONE_TEMPERATURE_DEGC = 1.0
 """
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Blocks of scale factors and, for several gyros, of angles and misalignment."""
     laid_out = []
-    if forms.SCALE_FILE in stated.records:
-        laid_out.append(_state_scale(stated, stated.records[forms.SCALE_FILE]))
-    if forms.ORTHOGONALITY_FILE in stated.records:
-        record = stated.records[forms.ORTHOGONALITY_FILE]
+    if forms.SCALE_FILE in basis.records:
+        laid_out.append(_state_scale(basis, basis.records[forms.SCALE_FILE]))
+    if forms.ORTHOGONALITY_FILE in basis.records:
+        record = basis.records[forms.ORTHOGONALITY_FILE]
         pair = any(model.form == forms.PAIR.name for model in record.models)
-        laid_out.append(_state_pair(stated, record) if pair else _state_triad(stated, record))
+        laid_out.append(_state_pair(basis, record) if pair else _state_triad(basis, record))
     return tuple(laid_out)
 
 
-def _state_scale(stated: Stated, record: Record) -> Block:
+def _state_scale(basis: Stated, record: Record) -> Block:
     """Block of lines, curves over temperature and figures."""
     lines = [model for model in record.models if model.form == forms.LINE.name]
     labels = _label_lines(lines)
@@ -132,7 +133,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         results = []
         for letter, words in LETTERS.items():
             quantity = quantities.of_line(record, line, letter, words)
-            result = state(stated, quantity, {})
+            result = state(basis, quantity, {})
             if forms.TEMPERATURE in line.valid:
                 degc = quantities.temperature_of_line(line)
                 result = replace(result, at=((forms.TEMPERATURE, degc, "degC"),))
@@ -171,8 +172,8 @@ def _state_scale(stated: Stated, record: Record) -> Block:
             curves.append(model)
             values.append(quantities.over_temperature(record, model, "p"))
         title = name_model(model.name) + Words(": coefficients", "：系数")
-        tables.append(list_coefficients(stated, record, model, title, values))
-        notes += [range_words(model), *stated.left_out(model)]
+        tables.append(list_coefficients(basis, record, model, title, values))
+        notes += [range_words(model), *basis.left_out(model)]
     for letter in LETTERS:
         columns = [
             (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
@@ -181,12 +182,12 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         ]
         symbol = show_symbol(letter)
         title = Words(f"{symbol} over temperature", f"{symbol} 随温度")
-        table = tabulate(stated, title, columns) if columns else None
+        table = tabulate(basis, title, columns) if columns else None
         if table is None:
             continue
         tables.append(table)
         figures.append(_plot_change(table) if letter == "K" else plot(table, Words("F₀ [1/s]")))
-    tables += _tabulate_figures(stated, record, labels)
+    tables += _tabulate_figures(basis, record, labels)
     equations = (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,)
     title = Words("Scale factors on the rate table", "转台标度因数")
     return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
@@ -210,19 +211,22 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
     runs_of = Counter(line.name.partition(".")[0] for line in lines if "." in line.name)
     short, long = {}, {}
     for line in lines:
-        subject, where, source = name_subject(f".{line.name}"), Words(""), Words("")
+        subject, temperature_label, source = name_subject(f".{line.name}"), Words(""), Words("")
         if forms.TEMPERATURE in line.valid:
             low, high = line.valid[forms.TEMPERATURE]
             text = f"{quantities.temperature_of_line(line):.1f}"
             if high - low > ONE_TEMPERATURE_DEGC:
                 text = f"{low:.1f} … {high:.1f}"
-            where = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
+            temperature_label = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
         log, count = line.name.partition(".")[2], runs_of[line.name]
         if log:
             source = Words(f", {log}", f"，{log}")
         elif count > 1:  # those at other temperatures by the curve through them
             source = Words(f", all {count} runs, weighted", f"，全部 {count} 次加权")
-        short[line.name], long[line.name] = subject + where, subject + source + where
+        short[line.name], long[line.name] = (
+            subject + temperature_label,
+            subject + source + temperature_label,
+        )
     labels = [*short.values()]
     return {
         name: label if labels.count(label) == 1 else long[name] for name, label in short.items()
@@ -230,7 +234,7 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
 
 
 def _tabulate_figures(
-    stated: Stated, record: Record, names: Mapping[str, Words]
+    basis: Stated, record: Record, names: Mapping[str, Words]
 ) -> Iterator[GridTable]:
     """Tables of figures in the standards' terms: rows are figures, columns are models, by their
     names; models with the same figures stand side by side.
@@ -238,18 +242,18 @@ def _tabulate_figures(
     rows: dict[tuple[str, str, str], dict[str, Result]] = {}
     models = {model.name: model for model in record.models}
     for figure in record.figures:
-        what, standard, of_model = FigureName.of(figure.name)
+        figure_kind, standard, of_model = FigureName.of(figure.name)
         model = models.get(of_model)
         dof = math.inf if model is None else float(model.dof)
-        if what == "repeatability" and model is not None:
+        if figure_kind == "repeatability" and model is not None:
             # a standard deviation over runs
             runs = {p.name: p.value for p in model.parameters}.get("runs", 2.0)
             dof = max(runs - 1.0, 1.0)
-        words = NAMES.get(what, Words(what.replace("_", " ")))
+        words = NAMES.get(figure_kind, Words(figure_kind.replace("_", " ")))
         quantity = of_figure(record, figure, words, dof=dof)
-        quantity = replace(quantity, standard=standard, magnitude=what in MAGNITUDES)
-        row = rows.setdefault((what, standard, figure.unit), {})
-        row[of_model] = state(stated, quantity, {})
+        quantity = replace(quantity, standard=standard, magnitude=figure_kind in MAGNITUDES)
+        row = rows.setdefault((figure_kind, standard, figure.unit), {})
+        row[of_model] = state(basis, quantity, {})
     columns: dict[tuple[tuple[str, str, str], ...], list[str]] = {}
     for name in names:
         kinds = tuple(kind for kind, row in rows.items() if name in row)
@@ -257,8 +261,8 @@ def _tabulate_figures(
     columns.pop((), None)
     for kinds, of_models in columns.items():
         labels = [
-            NAMES.get(what, Words(what)) + Words(f" {standard}" if standard else "")
-            for what, standard, _ in kinds
+            NAMES.get(figure_kind, Words(figure_kind)) + Words(f" {standard}" if standard else "")
+            for figure_kind, standard, _ in kinds
         ]
         yield GridTable(
             Words("Figures of the scale factor", "标度因数特征量"),
@@ -271,7 +275,7 @@ def _tabulate_figures(
         )
 
 
-def _state_triad(stated: Stated, record: Record) -> Block:
+def _state_triad(basis: Stated, record: Record) -> Block:
     """Block of runs about three axes: the rows of S, the unit vectors and the angles, a row of each
     for each gyro and temperature.
     """
@@ -284,10 +288,10 @@ def _state_triad(stated: Stated, record: Record) -> Block:
     cells: dict[str, dict[tuple[str, Words], Result]] = {kind: {} for kind in kinds}
     notes: list[Words] = []
     for triad in triads:
-        suffix, where = triad.name.removeprefix("triad").removeprefix("."), triad.name
+        suffix, set_label = triad.name.removeprefix("triad").removeprefix("."), triad.name
         if forms.TEMPERATURE in triad.valid:
             middle = sum(triad.valid[forms.TEMPERATURE]) / 2.0
-            where = f"{middle:.1f} °C".replace("-", "−")
+            set_label = f"{middle:.1f} °C".replace("-", "−")
         for c in triad.coefficients:
             gyro, axis = c.name[2:-1], c.name[-1]
             if not c.name.startswith("S_"):
@@ -297,11 +301,11 @@ def _state_triad(stated: Stated, record: Record) -> Block:
                 undecided = quantities.undecided_scale(record)
                 sensitivity = replace(sensitivity, undecided=undecided)
             principal = triad.name == "triad" and gyro == axis
-            place = f"{gyro} ({where})", Words(f"about {axis}", f"绕 {axis} 轴")
-            cells["S"][place] = state(stated, sensitivity, {}, principal=principal)
+            place = f"{gyro} ({set_label})", Words(f"about {axis}", f"绕 {axis} 轴")
+            cells["S"][place] = state(basis, sensitivity, {}, principal=principal)
         for figure in record.figures:
-            kind, _, rest = figure.name.partition(".")
-            name, _, of_suffix = rest.partition(".")
+            kind, _, name_and_suffix = figure.name.partition(".")
+            name, _, of_suffix = name_and_suffix.partition(".")
             if kind not in kinds or of_suffix != suffix:
                 continue
             # an error of the angle between two table axes turns a unit vector by as much
@@ -313,8 +317,8 @@ def _state_triad(stated: Stated, record: Record) -> Block:
             )
             gyro, head = ("", name.replace("_", " – ")) if "_" in name else (name[:-1], name[-1])
             principal = angle and triad.name == "triad"
-            place = f"{gyro} ({where})".strip(), Words(head)
-            cells[kind][place] = state(stated, direction, {}, principal=principal)
+            place = f"{gyro} ({set_label})".strip(), Words(head)
+            cells[kind][place] = state(basis, direction, {}, principal=principal)
         notes += [residual_words(triad), range_words(triad)]
     tables = []
     units = {"S": "1/deg", "misalignment": "1", ANGLE: "deg"}
@@ -329,13 +333,11 @@ def _state_triad(stated: Stated, record: Record) -> Block:
     return make_block(record, title, (TRIAD_EQUATION,), tables, notes=notes)
 
 
-def _state_pair(stated: Stated, record: Record) -> Block:
+def _state_pair(basis: Stated, record: Record) -> Block:
     """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
     pair = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (
-        state(stated, quantity, {}) for quantity in quantities.list_pair(record, pair)
-    )
+    *ratios, alpha = (state(basis, quantity, {}) for quantity in quantities.list_pair(record, pair))
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
         if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
@@ -345,9 +347,11 @@ def _state_pair(stated: Stated, record: Record) -> Block:
     error = figures["orthogonality_error_deg"]
     words = Words("orthogonality error 90° − α", "正交误差 90° − α")
     slopes = quantities.by_angle(pair, error.name)
-    off = state(stated, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {})
+    orthogonality_error = state(
+        basis, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {}
+    )
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
-    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, off))
+    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, orthogonality_error))
     notes = [
         Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
         if figures["side"].value < 0.0

@@ -52,7 +52,7 @@ class Channel:
     gyro: str
     axis: str
     """Empty where every gyro lies along the one axis."""
-    own: bool
+    is_own_axis: bool
     """Whether it is the axis that the gyro senses most: figures of standards are of it."""
     runs: tuple[TableRun, ...]
     repeated: tuple[TableRun, ...] = ()
@@ -61,7 +61,7 @@ class Channel:
     """K and F0 at the mean temperature of the repeated runs; None where runs about three axes give
     them together.
     """
-    fitted: equation.Fitted | None = None
+    fitted: equation.ResponseFit | None = None
     """Equation (1) of all runs."""
     in_time: Ordering | None = None
     """Whether K changes with time since the runs began."""
@@ -76,7 +76,7 @@ class Channel:
         return forms.line_name(self.gyro, self.axis)
 
     @property
-    def response(self) -> equation.Fitted | None:
+    def response(self) -> equation.ResponseFit | None:
         """Equation (1) where it has powers of the rate."""
         return self.fitted if self.fitted is not None and self.fitted.terms.powers else None
 
@@ -100,7 +100,7 @@ class AxesSet:
 
 
 @dataclass(frozen=True, slots=True)
-class Campaign:
+class CampaignFit:
     """Gyros in all runs."""
 
     channels: tuple[Channel, ...]
@@ -115,15 +115,15 @@ class Campaign:
     """These, the interval of α, and γ of A about B's axis."""
     sets: tuple[AxesSet, ...] = ()
     """Runs about three axes, a set for each temperature."""
-    fitted: equation.Fitted | None = None
+    fitted: equation.ResponseFit | None = None
     """Equation (1) of all runs about three axes over temperature."""
     bias_curves: tuple[Model, ...] = ()
     """Biases of the gyros over temperature."""
 
     @property
-    def own(self) -> tuple[Channel, ...]:
+    def own_channels(self) -> tuple[Channel, ...]:
         """Gyros about their own axes."""
-        return tuple(channel for channel in self.channels if channel.own)
+        return tuple(channel for channel in self.channels if channel.is_own_axis)
 
     @property
     def reference(self) -> AxesSet:
@@ -132,7 +132,7 @@ class Campaign:
 
     def own_lines(self) -> Iterator[tuple[Channel, TableRun, Line]]:
         """Published lines of gyros about their own axes in each run."""
-        for channel in self.own:
+        for channel in self.own_channels:
             for run in channel.runs:
                 yield channel, run, self.run_lines.published(run, channel.gyro)
 
@@ -152,7 +152,7 @@ class Campaign:
         return {str(name): table[name].to_numpy() for name in table}
 
 
-def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...]:
+def list_results(campaign: CampaignFit, spec: GyroRecipe) -> tuple[StageResult, ...]:
     """Coefficient files of a campaign: what each gyro is about each axis, as the mean over repeated
     runs, over temperature, in each run and as a response; and what is between the gyros of a pair
     or a triad.
@@ -160,7 +160,7 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
     vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
     models: list[Model] = []
     figures: list[Figure] = []
-    own_means = {channel.gyro: channel.mean for channel in campaign.own}
+    own_means = {channel.gyro: channel.mean for channel in campaign.own_channels}
     for channel in campaign.channels:
         models += [channel.mean] if channel.mean else []
         models += channel.curves
@@ -173,26 +173,28 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
             if channel.mean is None or not single:
                 line = fit.part(slice(2))
                 models.append(line_model(name, line, campaign.run_lines, channel.gyro, [run]))
-            if channel.own:
+            if channel.is_own_axis:
                 u_K = float(fit.of(lambda p: p[0]).u)
                 published_line = campaign.run_lines.published(run, channel.gyro)
                 figures += published.figures(published_line, u_K, name)
             mean = own_means[channel.gyro]
             if mean is not None and vertical is not None:
                 # a projection's bias is referred to the gyro's own K
-                K = None if channel.own else mean.value("K")
+                K = None if channel.is_own_axis else mean.value("K")
                 figures.append(bias_figure(name, fit, vertical, K))
         if channel.response is not None:
             models.append(_response_model(channel.name, channel.response, channel.runs))
     models += campaign.bias_curves
     angles = [*campaign.pair_figures]
-    for one_set in campaign.sets:
-        for figure in one_set.figures.values():
-            named = replace(figure, name=figure.name + one_set.suffix)
-            (figures if figure.name.startswith("bias.") else angles).append(named)
+    for axes_set in campaign.sets:
+        for figure in axes_set.figures.values():
+            suffixed_figure = replace(figure, name=figure.name + axes_set.suffix)
+            (figures if figure.name.startswith("bias.") else angles).append(suffixed_figure)
     files = [("gyro_scale", models, figures)]
-    between = [campaign.pair] if campaign.pair else [one_set.model for one_set in campaign.sets]
-    files += [("gyro_orthogonality", between, angles)] if between else []
+    orthogonality_models = (
+        [campaign.pair] if campaign.pair else [axes_set.model for axes_set in campaign.sets]
+    )
+    files += [("gyro_orthogonality", orthogonality_models, angles)] if orthogonality_models else []
     # the latitude, and the earth's rate about the table axis, which F0 includes
     conditions: tuple[Condition, ...] = ()
     if vertical is not None and latitude is not None:
@@ -200,9 +202,17 @@ def list_results(campaign: Campaign, spec: GyroRecipe) -> tuple[StageResult, ...
             Condition("latitude", latitude, "deg"),
             Condition("earth_rate_about_table_axis", vertical, "deg/s"),
         )
-    within = (Figure(forms.WITHIN_RUNS, 1.0, "1", 0.0),) if campaign.within_runs else ()
+    within_runs_figures = (
+        (Figure(forms.WITHIN_RUNS, 1.0, "1", 0.0),) if campaign.within_runs else ()
+    )
     return tuple(
-        StageResult(stage, tuple(of_file), (*of_file_figures, *within), campaign.flags, conditions)
+        StageResult(
+            stage,
+            tuple(of_file),
+            (*of_file_figures, *within_runs_figures),
+            campaign.flags,
+            conditions,
+        )
         for stage, of_file, of_file_figures in files
     )
 
@@ -254,7 +264,7 @@ def stated_components(*errors: Shared | None) -> tuple[Component, ...]:
 
 
 def curve_model(
-    name: str, unit: str, curve: Fit, terms: equation.Terms, runs: Sequence[TableRun]
+    name: str, unit: str, curve: Fit, terms: equation.ResponseTerms, runs: Sequence[TableRun]
 ) -> Model:
     """Polynomial of a fit in raw powers, valid over the range of all runs; its degrees of freedom
     are the fewest at the temperatures of the runs.
@@ -280,13 +290,13 @@ def curve_model(
     )
 
 
-def _response_model(line: str, response: equation.Fitted, runs: Sequence[TableRun]) -> Model:
+def _response_model(line: str, response: equation.ResponseFit, runs: Sequence[TableRun]) -> Model:
     """Model of the indication over table rate and temperature."""
     fitted, _, terms = response
     powers = range(terms.order + 1)
-    named = [(f"K{k}", "1/deg") for k in powers] + [(f"F{k}", "1/s") for k in powers]
+    names_and_units = [(f"K{k}", "1/deg") for k in powers] + [(f"F{k}", "1/s") for k in powers]
     letters = forms.BEND_LETTERS[: terms.bend_order + 1]
-    named += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
+    names_and_units += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
     parameters = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")]
     valid = table_runs.valid_ranges(runs)
     if terms.order:
@@ -300,7 +310,7 @@ def _response_model(line: str, response: equation.Fitted, runs: Sequence[TableRu
     return forms.RESPONSE.write_fit(
         forms.response_name(line),
         fitted,
-        named,
+        names_and_units,
         residual_rms=rms(fitted.noise_residual),
         residual_unit="1/s",
         valid=valid,
@@ -367,14 +377,14 @@ def of_input_axes(fit: Fit, gyros: Sequence[str]) -> Iterator[Figure]:
     for g, h in combinations(range(len(gyros)), 2):
         angle, pair = _value_of_angle(fit, g, h), f"{gyros[g]}_{gyros[h]}"
         yield figure_of(f"angle_deg.{pair}", angle, "deg")
-        off = replace(angle, value=90.0 - angle.value)
-        yield figure_of(f"orthogonality_error_deg.{pair}", off, "deg")
+        orthogonality_error = replace(angle, value=90.0 - angle.value)
+        yield figure_of(f"orthogonality_error_deg.{pair}", orthogonality_error, "deg")
 
 
-def figure_of(name: str, value: Value, unit: str, at: Any = ()) -> Figure:  # noqa: ANN401 (an index)
+def figure_of(name: str, value: Value, unit: str, index: Any = ()) -> Figure:  # noqa: ANN401 (an index)
     """One of some values as a figure."""
-    numbers = (float(part[at]) for part in (value.u, value.dof))
-    return Figure(name, float(value.value[at]), unit, *numbers)
+    numbers = (float(part[index]) for part in (value.u, value.dof))
+    return Figure(name, float(value.value[index]), unit, *numbers)
 
 
 def bias_figure(name: str, line: Fit, vertical_dps: float, own_K: float | None = None) -> Figure:
@@ -383,9 +393,9 @@ def bias_figure(name: str, line: Fit, vertical_dps: float, own_K: float | None =
     """
 
     def bias_dph(p: Numbers) -> Numbers:
-        K, _, rest = p
-        own = K if own_K is None else own_K
-        return np.asarray((rest - K * vertical_dps) / own * DPH_PER_DPS)
+        K, _, F_at_rest = p
+        reference_K = K if own_K is None else own_K
+        return np.asarray((F_at_rest - K * vertical_dps) / reference_K * DPH_PER_DPS)
 
     return figure_of(f"bias.{name}", line.of(bias_dph), "deg/h")
 
@@ -408,8 +418,10 @@ def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
 
         return fit.of(angle_deg)
     # every direction across the axis is possible: u is that of the difference in all of them
-    across = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
-    apart = fit.of(lambda p: across @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b)))
+    to_transverse_deg = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
+    deflection_deg = fit.of(
+        lambda p: to_transverse_deg @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b))
+    )
     angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
-    u = np.asarray(np.linalg.norm(apart.u), dtype=np.float64)
-    return Value(angle, u, np.asarray(np.min(apart.dof)))
+    u = np.asarray(np.linalg.norm(deflection_deg.u), dtype=np.float64)
+    return Value(angle, u, np.asarray(np.min(deflection_deg.dof)))

@@ -81,20 +81,20 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
             require(log.file, columns, [TEMPERATURE])
         indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
         rates = {name: log.allocate(rows) for name in matrix.outputs}
-        (low, high), beyond = matrix.rate_limits, 0
+        (low, high), rates_outside = matrix.rate_limits, 0
         for a, b in chunks.ranges_along(*indications, temperature, *rates.values()):
             F = np.column_stack([indication[a:b] for indication in indications])
-            of_chunk = matrix.rates(F, temperature[a:b])
-            beyond += int(np.count_nonzero((of_chunk < low) | (of_chunk > high)))
-            for output, rate in zip(rates.values(), of_chunk.T, strict=True):
+            chunk_rates = matrix.rates(F, temperature[a:b])
+            rates_outside += int(np.count_nonzero((chunk_rates < low) | (chunk_rates > high)))
+            for output, rate in zip(rates.values(), chunk_rates.T, strict=True):
                 output[a:b] = rate + inertial_dps
         derived |= rates
         if TEMPERATURE in columns:
             flags += flag_temperatures(log.file, matrix, temperature)
-        if beyond:
+        if rates_outside:
             flags.append(
                 f"{log.file}: gyro {matrix.gyros[0]} beyond the fitted {low:g} to {high:g} °/s over"
-                f" {100.0 * (beyond / rows):.1f} % of the rows"
+                f" {100.0 * (rates_outside / rows):.1f} % of the rows"
             )
     flags += [RESTED] * (not triad and inertial_dps == 0.0)
     return write_back.rewrite_log(spec, data, log, {}, derived), tuple(dict.fromkeys(flags))
@@ -106,8 +106,8 @@ def _read(spec: AnyRecipe, data: Path, matrices: Sequence[GyroMatrix]) -> Log:
     """
     gyros = tuple(gyro_column(gyro) for matrix in matrices for gyro in matrix.gyros)
     if isinstance(spec, GyroTriadRecipe):
-        needed = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
-        log = logs.read_log(spec, data, data.name, needed, (TEMPERATURE,))
+        required_columns = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
+        log = logs.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
     else:
         log = logs.read_log(spec, data, data.name, (), (TEMPERATURE, *gyros))
         logged = [name for name in gyros if name in log.frame.columns] or [gyros[0]]
@@ -128,12 +128,14 @@ def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list
         return []
     slack = 0.0 if matrix.over_temperature else TEMPERATURE_SLACK
     low, high = matrix.temperature
-    beyond = chunks.count(temperature, lambda part: (part < low - slack) | (part > high + slack))
-    if not beyond:
+    rows_outside = chunks.count(
+        temperature, lambda part: (part < low - slack) | (part > high + slack)
+    )
+    if not rows_outside:
         return []
     consequence = "clamped"
     if not matrix.over_temperature:
         letters = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
         consequence = f"but {letters} are taken as constant"
-    share = f"{100.0 * beyond / temperature.size:.1f} % of the rows"
+    share = f"{100.0 * rows_outside / temperature.size:.1f} % of the rows"
     return [f"{file}: temperature outside {low:.1f} … {high:.1f} °C over {share}, {consequence}"]

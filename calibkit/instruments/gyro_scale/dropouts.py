@@ -48,7 +48,7 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
         MAD_TO_SIGMA * order_statistics.median_magnitude(data[middle:stop], level)
         for (_, middle, stop), level in zip(halves, levels, strict=True)
     ]
-    delays, between = [], []
+    delays, rows_between = [], []
     for k in range(len(levels) - 1):
         (_, start, stop), (first, end, _) = halves[k : k + 2]
         change = levels[k + 1] - levels[k]
@@ -56,8 +56,8 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
         if abs(change) <= 2.0 * clear or end == first:
             continue
         # the last row of one held rate, and the first row of the next
-        off = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]])
-        between.append(bool(np.max(off / change) > max(BETWEEN, clear / abs(change))))
+        departures = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]])
+        rows_between.append(bool(np.max(departures / change) > max(BETWEEN, clear / abs(change))))
         sides = ((column, levels[k : k + 2]), (forms.RATE, means.rate_dps[k : k + 2]))
         rows_after = [
             chunks.count(
@@ -66,13 +66,13 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
             )
             for name, (x, y) in sides
         ]
-        followed, turned = (time[max(end - 1 - count, 0)] for count in rows_after)
-        delays.append(float(followed - turned))
-    if len(delays) < LEAST_CHANGES or not any(between):
+        gyro_passed_s, table_passed_s = (time[max(end - 1 - count, 0)] for count in rows_after)
+        delays.append(float(gyro_passed_s - table_passed_s))
+    if len(delays) < LEAST_CHANGES or not any(rows_between):
         return []
     delay = float(np.median(delays))
     # a table's rate at the end of a row, beside a mean over the row, is a row off by itself
-    least_rows = 0.9 if np.median(between) >= 1.0 else 1.5
+    least_rows = 0.9 if np.median(rows_between) >= 1.0 else 1.5
     if abs(delay) < least_rows * log.steps.usual:
         return []
     return [
@@ -108,29 +108,32 @@ def find(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterator[Finding
     """
     for column in columns:
         data = values(log.frame, column)
-        middle = np.array([order_statistics.median(data[a:b]) for a, b in means.span.tolist()])
-        if "time_s" in log.frame.columns and (late := _find_late(log, means, column)):
+        medians = np.array([order_statistics.median(data[a:b]) for a, b in means.span.tolist()])
+        late = _find_late(log, means, column) if "time_s" in log.frame.columns else []
+        if late:
             yield from late
             continue
         fast = np.abs(means.rate_dps) >= np.median(np.abs(means.rate_dps))
         # a gyro across the axis may respond less than it indicates at rest
-        line = np.polyfit(means.rate_dps, middle, 1) if np.ptp(means.rate_dps) > 0.0 else (0.0, 0.0)
-        rest = float(line[1])
-        K = float(np.median((middle[fast] - rest) / means.rate_dps[fast]))
-        least = RESOLVED * max(map(abs, log.extremes(column)))
+        F0 = 0.0
+        if np.ptp(means.rate_dps) > 0.0:
+            F0 = float(np.polyfit(means.rate_dps, medians, 1)[1])
+        K = float(np.median((medians[fast] - F0) / means.rate_dps[fast]))
+        least_response = RESOLVED * max(map(abs, log.extremes(column)))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
-            means.span.tolist(), means.rate_dps.tolist(), middle.tolist(), strict=True
+            means.span.tolist(), means.rate_dps.tolist(), medians.tolist(), strict=True
         ):
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             deficit = SHARE * abs(K * rate)
-            if deficit <= max(CLEAR * noise, least) or np.ptp(chunks.extremes(data[a:b])) < deficit:
+            hidden = deficit <= max(CLEAR * noise, least_response)
+            if hidden or np.ptp(chunks.extremes(data[a:b])) < deficit:
                 continue
             # not even a share of the expected response
-            level = rest + SHARE * K * rate
+            level = F0 + SHARE * K * rate
             low = chunks.rows_where(data[a:b], partial(_is_beyond, level=level, change=-K * rate))
             if 0 < low.size < b - a:
-                first, expected = (first, expected) if lost else (a + int(low[0]), rest + K * rate)
+                first, expected = (first, expected) if lost else (a + int(low[0]), F0 + K * rate)
                 lost += low.size
         if lost:
             yield check.finding_at_row(

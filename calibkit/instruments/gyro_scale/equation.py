@@ -51,7 +51,7 @@ def turns_both_ways(rate_dps: Array) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
-class Rows:
+class RateRows:
     """Held rates [n] of gyros in all runs, with the indications as logged; `run` is the number of
     the run of each row, another one for each gyro in it, `line` that of what has a K and F0 of its
     own, `channel` that of gyro and table axis, which have a noise and a response.
@@ -83,8 +83,9 @@ class Rows:
         leaves enough rates of each line over.
         """
         size = np.abs(self.rate_dps)
-        several = bool(np.ptp(size) > SAME_RATE * size.max())
-        return self.both_ways and several and bool(np.bincount(self.line).min() >= LEAST_RATES)
+        several_sizes = bool(np.ptp(size) > SAME_RATE * size.max())
+        enough_rates = bool(np.bincount(self.line).min() >= LEAST_RATES)
+        return self.both_ways and several_sizes and enough_rates
 
     @property
     def slopes(self) -> Array:
@@ -94,24 +95,24 @@ class Rows:
         products = np.bincount(self.line, off_mean * self.indication)
         return np.asarray(products / np.bincount(self.line, off_mean**2))
 
-    def of_lines(self, chosen: Mask) -> "Rows":
+    def of_lines(self, line_mask: Mask) -> "RateRows":
         """Rows of some lines [lines] as one, runs numbered anew."""
-        rows = chosen[self.line]
+        rows = line_mask[self.line]
         run = np.unique(self.run[rows], return_inverse=True)[1].reshape(-1)
         rate, F, degc, hours = (
             column[rows] for column in (self.rate_dps, self.indication, self.row_degc, self.hours)
         )
-        return Rows(rate, F, run, degc, hours, np.zeros_like(run), np.zeros_like(run))
+        return RateRows(rate, F, run, degc, hours, np.zeros_like(run), np.zeros_like(run))
 
 
-class Fitted(NamedTuple):
+class ResponseFit(NamedTuple):
     """Equation (1) of some rows."""
 
     fit: Fit
-    rows: Rows
-    terms: "Terms"
+    rows: RateRows
+    terms: "ResponseTerms"
 
-    def refit(self, rows: Rows) -> "Fitted":
+    def refit(self, rows: RateRows) -> "ResponseFit":
         """The same for rows with small errors of rate, time or thermometer, the weights held.
 
         dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its
@@ -120,11 +121,11 @@ class Fitted(NamedTuple):
         p, terms = self.fit.parameters, self.terms
         change = residual(p, rows, terms) - residual(p, self.rows, terms)
         fit = replace(self.fit, parameters=p - self.fit.gain @ change, members=())
-        return Fitted(fit, rows, terms)
+        return ResponseFit(fit, rows, terms)
 
 
 @dataclass(frozen=True, slots=True)
-class Terms:
+class ResponseTerms:
     """Terms of equation (1), the same of each line."""
 
     lines: int = 1
@@ -197,39 +198,42 @@ class Terms:
         return self.shapes
 
 
-def at(polynomials: Numbers, x: Array) -> Numbers:
+def evaluate_polynomials(polynomials: Numbers, x: Array) -> Numbers:
     """Polynomials [n, ..., order + 1] at x [n]: [n, ...]."""
     powers = polynomial.powers(x, polynomials.shape[-1] - 1)
     return np.asarray(np.einsum("n...k,nk->n...", polynomials, powers))
 
 
-def response(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+def response(p: Numbers, rows: RateRows, terms: ResponseTerms) -> Numbers:
     """F [n] of equation (1) without its errors."""
     (K, F0, _), x, line = terms.split(p), terms.mapped(rows.row_degc), rows.line
-    straight = at(K[line], x) * rows.rate_dps + at(F0[line], x)
+    K_of_row, F0_of_row = evaluate_polynomials(K[line], x), evaluate_polynomials(F0[line], x)
+    straight = K_of_row * rows.rate_dps + F0_of_row
     return np.asarray(straight + bend(p, rows, terms))
 
 
-def bend(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+def bend(p: Numbers, rows: RateRows, terms: ResponseTerms) -> Numbers:
     """Σ c_k(T) s_k(Ω) [n], what the response is beside the line."""
     _, _, c = terms.split(p)
-    bends = at(c[rows.line], terms.mapped(rows.row_degc))
+    bends = evaluate_polynomials(c[rows.line], terms.mapped(rows.row_degc))
     return np.asarray(np.sum(bends * terms.shape(rows.rate_dps), axis=1))
 
 
-def residual(p: Numbers, rows: Rows, terms: Terms) -> Numbers:
+def residual(p: Numbers, rows: RateRows, terms: ResponseTerms) -> Numbers:
     """What equation (1) leaves of held rates [n] [1/s]."""
     return response(p, rows, terms) - rows.indication
 
 
-def best_line(terms: Terms, rate_dps: Array) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
+def best_line(
+    terms: ResponseTerms, rate_dps: Array
+) -> Callable[[Numbers], tuple[Numbers, Numbers]]:
     """Function from parameters to the polynomials [lines, order + 1] of K and of F0 of the best
     straight line over rates [n].
     """
     line = np.column_stack((rate_dps, np.ones_like(rate_dps)))
     share = np.linalg.pinv(line) @ terms.shape(rate_dps)
 
-    def of(p: Numbers) -> tuple[Numbers, Numbers]:
+    def line_of(p: Numbers) -> tuple[Numbers, Numbers]:
         K, F0, bends = terms.split(p)
         bent = np.einsum("sk,lko->slo", share, bends)
         K, F0, count = K.copy(), F0.copy(), bent.shape[2]
@@ -237,10 +241,10 @@ def best_line(terms: Terms, rate_dps: Array) -> Callable[[Numbers], tuple[Number
         F0[:, :count] += bent[ZERO]
         return K, F0
 
-    return of
+    return line_of
 
 
-def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[Shared]:
+def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) -> Iterator[Shared]:
     """What differs from run to run, what changes during a run, what the response at a rate is off
     the line in every run, and what differs between the sides of the table, where the likelihood
     asks for it.
@@ -282,7 +286,7 @@ def shared_errors(rows: Rows, terms: Terms, K: Array, own_K: Array) -> Iterator[
         )
 
 
-def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
+def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Fit:
     """Average of equation (1) over the orders of its polynomials, all with the optional errors that
     the highest asks for; each channel has a noise of its own.
     """
@@ -301,11 +305,11 @@ def fit(rows: Rows, terms: Terms, shared: Sequence[Shared]) -> Fit:
     lower = range(min(LOWEST_ORDER, terms.order), terms.order)
     if not lower:
         return of_highest
-    kept = [replace(size.error, optional=False) for size in of_highest.shared]
-    return orders.average([of_highest, *(fit_order(order, kept) for order in lower)])
+    selected_errors = [replace(size.error, optional=False) for size in of_highest.shared]
+    return orders.average([of_highest, *(fit_order(order, selected_errors) for order in lower)])
 
 
-def response_pattern(rows: Rows) -> Array:
+def response_pattern(rows: RateRows) -> Array:
     """Columns [n, k] of what the runs of a channel have in common at each rate that two of them
     held, beside a straight line over the rates of all.
     """

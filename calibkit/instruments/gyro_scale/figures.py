@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_scale.coefficient_files import Campaign, Channel
+    from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Channel
     from calibkit.instruments.gyro_scale.published import Line
     from calibkit.instruments.gyro_scale.table_runs import TableRun
 
@@ -38,17 +38,17 @@ FINE_PPM = 20.0
 """Deviation up to which the scale of a panel is linear."""
 
 
-def draw(title: str, fitted: Fitted[Campaign]) -> Drawn:
+def draw(title: str, fitted: Fitted[CampaignFit]) -> Drawn:
     """Figures and summary of a fit: K over temperature first where it varies, as it shows the
     verdict.
     """
     campaign = fitted.drawing
     figures = []
-    if any(channel.curves for channel in campaign.own):
+    if any(channel.curves for channel in campaign.own_channels):
         figures.append(_draw_temperatures(title, campaign))
     lines = [*campaign.own_lines()]
-    for start in range(0, len(campaign.own), PANELS):
-        gyros = [channel.gyro for channel in campaign.own[start : start + PANELS]]
+    for start in range(0, len(campaign.own_channels), PANELS):
+        gyros = [channel.gyro for channel in campaign.own_channels[start : start + PANELS]]
         figures.append(_draw_errors(title, lines, gyros))
     return Drawn(tuple(figures), fitted.summary)
 
@@ -79,9 +79,9 @@ def _draw_errors(
             U = 2.0 * u_deviation
             largest = max(largest, float(np.nanmax(np.abs(deviation) + U)))
             for direction, fill in ((1.0, bars["color"]), (-1.0, "white")):
-                at = np.flatnonzero((direction * rate > 0.0) & np.isfinite(deviation))
-                size, bars["markerfacecolor"] = np.abs(rate[at]), fill
-                right.errorbar(size, deviation[at], U[at], ls="", **bars)
+                points = np.flatnonzero((direction * rate > 0.0) & np.isfinite(deviation))
+                size, bars["markerfacecolor"] = np.abs(rate[points]), fill
+                right.errorbar(size, deviation[points], U[points], ls="", **bars)
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
         left.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
@@ -106,17 +106,17 @@ def _draw_errors(
     return figure
 
 
-def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
+def _draw_temperatures(title: str, campaign: CampaignFit) -> Figure:
     """K of every run against case temperature with the fitted polynomial, and its residuals."""
-    channels = [channel for channel in campaign.own if channel.curves]
+    channels = [channel for channel in campaign.own_channels if channel.curves]
     height = 1.4 + 3.4 * len(channels)
     title = f"{title}: scale factor over temperature"
     figure, axes = page(len(channels), 2, title=title, height=height)
     for channel, left, right in zip(channels, axes[::2], axes[1::2], strict=True):
         polynomial = channel.curves[0]
         grid = np.linspace(*polynomial.valid[forms.TEMPERATURE], 101)
-        at = {forms.TEMPERATURE: grid}
-        curve = POLYNOMIAL.evaluate(polynomial, at)
+        inputs = {forms.TEMPERATURE: grid}
+        curve = POLYNOMIAL.evaluate(polynomial, inputs)
         temperature = np.array([run.temp_degc for run in channel.runs])
         K = campaign.run_lines.of_runs(channel.runs, channel.gyro)
         if channel.mean is not None:
@@ -126,7 +126,7 @@ def _draw_temperatures(title: str, campaign: Campaign) -> Figure:
         ppm = PPM / reference
         left.plot(grid, (curve - reference) * ppm, color=GOOD, label="polynomial")
         left.plot(temperature, (K.value - reference) * ppm, "o", ms=4, color=DENOISED, label="runs")
-        u_curve = POLYNOMIAL.standard_uncertainty(polynomial, at)
+        u_curve = POLYNOMIAL.standard_uncertainty(polynomial, inputs)
         U = gum.coverage_factor(polynomial.dof) * u_curve * abs(ppm)
         right.fill_between(grid, -U, U, color=RAW, alpha=0.5, lw=0)
         residual, bar = (K.value - np.interp(temperature, grid, curve)) * ppm, 2.0 * K.u * abs(ppm)

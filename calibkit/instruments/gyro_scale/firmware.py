@@ -1,5 +1,10 @@
-"""gyro_scale.json and gyro_orthogonality.json → chains without memory: rates of gyros about their
-own axes, or about the axes of their base.
+"""gyro_scale.json and gyro_orthogonality.json → chains without memory, in exact arithmetic.
+
+    ω = (F − F0(T))/K(T)                       a gyro about its own axis
+    ω_⊥ = (ω_b − γ ω_a)/√(1 − γ²)              a pair, at right angles to a in the plane of both
+    Ω = S(T)⁻¹ (F − B(T)) = adj S (F − B)/det S    three gyros about the axes of their base
+
+F indication, γ = cos α of the angle between the axes of a pair.
 """
 
 from collections.abc import Mapping, Sequence

@@ -35,7 +35,7 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.coefficient_files import (
     AxesSet,
-    Campaign,
+    CampaignFit,
     Channel,
     Runs,
     curve_model,
@@ -70,7 +70,7 @@ PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """Gyro and table axis of K_A, K_B, K_Ba and K_Ab."""
 
 
-def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: Campaign | None = None) -> Campaign:
+def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: CampaignFit | None = None) -> CampaignFit:
     """Fit a procedure's runs; `frozen` is a fit of nearly the same runs, whose sizes of errors and
     choices are kept, and which has the flags.
 
@@ -97,7 +97,7 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: Campaign | None = None) ->
         frozen_fit = frozen.channels[number].fitted if frozen else None
         channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, frozen_fit))
     of_runs = () if frozen else dict.fromkeys(flags.of_runs(channels, run_lines, spec))
-    return Campaign(tuple(channels), run_lines, tuple(of_runs))
+    return CampaignFit(tuple(channels), run_lines, tuple(of_runs))
 
 
 def _fit_over_runs(
@@ -105,14 +105,15 @@ def _fit_over_runs(
     gyro: str,
     runs: tuple[TableRun, ...],
     run_lines: Lines,
-    frozen: equation.Fitted | None,
+    frozen: equation.ResponseFit | None,
 ) -> Channel:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
     temperature where the temperature varies.
     """
     temperature = np.array([run.temp_degc for run in runs])
-    room = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
-    room = room if room.any() else ~room
+    off_reference = np.abs(temperature - spec.reference_temp_degc)
+    repeated_mask = np.isnan(temperature) | (off_reference <= ROOM_DEGC)
+    repeated_mask = repeated_mask if repeated_mask.any() else ~repeated_mask
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows = run_lines.rows_of(runs, gyro)
     if frozen:
@@ -122,19 +123,21 @@ def _fit_over_runs(
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
         errors = [*errors, *(e for e in shared if e.group != "run")]
-        fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+        fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
     terms = fitted.terms
     polynomials, in_time = _over_temperature(fitted)
     size = len(polynomials.parameters) // 2
     K, F0 = polynomials.part(slice(size)), polynomials.part(slice(size, None))
     # at the mean temperature of the runs that count as repeated
-    x = terms.mapped(temperature[room].mean(keepdims=True)) if varies else np.zeros(1)
-    of_room: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
+    x = terms.mapped(temperature[repeated_mask].mean(keepdims=True)) if varies else np.zeros(1)
+    to_mean_degc: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
     name = forms.line_name(gyro)
-    repeated = tuple(run for run, at_room in zip(runs, room, strict=True) if at_room)
+    repeated = tuple(
+        run for run, is_repeated in zip(runs, repeated_mask, strict=True) if is_repeated
+    )
     # what differs from run to run and from side to side
     sizes = [s for s in fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
-    mean_line = polynomials.restated(lambda p: of_room @ p)
+    mean_line = polynomials.restated(lambda p: to_mean_degc @ p)
     mean = line_model(name, mean_line, run_lines, gyro, repeated, components_of(sizes))
     channel = Channel(gyro, "", True, runs, repeated, mean, fitted, in_time)  # noqa: FBT003
     slope = None
@@ -149,10 +152,10 @@ def _fit_over_runs(
         weights = slope_of @ polynomial.powers(terms.mapped(temperature), size - 1)
         slope = K.of(lambda p: weights @ p)
     K_of_runs = run_lines.of_runs(runs, gyro)
-    return replace(channel, figures=tuple(_figures(channel, K_of_runs, room, slope, spec)))
+    return replace(channel, figures=tuple(_figures(channel, K_of_runs, repeated_mask, slope, spec)))
 
 
-def _over_temperature(fitted: equation.Fitted) -> tuple[Fit, ordering.Ordering | None]:
+def _over_temperature(fitted: equation.ResponseFit) -> tuple[Fit, ordering.Ordering | None]:
     """Polynomials of K, then of F0, of the best straight line [2 (order + 1)], with what the runs
     leave open, and whether K changes with time in the runs, beside what temperature changes.
     """
@@ -178,13 +181,13 @@ def _over_temperature(fitted: equation.Fitted) -> tuple[Fit, ordering.Ordering |
     return replace(curves, parameters=parameters, bounds=bounds), in_time
 
 
-def _terms(spec: OwnAxisRecipe, rows: equation.Rows, *, varies: bool) -> equation.Terms:
+def _terms(spec: OwnAxisRecipe, rows: equation.RateRows, *, varies: bool) -> equation.ResponseTerms:
     """Terms of the equation that the runs carry and ask for."""
     levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
     order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
     if levels >= LEAST_LEVELS:
         order = max(order, equation.LOWEST_ORDER)
-    terms = equation.Terms(
+    terms = equation.ResponseTerms(
         order=order,
         middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
         fastest_dps=float(np.max(np.abs(rows.rate_dps))),
@@ -197,30 +200,35 @@ def _terms(spec: OwnAxisRecipe, rows: equation.Rows, *, varies: bool) -> equatio
 
 
 def _figures(
-    channel: Channel, K_of_runs: Value, room: Mask, slope: Value | None, spec: RateTableRecipe
+    channel: Channel,
+    K_of_runs: Value,
+    repeated_mask: Mask,
+    slope: Value | None,
+    spec: RateTableRecipe,
 ) -> Iterator[Figure]:
     """Figures of repeatability and temperature sensitivity, where the runs [r] determine them:
-    `room` are the repeated ones, `slope` is that of K over temperature [1/deg/°C].
+    `repeated_mask` tells the repeated ones, `slope` is that of K over temperature [1/deg/°C].
     """
 
-    def figure(what: str, standard: str, value: float, unit: str, u: float) -> Figure:
-        return Figure(FigureName(what, standard, channel.name).text, value, unit, u)
+    def figure(kind: str, standard: str, value: float, unit: str, u: float) -> Figure:
+        return Figure(FigureName(kind, standard, channel.name).text, value, unit, u)
 
     temperature, K = np.array([run.temp_degc for run in channel.runs]), K_of_runs.value
-    alike = np.isnan(temperature[room]).any() or np.ptp(temperature[room]) <= 2.0 * ROOM_DEGC
+    repeated_degc = temperature[repeated_mask]
+    one_temperature = np.isnan(repeated_degc).any() or np.ptp(repeated_degc) <= 2.0 * ROOM_DEGC
     # variances of K between runs and their degrees of freedom
     scatters: list[tuple[float, float]] = []
-    if len(channel.repeated) > 1 and alike:
-        value = published.repeatability(K[room])
-        dof = int(np.sum(room)) - 1
+    if len(channel.repeated) > 1 and one_temperature:
+        value = published.repeatability(K[repeated_mask])
+        dof = int(np.sum(repeated_mask)) - 1
         yield figure("repeatability", GJB, value, "ppm", value / float(np.sqrt(2.0 * dof)))
-        scatters.append((dof, float(np.var(K[room], ddof=1))))
+        scatters.append((dof, float(np.var(K[repeated_mask], ddof=1))))
     if slope is None:
         return
     at_reference = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if at_reference.any() and not at_reference.all():
-        at = temperature, spec.reference_temp_degc
-        value = published.temperature_sensitivity(K, *at)
+        reference_degc = spec.reference_temp_degc
+        value = published.temperature_sensitivity(K, temperature, reference_degc)
         curve = channel.curves[0]
         of_curve = curve.residual_rms**2 * (1.0 + len(curve.coefficients) / curve.dof)
         scatters.append((curve.dof, of_curve))
@@ -230,7 +238,7 @@ def _figures(
         scatter = np.sqrt(dofs @ variances / dofs.sum()) * gum.widening(float(dofs.max()))
         # each run's error by itself: the largest slope has no derivative
         changes = [
-            published.temperature_sensitivity(K + error, *at) - value
+            published.temperature_sensitivity(K + error, temperature, reference_degc) - value
             for error in np.diag(np.hypot(K_of_runs.u, scatter))
         ]
         u = float(np.linalg.norm(changes))
@@ -242,8 +250,8 @@ def _figures(
 
 
 def _fit_pair(
-    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, frozen: Campaign | None
-) -> Campaign:
+    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, frozen: CampaignFit | None
+) -> CampaignFit:
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
     """
@@ -253,10 +261,10 @@ def _fit_pair(
     # K and F0 of A about a, A about b, B about a, B about b
     places = [2 * "ab".index(gyro) + "ab".index(axis) for gyro, axis in PAIR]
     degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
-    apart = degc["b"] - degc["a"]
+    difference_degc = degc["b"] - degc["a"]
     K = mean_lines.part(places)
-    if np.isfinite(apart):
-        K = _at_one_temperature(K, apart, spec)
+    if np.isfinite(difference_degc):
+        K = _at_one_temperature(K, difference_degc, spec)
     from_a = K.of(lambda k: k[3] / k[0])
     K = K.part(slice(3))
     by_noise = published.indicate(K)
@@ -264,8 +272,8 @@ def _fit_pair(
     tilt, tilt_dof = find_mounting(by_noise, from_a, known_sizes.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
-    across = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
-    mounting = run_lines.mounting(across, (float(np.degrees(tilt)), tilt_dof))
+    tilt_response = np.array([[[0.0], [K_A]], [[K_B], [0.0]]])
+    mounting = run_lines.mounting(tilt_response, (float(np.degrees(tilt)), tilt_dof))
     K = K.widened_by([mounting])
     # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
@@ -285,7 +293,7 @@ def _fit_pair(
                 # without errors that the runs share
                 terms = _terms(spec, rows, varies=False)
                 if terms.powers:
-                    bent = equation.Fitted(equation.fit(rows, terms, ()), rows, terms)
+                    bent = equation.ResponseFit(equation.fit(rows, terms, ()), rows, terms)
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
     components = stated_components(run_scale, mounting)
     pair, figures = write_pair(run_lines, runs, ratios, from_a, components)
@@ -294,12 +302,14 @@ def _fit_pair(
         known_by_gamma = (
             (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known_sizes else None
         )
-        within = run_scale is None
+        within_runs = run_scale is None
         of_pair += flags.of_gamma(by_noise, from_a)
-        of_pair += flags.of_pair(spec, runs, run_lines, apart, known_by_gamma, within=within)
-        own = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
-        of_pair = [*own, *run_lines.flag_drifts(), *of_pair]
-    return Campaign(
+        of_pair += flags.of_pair(
+            spec, runs, run_lines, difference_degc, known_by_gamma, within_runs=within_runs
+        )
+        run_flags = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
+        of_pair = [*run_flags, *run_lines.flag_drifts(), *of_pair]
+    return CampaignFit(
         tuple(channels),
         run_lines,
         tuple(dict.fromkeys(of_pair)),
@@ -309,19 +319,21 @@ def _fit_pair(
     )
 
 
-def _at_one_temperature(K: Fit, apart_degc: float, spec: GyroPairRecipe) -> Fit:
+def _at_one_temperature(K: Fit, difference_degc: float, spec: GyroPairRecipe) -> Fit:
     """K_A, K_B, K_Ba and K_Ab at the temperature in the middle of both runs, by the stated
     temperature coefficients of the gyros, or by a coefficient of zero within the largest one that
     is possible, alike for both.
     """
-    gyro, half, stated = [0, 1, 1, 0], apart_degc / 2.0, spec.pair.temperature_coefficients_ppm_degc
+    gyro, half = [0, 1, 1, 0], difference_degc / 2.0
+    coefficients_ppm_degc = spec.pair.temperature_coefficients_ppm_degc
     warmer = np.array([half, -half, half, -half])
-    if stated is None:
+    if coefficients_ppm_degc is None:
         coefficients = np.zeros(2)
         limit = spec.pair.largest_temperature_coefficient_ppm_degc / PPM
+        # rectangular within the limit, and one unknown for both gyros
         unknown = np.full((2, 1), limit / np.sqrt(3.0))
     else:
-        coefficients = np.array([stated.a, stated.b]) / PPM
+        coefficients = np.array([coefficients_ppm_degc.a, coefficients_ppm_degc.b]) / PPM
         unknown = spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM * np.eye(2)
     by_coefficient = (K.parameters * warmer)[:, None] * unknown[gyro]
     at_middle = K.restated(lambda k: k * (1.0 + warmer * coefficients[gyro]))
@@ -337,13 +349,15 @@ def find_mounting(
     """
     cosine = min(abs(float(indicated.value)), 1.0)
     sine = max(float(np.sqrt(1.0 - cosine**2)), SMALL_SINE)
-    apart = (float(from_a.value) - float(indicated.value)) ** 2 if sine > SMALL_SINE else 0.0
+    squared_difference = (
+        (float(from_a.value) - float(indicated.value)) ** 2 if sine > SMALL_SINE else 0.0
+    )
     if known_sizes is None:
         # noise is not taken off: two γ that agree by chance would hide the tilts
-        return float(np.sqrt(apart)) / sine, 1.0
+        return float(np.sqrt(squared_difference)) / sine, 1.0
     value, dof = np.radians(known_sizes[0]), known_sizes[1]
     noise = float(from_a.u) ** 2 + float(indicated.u) ** 2
-    square = 0.5 * max(apart - noise, 0.0) / sine**2
+    square = 0.5 * max(squared_difference - noise, 0.0) / sine**2
     pooled = (dof * value**2 + square) / (dof + 1.0) if np.isfinite(dof) else value**2
     return float(np.sqrt(pooled)), dof + 1.0
 
@@ -353,8 +367,8 @@ def _fit_axes(
     runs: Runs,
     groups: Sequence[Runs],
     run_lines: Lines,
-    frozen: Campaign | None,
-) -> Campaign:
+    frozen: CampaignFit | None,
+) -> CampaignFit:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies.
     """
@@ -365,9 +379,9 @@ def _fit_axes(
         run_scale = run_lines.run_scale(known_sizes.get("scale"))
     if "angle" in known_sizes:
         # a tilt toward one of the other axes
-        across = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
-        mounting = run_lines.mounting(np.swapaxes(across, 0, 1), known_sizes["angle"])
-    stated = None if frozen else [error for error in (run_scale, mounting) if error]
+        tilt_response = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
+        mounting = run_lines.mounting(np.swapaxes(tilt_response, 0, 1), known_sizes["angle"])
+    sized_errors = None if frozen else [error for error in (run_scale, mounting) if error]
     of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
     degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
     logged = bool(np.isfinite(degc).all())
@@ -375,10 +389,10 @@ def _fit_axes(
     sets = []
     for s, group in enumerate(of_groups):
         suffix = "" if s == reference else f".at_{degc[s]:.0f}"
-        sets.append(_fit_set(spec, run_lines, stated, group, s, suffix))
+        sets.append(_fit_set(spec, run_lines, sized_errors, group, s, suffix))
     flags.require_own_axes(sets, spec.gyros)
     all_runs = [run for axis in forms.AXES for run in runs[axis]]
-    fitted: equation.Fitted | None = None
+    fitted: equation.ResponseFit | None = None
     curves: list[Model] = []
     if len(sets) > 1:
         rows = replace(run_lines.rows, line=run_lines.rows.channel)
@@ -388,20 +402,20 @@ def _fit_axes(
             order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
             shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
             middle_half = polynomial.middle_and_half(rows.row_degc)
-            terms = equation.Terms(S.size, order, middle_half, shapes)
-            own = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
-            errors = [*equation.shared_errors(rows, terms, S.ravel(), own)]
+            terms = equation.ResponseTerms(S.size, order, middle_half, shapes)
+            own_K = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
+            errors = [*equation.shared_errors(rows, terms, S.ravel(), own_K)]
             for number, error in enumerate(errors):
                 if run_scale and error.name == run_scale.name:
                     size, dof = run_scale.size, run_scale.size_dof
                     errors[number] = replace(error, size=size, size_dof=dof)
-            fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+            fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
         vertical = table_runs.vertical_rate_dps(spec)
         curves = list(_list_curves(fitted, spec.gyros, all_runs, mounting, vertical))
     channels = []
-    for at, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
+    for index, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
-        curve = tuple(curves[at : at + 1])
+        curve = tuple(curves[index : index + 1])
         channels.append(Channel(gyro, axis, axis == senses, runs[axis], curves=curve))
     of_axes: list[str] = []
     if not frozen:
@@ -411,7 +425,7 @@ def _fit_axes(
         of_axes += flags.of_axes_lines(spec, in_order, run_lines)
         of_axes += flags.of_sets(spec, sets, mounting)
         of_axes += [Remark(flags.WITHIN)] * (run_scale is None)
-    return Campaign(
+    return CampaignFit(
         tuple(channels),
         run_lines,
         tuple(dict.fromkeys(of_axes)),
@@ -425,20 +439,20 @@ def _fit_axes(
 def _fit_set(
     spec: GyroTriadRecipe,
     run_lines: Lines,
-    stated: Sequence[Shared] | None,
+    sized_errors: Sequence[Shared] | None,
     runs: Sequence[TableRun],
     number: int,
     suffix: str,
 ) -> AxesSet:
     """Sensitivities of one set of runs, what follows from them, and biases F0 − K ω where ω, the
-    earth's rate about the table's axis, is known; `stated` are errors of known size, None where
-    nothing is to be said of errors.
+    earth's rate about the table's axis, is known; `sized_errors` are errors of known size, None for
+    a refit that needs no uncertainty.
     """
     line_mask, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
     runs_about = np.bincount(run_lines.axis_of[line_mask])
-    errors = [*(stated or ())]
-    if vertical_dps is not None and stated is not None:
+    errors = [*(sized_errors or ())]
+    if vertical_dps is not None and sized_errors is not None:
         errors += run_lines.run_zeros(line_mask, vertical_dps)
 
     def S_and_B(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
@@ -471,14 +485,14 @@ def _fit_set(
     model = replace(
         model,
         dof=min(line_fit.dof for line_fit in of_runs),
-        components=stated_components(*(stated or ())),
+        components=stated_components(*(sized_errors or ())),
     )
     degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})
 
 
 def _list_curves(
-    fitted: equation.Fitted,
+    fitted: equation.ResponseFit,
     gyros: Sequence[str],
     runs: Sequence[TableRun],
     mounting: Shared | None,

@@ -23,7 +23,7 @@ from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation, forms, ordering
-from calibkit.instruments.gyro_scale.coefficient_files import AxesSet, Campaign, Channel
+from calibkit.instruments.gyro_scale.coefficient_files import AxesSet, CampaignFit, Channel
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import ONE_SIDED, PPM, ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import (
@@ -75,7 +75,7 @@ WITHIN = (
 )
 
 
-def list_undetermined(campaign: Campaign) -> tuple[str, ...]:
+def list_undetermined(campaign: CampaignFit) -> tuple[str, ...]:
     """What the runs of single gyros do not determine, and what it takes."""
     lacks = []
     if not all(channel.curves for channel in campaign.channels):
@@ -88,8 +88,8 @@ def list_undetermined(campaign: Campaign) -> tuple[str, ...]:
 def of_uncertain(name: str, K: float, u: float) -> Iterator[str]:
     """Flag for a poorly determined scale factor: a run was too slow, too short or too noisy."""
     if not u < UNCERTAIN * abs(K):
-        known = f"{name}: K is known to {100.0 * u / abs(K):.2g} % only"
-        yield f"{known}: hold faster rates, or hold them longer"
+        accuracy_text = f"{name}: K is known to {100.0 * u / abs(K):.2g} % only"
+        yield f"{accuracy_text}: hold faster rates, or hold them longer"
 
 
 def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe) -> Iterator[str]:
@@ -111,10 +111,10 @@ def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe
         if channel.mean is not None:
             yield from ordering.flag(name, channel.in_time, channel.mean.value("K"))
     temperature = np.array([run.temp_degc for run in runs])
-    near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
+    near_reference = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():
         yield UNLOGGED
-    elif not near.any() and np.isfinite(temperature).all():
+    elif not near_reference.any() and np.isfinite(temperature).all():
         yield (
             f"no run within {ROOM_DEGC:g} °C of {spec.reference_temp_degc:g} °C: the mean is that"
             f" of all runs, {temperature.min():.1f} to {temperature.max():.1f} °C"
@@ -127,8 +127,8 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
     assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
     assert channel.fitted is not None  # noqa: S101
     _, rows, terms = channel.fitted
-    stated = {entry.effect for entry in spec.errors.component}
-    unknown = [effect for effect in ("scale", "zero") if effect not in stated]
+    stated_effects = {entry.effect for entry in spec.errors.component}
+    unknown = [effect for effect in ("scale", "zero") if effect not in stated_effects]
     if len(channel.runs) == 1 and unknown:
         yield (
             f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
@@ -202,7 +202,7 @@ def of_pair(
     apart_degc: float,
     mounting: tuple[Shared, float] | None,
     *,
-    within: bool,
+    within_runs: bool,
 ) -> Iterator[str]:
     """Flags of a pair: runs at two temperatures, with what N carries of it, scale factors that hold
     within the runs, a mounting error that only the two γ tell, with its degrees of freedom, time,
@@ -218,7 +218,7 @@ def of_pair(
             f" scale factors that change by up to {limit:g} ppm/°C, gamma that of K_B; run both at"
             " one temperature, or state pair.temperature_coefficients_ppm_degc"
         )
-    if within:
+    if within_runs:
         yield Remark(f"N: {WITHIN}")
     if mounting:
         error, gamma_dof = mounting
@@ -254,9 +254,9 @@ def of_axes_lines(
     axis_of = run_lines.axis_of[:: len(spec.gyros)]
     main = np.abs(run_lines.sensitivity()).argmax(axis=1)
     for gyro, axis in zip(spec.gyros, main, strict=True):
-        about = [run for turned, run in zip(axis_of, runs, strict=True) if turned == axis]
+        axis_runs = [run for run_axis, run in zip(axis_of, runs, strict=True) if run_axis == axis]
         name = forms.line_name(gyro, forms.AXES[axis])
-        yield from of_contradicted_runs(name, about, run_lines.of_runs(about, gyro))
+        yield from of_contradicted_runs(name, axis_runs, run_lines.of_runs(axis_runs, gyro))
     yield from of_contradicted_shares(run_lines, runs, spec.gyros)
     yield from of_time(run_lines, spec.gyros)
 
@@ -340,16 +340,16 @@ def of_sets(
 class Contradiction(str):
     """A flag on a run whose scale factor the others contradict."""
 
-    __slots__ = ("off",)
+    __slots__ = ("relative_difference",)
 
-    off: float
+    relative_difference: float
     """Magnitude of the difference, over the scale factor."""
 
     @classmethod
-    def of(cls, off: float, text: str) -> Self:
+    def of(cls, difference: float, text: str) -> Self:
         """The flag of a relative difference."""
         flag = cls(text)
-        flag.off = abs(off)
+        flag.relative_difference = abs(difference)
         return flag
 
 
@@ -357,9 +357,12 @@ def judge_contradictions(flags: Iterable[str]) -> tuple[Criterion, ...]:
     """Criterion that no run contradicts the others as another gyro or setting would; none where
     none is flagged.
     """
-    off = [flag.off for flag in flags if isinstance(flag, Contradiction)]
-    what = "K of a run off what the other runs let expect"
-    return (at_most(what, PPM * max(off), PPM * ANOTHER, "ppm", "calibkit"),) if off else ()
+    differences = [flag.relative_difference for flag in flags if isinstance(flag, Contradiction)]
+    if not differences:
+        return ()
+    criterion_name = "K of a run off what the other runs let expect"
+    largest_ppm = PPM * max(differences)
+    return (at_most(criterion_name, largest_ppm, PPM * ANOTHER, "ppm", "calibkit"),)
 
 
 def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) -> Iterator[str]:
@@ -369,11 +372,13 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     temp_degc = np.array([run.temp_degc for run in runs])
     files, K, u = [run.log.file for run in runs], K_of_runs.value, K_of_runs.u
     if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
-        off = np.abs(K / np.median(K) - 1.0)
-        if off.max() > ANOTHER:
-            apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
-            text = f"{name}: K of {files[int(np.argmax(off))]} is {apart}"
-            yield Contradiction.of(off.max(), text)
+        differences = np.abs(K / np.median(K) - 1.0)
+        if differences.max() > ANOTHER:
+            difference_text = (
+                f"{PPM * differences.max():.0f} ppm off the other runs: another gyro or setting?"
+            )
+            text = f"{name}: K of {files[int(np.argmax(differences))]} is {difference_text}"
+            yield Contradiction.of(differences.max(), text)
         return
     in_degf = left_out_run.find_degf(temp_degc, K, u)
     if in_degf.any():
@@ -390,18 +395,18 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     contradicting = tuple(left_out_run.find(temp_degc, K, u))
     size = float(np.median(np.abs(K)))
     # of several that may each explain the others, the one that is least off
-    least = min((abs(left_out.off) for left_out in contradicting), default=0.0) / size
+    smallest_difference = min((abs(left_out.off) for left_out in contradicting), default=0.0) / size
     for left_out in contradicting:
         off_ppm = f"{PPM * left_out.off / size:+.3g} ppm"
-        at = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
+        run_label = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
         why = (
-            f"K of {at} is {off_ppm} off what the other runs let expect: see its thermometer and"
-            f" what else was different, or leave it out: {advise_exclude(files[left_out.run])}"
+            f"K of {run_label} is {off_ppm} off what the other runs let expect: see its thermometer"
+            f" and what else was different, or leave it out: {advise_exclude(files[left_out.run])}"
             if left_out.certain
-            else f"either K of {at} is {off_ppm} off, or K over temperature bends that much, which"
-            " no other run shows: repeat a run at that temperature"
+            else f"either K of {run_label} is {off_ppm} off, or K over temperature bends that much,"
+            " which no other run shows: repeat a run at that temperature"
         )
-        yield Contradiction.of(least, f"{name}: {why}")
+        yield Contradiction.of(smallest_difference, f"{name}: {why}")
 
 
 def of_contradicted_shares(
@@ -415,44 +420,49 @@ def of_contradicted_shares(
     # scale factor [lines] of each gyro about its own axis at the temperature of each line
     size = np.empty(table.K.size)
     for number in np.unique(table.set_of):
-        chosen = table.set_of == number
-        s = table.sensitivity(chosen)
-        size[chosen] = np.linalg.norm(s, axis=1)[table.gyro_of[chosen]]
+        set_mask = table.set_of == number
+        s = table.sensitivity(set_mask)
+        size[set_mask] = np.linalg.norm(s, axis=1)[table.gyro_of[set_mask]]
     share, noise = table.K / size, table.u_K / size
     log_of = np.arange(share.size) // len(gyros)
     channel = table.gyro_of * len(forms.AXES) + table.axis_of
-    across = ~table.own()
-    tests = int(np.count_nonzero(across))
+    across_mask = ~table.own_axis_mask()
+    tests = int(np.count_nonzero(across_mask))
     for log, run in enumerate(runs):
-        here, rest = across & (log_of == log), across & (log_of != log)
-        count = np.bincount(channel[rest], minlength=channel.max() + 1)
-        if not here.any() or count[channel[here]].min() < LEAST_OTHERS:
+        log_lines, other_lines = across_mask & (log_of == log), across_mask & (log_of != log)
+        count = np.bincount(channel[other_lines], minlength=channel.max() + 1)
+        if not log_lines.any() or count[channel[log_lines]].min() < LEAST_OTHERS:
             continue
-        mean = np.bincount(channel[rest], share[rest], count.size) / np.maximum(count, 1)
-        dof = int(np.count_nonzero(rest) - np.count_nonzero(count))
-        scatter = float(np.sum((share - mean[channel])[rest] ** 2)) / dof
-        variance = max(scatter, float(np.mean(noise[rest] ** 2)))
+        total = np.bincount(channel[other_lines], share[other_lines], count.size)
+        mean = total / np.maximum(count, 1)
+        dof = int(np.count_nonzero(other_lines) - np.count_nonzero(count))
+        scatter = float(np.sum((share - mean[channel])[other_lines] ** 2)) / dof
+        variance = max(scatter, float(np.mean(noise[other_lines] ** 2)))
         # the largest |e| of (1) by chance in so many tests
         t = float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
-        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[channel[here]])) * size[here]
-        K, expected = table.K[here], (mean[channel] * size)[here]
-        names = [gyros[g] for g in table.gyro_of[here].tolist()]
-        about = f"{run.log.file}: about {forms.AXES[table.axis_of[here][0]]}"
-        off = np.flatnonzero(np.abs(K - expected) > limit)
+        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[channel[log_lines]])) * size[log_lines]
+        K, expected = table.K[log_lines], (mean[channel] * size)[log_lines]
+        names = [gyros[g] for g in table.gyro_of[log_lines].tolist()]
+        place = f"{run.log.file}: about {forms.AXES[table.axis_of[log_lines][0]]}"
+        contradicting = np.flatnonzero(np.abs(K - expected) > limit)
         relative = np.abs(K / expected - 1.0)
-        if off.size > 1 and np.all(np.abs(K[off][::-1] - expected[off]) <= limit[off]):
-            listed = " and ".join(names[k] for k in off.tolist())
-            text = f"{about} gyros {listed} are swapped, as the other logs about the axis tell"
-            yield Contradiction.of(relative[off].max(), text)
+        if contradicting.size > 1 and np.all(
+            np.abs(K[contradicting][::-1] - expected[contradicting]) <= limit[contradicting]
+        ):
+            swapped_names = " and ".join(names[k] for k in contradicting.tolist())
+            text = (
+                f"{place} gyros {swapped_names} are swapped, as the other logs about the axis tell"
+            )
+            yield Contradiction.of(relative[contradicting].max(), text)
             continue
-        for k in off.tolist():
+        for k in contradicting.tolist():
             values = f"K is {K[k]:+.4g} 1/deg, {expected[k]:+.4g} in the other logs"
             if abs(-K[k] - expected[k]) <= limit[k]:
-                text = f"{about} the sign of gyro {names[k]} is turned: its {values}"
+                text = f"{place} the sign of gyro {names[k]} is turned: its {values}"
                 yield Contradiction.of(relative[k], text)
                 continue
             text = (
-                f"{about} either gyro {names[k]} contradicts the other logs, or its axis turns that"
+                f"{place} either gyro {names[k]} contradicts the other logs, or its axis turns that"
                 f" much with temperature: its {values}; repeat the log"
             )
-            yield Contradiction.of((K[k] - expected[k]) / size[here][k], text)
+            yield Contradiction.of((K[k] - expected[k]) / size[log_lines][k], text)

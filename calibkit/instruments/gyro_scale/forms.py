@@ -1,6 +1,13 @@
 """Model forms of gyros on a rate table, names of their models and figures, and matrices read from
-the files of a run: sensitivities of g gyros about a axes (1 by 1 for each gyro about its own axis;
-g by 3 for gyros about three axes of their base).
+the files of a run.
+
+    F = K Ω + F0                                                        LINE
+    F = K(T) Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + F0(T)           RESPONSE (`equation`, (1))
+    F = S Ω + B                                                         TRIAD, `GyroMatrix`
+
+F indication, Ω table rate, x the temperature mapped to [−1, 1]; S are the sensitivities of g gyros
+about a axes: 1 by 1 for each gyro about its own axis, g by 3 for gyros about three axes of their
+base.
 """
 
 from collections.abc import Mapping, Sequence
@@ -56,15 +63,15 @@ def triad_names(gyros: Sequence[str]) -> tuple[list[str], list[str]]:
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
 
 
-def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
+def _bent(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """F = Σ K_j x^j Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the
     temperature mapped to [−1, 1]; by Horner's rule over the rate.
     """
     fastest = model.value("fastest_dps")
-    share, x = at[RATE] / fastest, np.zeros(len(at[RATE]))
+    share, x = inputs[RATE] / fastest, np.zeros(len(inputs[RATE]))
     if TEMPERATURE in model.valid:
         middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
-        x = (at[TEMPERATURE] - middle) / half
+        x = (inputs[TEMPERATURE] - middle) / half
     of_rate: list[Numbers] = [np.zeros(1)] * (1 + HIGHEST_POWER)
     for coefficient, value in zip(model.coefficients, p, strict=True):
         letter, number = coefficient.name[0], int(coefficient.name[1:])
@@ -79,28 +86,28 @@ def _bent(model: Model, p: Numbers, at: Inputs) -> Numbers:
     return total
 
 
-def _sine_or_odd(model: Model, p: Numbers, at: Inputs) -> Numbers:
+def _sine_or_odd(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """Indicated rate F0 + K1 Ω + K3 Ω³ + … or F0 + K Ω_s sin(Ω/Ω_s) [n, °/s]."""
     if model.value("sine"):
         zero, slope, scale = p
-        return np.asarray(zero + slope * scale * np.sin(at[RATE] / scale))
+        return np.asarray(zero + slope * scale * np.sin(inputs[RATE] / scale))
     powers = [0, *range(1, 2 * len(p) - 2, 2)]
-    return np.asarray(at[RATE][:, None] ** powers @ p)
+    return np.asarray(inputs[RATE][:, None] ** powers @ p)
 
 
-def _line(model: Model, p: Numbers, at: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
+def _line(model: Model, p: Numbers, inputs: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
     """F = K Ω + F0 [n, 1/s]."""
-    return np.asarray(p[0] * at[RATE] + p[1])
+    return np.asarray(p[0] * inputs[RATE] + p[1])
 
 
-def _pair(model: Model, p: Numbers, at: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
+def _pair(model: Model, p: Numbers, inputs: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
     """N, ε, γ, α [n, 4]: these coefficients."""
-    return np.tile(p, (len(next(iter(at.values()))), 1))
+    return np.tile(p, (len(next(iter(inputs.values()))), 1))
 
 
-def _triad(model: Model, p: Numbers, at: Inputs) -> Numbers:
+def _triad(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """F = S Ω + B [n, g, 1/s]; B is 0 where the biases are not known."""
-    rates = np.column_stack([at[f"rate_{axis}_dps"] for axis in AXES])
+    rates = np.column_stack([inputs[f"rate_{axis}_dps"] for axis in AXES])
     count = sum(c.name.startswith("S_") for c in model.coefficients)
     S = p[:count].reshape(-1, len(AXES))
     return np.asarray(rates @ S.T + (p[count:] if p.size > count else 0.0))
@@ -168,8 +175,10 @@ class GyroMatrix:
         """S [n, g, a] and B [n, g] at temperatures [n, °C], clamped to the fitted range."""
         columns = [np.full(temperature.size, self.model.value(name)) for name in self.names]
         if self.curves:
-            held = np.clip(temperature, *self.curves[0].valid[TEMPERATURE])
-            columns = [POLYNOMIAL.evaluate(curve, {TEMPERATURE: held}) for curve in self.curves]
+            clamped_degc = np.clip(temperature, *self.curves[0].valid[TEMPERATURE])
+            columns = [
+                POLYNOMIAL.evaluate(curve, {TEMPERATURE: clamped_degc}) for curve in self.curves
+            ]
         gyros, axes, rows = len(self.gyros), len(self.outputs), np.column_stack(columns)
         return rows[:, : gyros * axes].reshape(-1, gyros, axes), rows[:, gyros * axes :]
 
@@ -181,8 +190,8 @@ class GyroMatrix:
         S, B = self.at(temperature)
         unbiased = indication - B
         if S.shape[1:] != (1, 1):
-            across = np.swapaxes(S, 1, 2)
-            rates = np.linalg.solve(across @ S, across @ unbiased[..., None])
+            transposed_S = np.swapaxes(S, 1, 2)
+            rates = np.linalg.solve(transposed_S @ S, transposed_S @ unbiased[..., None])
             return np.asarray(rates[..., 0], dtype=np.float64)
         indicated = np.asarray(unbiased[:, 0] / S[:, 0, 0], dtype=np.float64)
         if self.response is not None:
@@ -208,12 +217,16 @@ class GyroMatrix:
         )
         inside = np.clip(indicated, at_low, at_high)
         rate = low + (inside - at_low) / (at_high - at_low) * (high - low)
+        # of central differences: far below the width of a bend, far above the rounding of rates
         step = 1e-4 * (high - low)
         for _ in range(NEWTON_STEPS):
-            above, below = (self._indicated(rate + way, temperature) for way in (step, -step))
-            off = self._indicated(rate, temperature) - inside
+            indicated_above, indicated_below = (
+                self._indicated(rate + way, temperature) for way in (step, -step)
+            )
+            excess_dps = self._indicated(rate, temperature) - inside
             before = rate
-            rate = np.clip(rate - off / ((above - below) / (2.0 * step)), low, high)
+            slope = (indicated_above - indicated_below) / (2.0 * step)
+            rate = np.clip(rate - excess_dps / slope, low, high)
             if np.max(np.abs(rate - before), initial=0.0) <= 1e-14 * (high - low):
                 break
         return np.asarray(rate + (indicated - inside), dtype=np.float64)
@@ -223,11 +236,11 @@ class GyroMatrix:
         assert self.response is not None  # noqa: S101 (who calls it has one)
         if self.response.form == RESPONSE_1.name:
             return RESPONSE_1.evaluate(self.response, {RATE: rate_dps})
-        at = {RATE: rate_dps}
+        inputs = {RATE: rate_dps}
         if TEMPERATURE in self.response.valid:
-            at[TEMPERATURE] = np.clip(temperature, *self.response.valid[TEMPERATURE])
+            inputs[TEMPERATURE] = np.clip(temperature, *self.response.valid[TEMPERATURE])
         S, B = self.at(temperature)
-        indication = RESPONSE.evaluate(self.response, at)
+        indication = RESPONSE.evaluate(self.response, inputs)
         return np.asarray((indication - B[:, 0]) / S[:, 0, 0], dtype=np.float64)
 
     def require_biases(self, error: type[CalibkitError] = CoefficientError) -> None:

@@ -1,5 +1,6 @@
-"""Two gyros on a rate table, about the axis of each: logs → gyro_scale.json,
-gyro_orthogonality.json.
+"""Procedure of two gyros on a rate table, turned about the axis of each: logs → gyro_scale.json
+with K and F0, gyro_orthogonality.json with N, ε, γ and α of `published`, (2). `instrument` does the
+work.
 """
 
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS

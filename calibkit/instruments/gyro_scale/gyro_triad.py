@@ -1,5 +1,6 @@
-"""Any number of gyros on a rate table, about three axes: logs → gyro_scale.json,
-gyro_orthogonality.json.
+"""Procedure of any number of gyros on a rate table, turned about three axes: logs →
+gyro_scale.json with K and F0, gyro_orthogonality.json with S, the unit vectors s/|s| of the input
+axes and the angles between them (`coefficient_files`). `instrument` does the work.
 """
 
 from __future__ import annotations

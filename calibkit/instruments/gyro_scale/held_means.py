@@ -80,7 +80,7 @@ class HeldMeans:
 def average(
     motion: Motion,
     indication: Array,
-    held: Integers,
+    held_rows: Integers,
     temp_degc: Array | None = None,
     *,
     along_axis: bool = False,
@@ -96,13 +96,13 @@ def average(
     ----------
     indication : [n, m], one column per gyro; each row is the mean rate over the interval that ends
         at it.
-    held : [p, 2], rows of the held rates, as `held_rates.find` gives them.
+    held_rows : [p, 2], rows of the held rates, as `held_rates.find` gives them.
     temp_degc : [n] [°C].
     along_axis : whether every gyro lies along the table's axis, where the earth's horizontal rate
         reaches it through its misalignment alone.
 
     """
-    parts = [_whole_revolutions(motion, first, stop) for first, stop in held.tolist()]
+    parts = [_whole_revolutions(motion, first, stop) for first, stop in held_rows.tolist()]
     wave = _fit_modulation(motion, indication, parts)
     flags = []
     turning = [
@@ -113,12 +113,12 @@ def average(
             "the table never turns in this log",
             hint="a scale factor needs held rates other than zero",
         )
-    rest = len(parts) - len(turning)
-    if rest and not (wave.earth or along_axis):
+    resting_count = len(parts) - len(turning)
+    if resting_count and not (wave.earth or along_axis):
         parts = turning
         flags.append(
-            f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is"
-            " unknown"
+            f"{resting_count} plateaus at rest left out: their share of the earth's horizontal rate"
+            " is unknown"
         )
 
     def means(column: Array) -> Array:
@@ -175,9 +175,9 @@ def of_rows(
     """
     count = table_rate_dps.size
     q, _ = np.linalg.qr(np.column_stack((table_rate_dps, np.ones(count))))
-    left = indication - q @ (q.T @ indication)
+    residual = indication - q @ (q.T @ indication)
     nan = np.full(count, np.nan)
-    variance = np.sum(left**2, axis=0) / max(count - 2, 1)
+    variance = np.sum(residual**2, axis=0) / max(count - 2, 1)
     return HeldMeans(
         rate_dps=np.array(table_rate_dps),
         indication=np.array(indication),
@@ -261,16 +261,16 @@ def _whole_revolutions(motion: Motion, first: int, stop: int) -> _Part:
     """Part of a held rate over whole revolutions; its last interval is weighted by the fraction
     that completes the last revolution.
     """
-    turned = motion.turn_deg[first:stop]
-    travel = np.abs(np.cumsum(turned))
+    turn_deg = motion.turn_deg[first:stop]
+    travel = np.abs(np.cumsum(turn_deg))
     # a table that stops exactly after a revolution may log slightly less than 360°
-    whole = int(np.floor(travel[-1] / REVOLUTION_DEG + 1e-6))
-    if whole < 1:
+    revolutions = int(np.floor(travel[-1] / REVOLUTION_DEG + 1e-6))
+    if revolutions < 1:
         return _Part(first, stop, 1.0, 0)
-    last = min(int(np.searchsorted(travel, whole * REVOLUTION_DEG)), travel.size - 1)
-    excess = float(travel[last]) - whole * REVOLUTION_DEG
-    share = 1.0 - min(max(excess / abs(float(turned[last])), 0.0), 1.0)
-    return _Part(first, first + last + 1, share, whole)
+    last = min(int(np.searchsorted(travel, revolutions * REVOLUTION_DEG)), travel.size - 1)
+    excess = float(travel[last]) - revolutions * REVOLUTION_DEG
+    share = 1.0 - min(max(excess / abs(float(turn_deg[last])), 0.0), 1.0)
+    return _Part(first, first + last + 1, share, revolutions)
 
 
 def _basis(motion: Motion, rows: slice) -> Array:
@@ -315,7 +315,7 @@ def _noise(
     """
     variances, ratios, creeping = [], [], 0
     squares = np.zeros(indication.shape[1])
-    least = ONE_PPM * float(np.max(np.abs(values)))
+    least_departure = ONE_PPM * float(np.max(np.abs(values)))
     for part in parts:
         columns, target = part.centred(motion, indication)
         noise = target - columns @ wave.factors
@@ -337,8 +337,10 @@ def _noise(
             ratios.append(blocks.var(axis=0, ddof=1) * length / np.maximum(variance, tiny))
         # a first block that differs from the second half by more than noise
         later = blocks[BLOCKS // 2 :]
-        off = np.abs(blocks[0] - later.mean(axis=0))
-        creeping += bool(np.any(off > np.maximum(SETTLING * later.std(axis=0, ddof=1), least)))
+        departure = np.abs(blocks[0] - later.mean(axis=0))
+        creeping += bool(
+            np.any(departure > np.maximum(SETTLING * later.std(axis=0, ddof=1), least_departure))
+        )
     raised = np.ones(indication.shape[1])
     if ratios:
         mean = np.mean(ratios, axis=0)

@@ -78,27 +78,27 @@ class Motion:
         """Motion by the logged angle, of any wrapping, unwrapped about the turn that the rate lets
         expect; without one, by the rate. `allocate` makes the arrays.
         """
-        interval, turned, middle = (allocate(time_s.size) for _ in range(3))
+        interval, turn_deg, middle = (allocate(time_s.size) for _ in range(3))
         angle = 0.0
-        for a, b in chunks.ranges_along(time_s, rate_dps, interval, turned, middle):
+        for a, b in chunks.ranges_along(time_s, rate_dps, interval, turn_deg, middle):
             interval[a:b] = np.diff(
                 time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1]
             )
             expected = rate_dps[a:b] * interval[a:b]
             if angle_deg is None:
-                turned[a:b] = expected
-                through = expected.copy()
-                through[0] += angle
-                np.cumsum(through, out=through)
-                angle = float(through[-1])
-                middle[a:b] = np.radians(through - expected / 2.0)
+                turn_deg[a:b] = expected
+                end_angle = expected.copy()
+                end_angle[0] += angle
+                np.cumsum(end_angle, out=end_angle)
+                angle = float(end_angle[-1])
+                middle[a:b] = np.radians(end_angle - expected / 2.0)
                 continue
             before = [] if a else angle_deg[0] - expected[0]
             step = np.diff(angle_deg[max(a - 1, 0) : b], prepend=before)
-            turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
-            middle[a:b] = np.radians(angle_deg[a:b] - turned[a:b] / 2.0)
+            turn_deg[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
+            middle[a:b] = np.radians(angle_deg[a:b] - turn_deg[a:b] / 2.0)
             chunks.release(angle_deg)
-        return cls(time_s, rate_dps, interval, turned, middle, angle_deg is not None)
+        return cls(time_s, rate_dps, interval, turn_deg, middle, angle_deg is not None)
 
     def by_turn(self, first: int, stop: int) -> Array:
         """Rate [°/s] by the turn in the intervals that end at rows first … stop − 1."""
@@ -119,10 +119,10 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
     time_s, rate_dps = motion.time_s, motion.rate_dps
     interval = order_statistics.median(motion.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
-    still, quantum = _stillness(
+    rate_criterion, quantum = _stillness(
         chunks.row_reader(rate_dps), time_s.size, window, rules.relative, rules.floor_dps
     )
-    criteria = [still]
+    criteria = [rate_criterion]
     if motion.angle_logged:
         # a commanded rate steps at once, while the table takes its time: only the angle shows that
         wide = ANGLE_SLACK * rules.relative
@@ -148,16 +148,18 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         first, stop = _steady(rate_dps, begin, covered, rules, quantum)
         # without its settling time and without its first and last sampling interval
         wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
-        settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
-        first, stop = max(settled, first + 1), stop - 1
+        first_settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
+        first, stop = max(first_settled, first + 1), stop - 1
         if stop - first >= fewest:
             spans.append((first, stop))
     chunks.release(time_s)
     if not spans:
         low, high = chunks.extremes(rate_dps)
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
-        both = ", by table rate and table angle together" if motion.angle_logged else ""
-        raise FitError(f"no held rate of {rules.shortest_s:g} s in {span}{both}", hint=NO_RATE_HINT)
+        angle_text = ", by table rate and table angle together" if motion.angle_logged else ""
+        raise FitError(
+            f"no held rate of {rules.shortest_s:g} s in {span}{angle_text}", hint=NO_RATE_HINT
+        )
     return np.array(spans, dtype=np.int64)
 
 
@@ -182,9 +184,9 @@ def _stillness(
         highest, lowest = (
             _of_windows(extreme, values, window) for extreme in (np.maximum, np.minimum)
         )
-        allowed = np.maximum(relative * np.maximum(np.abs(highest), np.abs(lowest)), floor_dps)
-        allowed = np.maximum(allowed, max(NOISE_RANGE * noise, quantum))
-        return np.asarray(highest - lowest <= allowed, dtype=np.bool_)
+        range_limit = np.maximum(relative * np.maximum(np.abs(highest), np.abs(lowest)), floor_dps)
+        range_limit = np.maximum(range_limit, max(NOISE_RANGE * noise, quantum))
+        return np.asarray(highest - lowest <= range_limit, dtype=np.bool_)
 
     return is_held, quantum
 
@@ -219,10 +221,11 @@ def _quantum(rate: Series, rows: int) -> float:
     back, last, before = 0, -SOON, 0.0
     for a, b in chunks.ranges(rows - 1):
         step = np.diff(rate(a, b + 1))
-        at = np.flatnonzero(step)
-        if not at.size:
+        change_rows = np.flatnonzero(step)
+        if not change_rows.size:
             continue
-        change, row = np.concatenate(([before], step[at])), np.concatenate(([last], at + a))
+        change = np.concatenate(([before], step[change_rows]))
+        row = np.concatenate(([last], change_rows + a))
         flicker = np.abs(change) < 1.5 * quantum
         reversed_soon = (
             flicker[1:] & flicker[:-1] & (change[1:] * change[:-1] < 0.0) & (np.diff(row) < SOON)
@@ -241,8 +244,12 @@ def _steady(
     part = rate[first:stop]
     middle = order_statistics.median(part)
     noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
-    allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
-    steady_runs = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
+    departure_limit = max(
+        rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum
+    )
+    steady_runs = chunks.find_runs(
+        part.size, lambda a, b: np.abs(part[a:b] - middle) <= departure_limit
+    )
     begin, end = steady_runs[np.argmax(steady_runs[:, 1] - steady_runs[:, 0])].tolist()
     chunks.release(rate)
     return first + begin, first + end

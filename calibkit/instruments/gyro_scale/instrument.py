@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import StageResult
     from calibkit.instruments import Progress
-    from calibkit.instruments.gyro_scale.coefficient_files import Campaign, Runs
+    from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
     from calibkit.instruments.gyro_scale.recipe import AnyRecipe
     from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.table import Table
@@ -58,7 +58,9 @@ large as such errors are: steps of the differences by which results follow them.
 __all__ = ["FORMS", "correct", "faults", "fit", "read", "validate"]
 
 
-def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted[Campaign]:
+def fit(
+    spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[CampaignFit]:
     """Fit gyros to the logs of a data folder; every coefficient file carries all flags."""
     axes = {file: spec.find_axis(file) for file in files}
     for axis in spec.logs_of_axes:
@@ -86,7 +88,7 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
     tables += [shared] if shared.rows else []
     first = replace(overview.summarize(campaign, results[0]), table=of_files[-1][0])
     straight = campaign.run_lines.straightened(
-        {channel.gyro: channel.response for channel in campaign.own}
+        {channel.gyro: channel.response for channel in campaign.own_channels}
     )
     figures = [figure for result in results for figure in result.figures]
     criteria = acceptance.judge_figures(figures, spec.acceptance)
@@ -104,7 +106,7 @@ def fit(spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress) -
 
 
 def _find_sensitivities(
-    spec: AnyRecipe, runs: Runs, campaign: Campaign, results: Sequence[StageResult]
+    spec: AnyRecipe, runs: Runs, campaign: CampaignFit, results: Sequence[StageResult]
 ) -> tuple[Sensitivity, ...]:
     """How the results move with errors of the table's rate, the time base, the thermometer and the
     latitude.
@@ -131,9 +133,11 @@ def _find_sensitivities(
             for axis, group in runs.items():
                 of_axis = []
                 for run in group:
-                    held = run.plateaus
-                    means = {name: error.shift(getattr(held, name)) for name in MOVED[error.input]}
-                    of_axis.append(replace(run, plateaus=replace(held, **means)))
+                    plateaus = run.plateaus
+                    means = {
+                        name: error.shift(getattr(plateaus, name)) for name in MOVED[error.input]
+                    }
+                    of_axis.append(replace(run, plateaus=replace(plateaus, **means)))
                 shifted[axis] = tuple(of_axis)
         return coefficient_files.list_results(
             fit_campaign(moved_spec, shifted, campaign), moved_spec

@@ -50,7 +50,7 @@ class Lines:
     each line [lines] are numbers.
     """
 
-    fitted: equation.Fitted
+    fitted: equation.ResponseFit
     """Equation (1) of all held rates; each gyro in each run is a line."""
     fit: Fit
     """K [lines], then F0 [lines], of the best straight lines over all rates, then the indications
@@ -80,11 +80,18 @@ class Lines:
         number: dict[tuple[str, str], int] = {}
         for s, runs in enumerate(sets):
             for axis, run in runs:
-                held = run.plateaus
+                plateaus = run.plateaus
                 for g, gyro in enumerate(run.gyros):
-                    means, noise = held.indication[:, g], held.standard_uncertainty[:, g]
+                    means, noise = plateaus.indication[:, g], plateaus.standard_uncertainty[:, g]
                     line_of = np.full(means.size, len(lines))
-                    of_line = run.rate_dps, means, held.temp_degc, held.hours, noise, line_of
+                    of_line = (
+                        run.rate_dps,
+                        means,
+                        plateaus.temp_degc,
+                        plateaus.hours,
+                        noise,
+                        line_of,
+                    )
                     columns.append(np.column_stack(of_line))
                     number[run.log.file, gyro] = len(lines)
                     lines.append((g, axis, s))
@@ -93,15 +100,15 @@ class Lines:
         rate, F, degc, hours, noise, line_of = np.concatenate(columns).T
         line_of = line_of.astype(np.int64)
         channel = (gyro_of * axes + axis_of)[line_of]
-        rows = equation.Rows(rate, F, line_of, degc, hours, line_of, channel)
+        rows = equation.RateRows(rate, F, line_of, degc, hours, line_of, channel)
         if frozen:
             fitted = frozen.fitted.refit(rows)
             fit = replace(frozen.fit, parameters=_best_lines(fitted, fitted.fit.parameters))
         else:
             shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
-            terms = equation.Terms(lines=len(lines), shapes=shapes)
+            terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
             errors = [*_errors(rows, terms, axes)]
-            fitted = equation.Fitted(equation.fit(rows, terms, errors), rows, terms)
+            fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
             fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
             fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
@@ -120,9 +127,9 @@ class Lines:
         """Decisions of `ordering` on the runs of each gyro about its own axis at each
         temperature.
         """
-        own = self.own()
+        own_axis = self.own_axis_mask()
         for gyro, number in np.unique(np.column_stack((self.gyro_of, self.set_of)), axis=0):
-            lines = own & (self.gyro_of == gyro) & (self.set_of == number)
+            lines = own_axis & (self.gyro_of == gyro) & (self.set_of == number)
             rows = self.rows.of_lines(lines)
             decided = ordering.decide(rows, rows.indication)
             if decided:
@@ -130,10 +137,10 @@ class Lines:
 
     def require_followed(self) -> None:
         """Raise FitError for a gyro that does not follow the table about its own axis."""
-        own = self.own()
+        own_axis = self.own_axis_mask()
         for (file, gyro), number in self.number.items():
             K, u = self.K[number], self.u_K[number]
-            if own[number] and not u < FOLLOWS * abs(K):
+            if own_axis[number] and not u < FOLLOWS * abs(K):
                 raise FitError(
                     f"{file}: gyro {gyro} does not follow the table: its scale factor is"
                     f" {K:.3g} ± {2.0 * u:.3g} 1/deg, expected one that is known to"
@@ -142,11 +149,11 @@ class Lines:
                 )
 
     @property
-    def rows(self) -> equation.Rows:
+    def rows(self) -> equation.RateRows:
         """Held rates."""
         return self.fitted.rows
 
-    def rows_of(self, runs: Sequence[TableRun], gyro: str) -> equation.Rows:
+    def rows_of(self, runs: Sequence[TableRun], gyro: str) -> equation.RateRows:
         """Held rates of a gyro in some runs, as one line."""
         line_mask = np.zeros(self.gyro_of.size, dtype=np.bool_)
         line_mask[[self.number[run.log.file, gyro] for run in runs]] = True
@@ -174,15 +181,15 @@ class Lines:
         """Held rates of a gyro in a run without what changed during it, and the published line."""
         return self.all_published[self.number[run.log.file, gyro]]
 
-    def straightened(self, responses: Mapping[str, equation.Fitted | None]) -> Iterator[Line]:
+    def straightened(self, responses: Mapping[str, equation.ResponseFit | None]) -> Iterator[Line]:
         """The published line of every gyro in every run, about its own axis without the bend of its
         response.
         """
-        own = self.own()
+        own_axis = self.own_axis_mask()
         for (_, gyro), number in self.number.items():
             line, response = self.all_published[number], responses.get(gyro)
-            if response is not None and own[number]:
-                rows = self.rows.of_lines(np.arange(own.size) == number)
+            if response is not None and own_axis[number]:
+                rows = self.rows.of_lines(np.arange(own_axis.size) == number)
                 bend = equation.bend(response.fit.parameters, rows, response.terms)
                 line = replace(line, indication=line.indication - bend)
             yield line
@@ -193,11 +200,11 @@ class Lines:
         sizes = {size.error.effect: size.errors for size in self.fitted.fit.shared}
         for (file, gyro), line in self.number.items():
             rows = self.rows.line == line
-            least = DRIFTED * rms(self.all_published[line].noise)
+            least_drift = DRIFTED * rms(self.all_published[line].noise)
             changed = [
                 DRIFTS[effect].format(sizes[effect][line, 0])
                 for effect, drift in drifts.items()
-                if rms(drift[rows]) > least
+                if rms(drift[rows]) > least_drift
             ]
             if changed:
                 yield (
@@ -217,10 +224,10 @@ class Lines:
         """Mean scale factors [g, a] over the lines of a mask, without one over all."""
         return np.asarray((self._weights(line_mask) @ self.K).reshape(self.gyro_of.max() + 1, -1))
 
-    def own(self) -> Mask:
+    def own_axis_mask(self) -> Mask:
         """Which lines [lines] are of gyros about the axis that they sense most."""
-        most = np.argmax(np.abs(self.sensitivity()), axis=1)
-        return np.asarray(most[self.gyro_of] == self.axis_of, dtype=np.bool_)
+        main_axis = np.argmax(np.abs(self.sensitivity()), axis=1)
+        return np.asarray(main_axis[self.gyro_of] == self.axis_of, dtype=np.bool_)
 
     def mean_lines(self, line_mask: Mask | None = None) -> Fit:
         """K [g a], then F0 [g a], of each gyro about each axis: means over the lines of a mask, or
@@ -238,47 +245,49 @@ class Lines:
             bounds.append(of_lines[:, None] * decided.half_width / np.sqrt(3.0))
         return replace(fit, parameters=fit.parameters + shift, bounds=np.hstack(bounds))
 
-    def run_scale(self, stated: tuple[float, float] | None) -> Shared | None:
+    def run_scale(self, size_and_dof: tuple[float, float] | None) -> Shared | None:
         """How scale factors differ from run to run: as stated [ppm] with degrees of freedom, or as
         repeated runs show; None where neither tells.
 
         s² = max(MS, u²), MS the mean square about the means of repeated runs, u that of noise: a
         repeatability that chance makes small keeps the degrees of freedom of the repeats.
         """
-        if stated is None:
-            own = self.own()
-            of_gyro_and_set = np.column_stack((self.gyro_of, self.set_of))[own]
+        if size_and_dof is None:
+            own_axis = self.own_axis_mask()
+            of_gyro_and_set = np.column_stack((self.gyro_of, self.set_of))[own_axis]
             repeats = np.unique(of_gyro_and_set, axis=0, return_inverse=True)[1].reshape(-1)
-            mean = (np.bincount(repeats, self.K[own]) / np.bincount(repeats))[repeats]
+            mean = (np.bincount(repeats, self.K[own_axis]) / np.bincount(repeats))[repeats]
             dof = float(repeats.size - repeats.max() - 1)
             if not dof:
                 return None
-            square = float(np.sum((self.K[own] / mean - 1.0) ** 2)) / dof
-            noise = float(np.mean((self.u_K[own] / mean) ** 2))
-            stated = float(np.sqrt(max(square, noise))) / equation.PPM, dof
+            square = float(np.sum((self.K[own_axis] / mean - 1.0) ** 2)) / dof
+            noise = float(np.mean((self.u_K[own_axis] / mean) ** 2))
+            size_and_dof = float(np.sqrt(max(square, noise))) / equation.PPM, dof
         return Shared(
             group="run",
             effect="scale",
             level=self.rows.line,
             loading=(self.K[self.rows.line] * self.rows.rate_dps * equation.PPM)[:, None],
             unit="ppm",
-            size=stated[0],
-            size_dof=stated[1],
+            size=size_and_dof[0],
+            size_dof=size_and_dof[1],
         )
 
-    def mounting(self, across: Array, stated: tuple[float, float]) -> Shared:
-        """Tilts of the mounting about each axis, of a size [°] with degrees of freedom; `across`
-        [g, a, k] is what a gyro indicates by each of k tilts of an axis [1/deg per rad].
+    def mounting(self, tilt_response: Array, size_and_dof: tuple[float, float]) -> Shared:
+        """Tilts of the mounting about each axis, of a size [°] with degrees of freedom.
+
+        `tilt_response` [g, a, k] is what a gyro indicates by each of k tilts of an axis [1/deg per
+        rad].
         """
         gyro, axis = self.gyro_of[self.rows.line], self.axis_of[self.rows.line]
         return Shared(
             group="mounting",
             effect="angle",
             level=axis,
-            loading=np.radians(across[gyro, axis]) * self.rows.rate_dps[:, None],
+            loading=np.radians(tilt_response[gyro, axis]) * self.rows.rate_dps[:, None],
             unit="deg",
-            size=stated[0],
-            size_dof=stated[1],
+            size=size_and_dof[0],
+            size_dof=size_and_dof[1],
         )
 
     def run_zeros(self, line_mask: Mask, vertical_dps: float) -> Iterator[Shared]:
@@ -290,16 +299,18 @@ class Lines:
         bias = G @ self.fit.parameters
         variance = np.einsum("ip,pq,iq->i", G, self.fit.total_covariance, G)
         for gyro in range(self.gyro_of.max() + 1):
-            same = line_mask & (self.gyro_of == gyro)
-            square = max(float(np.var(bias[same], ddof=1)), float(np.mean(variance[same])))
+            gyro_mask = line_mask & (self.gyro_of == gyro)
+            square = max(
+                float(np.var(bias[gyro_mask], ddof=1)), float(np.mean(variance[gyro_mask]))
+            )
             yield Shared(
                 group="run",
                 effect="zero",
-                level=np.where(same[self.rows.line], self.rows.line, -1),
+                level=np.where(gyro_mask[self.rows.line], self.rows.line, -1),
                 loading=np.ones((self.rows.line.size, 1)),
                 unit="1/s",
                 size=float(np.sqrt(square)),
-                size_dof=float(np.sum(same) - 1),
+                size_dof=float(np.sum(gyro_mask) - 1),
             )
 
 
@@ -312,7 +323,7 @@ def _drifts(fit: Fit) -> dict[str, Array]:
     }
 
 
-def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[Shared]:
+def _errors(rows: equation.RateRows, terms: equation.ResponseTerms, axes: int) -> Iterator[Shared]:
     """Errors of lines of gyros about so many axes, relative to K; what changes during a run is one
     where the likelihood asks for it.
     """
@@ -341,19 +352,19 @@ def _errors(rows: equation.Rows, terms: equation.Terms, axes: int) -> Iterator[S
         )
 
 
-def _best_lines(fitted: equation.Fitted, p: Numbers) -> Numbers:
+def _best_lines(fitted: equation.ResponseFit, p: Numbers) -> Numbers:
     """K, F0 and indication at rest of each line [3 lines] from the parameters."""
     K, F0 = equation.best_line(fitted.terms, fitted.rows.rate_dps)(p)
     return np.concatenate((K, F0, fitted.terms.split(p)[equation.ZERO])).ravel()
 
 
-def _bounds(fitted: equation.Fitted, errors: Sequence[Shared]) -> Array:
+def _bounds(fitted: equation.ResponseFit, errors: Sequence[Shared]) -> Array:
     """What the runs leave open of K, F0 and indication at rest of each line [3 lines, 2 lines]:
     what is too small to be seen is still there.
     """
     fit, rows, terms = fitted
-    seen = {size.error.name for size in fit.shared}
-    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in seen]
+    seen_names = {size.error.name for size in fit.shared}
+    unseen = [e for e in errors if e.effect in DRIFTS and e.name not in seen_names]
     bounds = np.zeros((2, 3, terms.lines, terms.lines))
     for k in range(terms.lines):
         of_line = rows.line == k
@@ -365,10 +376,10 @@ def _bounds(fitted: equation.Fitted, errors: Sequence[Shared]) -> Array:
             column: Array, F: Array = F, line: Array = line, solver: Array = solver
         ) -> Array:
             """Change [2] of K and F0 by a column beside the line, where the rates tell it."""
-            across = column - line @ (solver @ column)
-            if np.linalg.norm(across) <= ALIKE * np.linalg.norm(column):
+            residual = column - line @ (solver @ column)
+            if np.linalg.norm(residual) <= ALIKE * np.linalg.norm(column):
                 return np.zeros(2)
-            return (solver @ column) * (across @ F) / (across @ across)
+            return (solver @ column) * (residual @ F) / (residual @ residual)
 
         if rate.size >= equation.LEAST_RATES:
             # of several drifts the one that changes K most

@@ -46,7 +46,7 @@ class Ordering:
 
 
 def decide(
-    rows: equation.Rows,
+    rows: equation.RateRows,
     indication: Array,
     known_degc: float = STEADY_DEGC,
     powers: Sequence[int] = (),
@@ -63,10 +63,10 @@ def decide(
     t = rows.hours - begin[rows.run]
     if np.ptp(count) or not t.any() or warming > known_degc:
         return None
-    held = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
-    apart = np.max(np.ptp(held[:, :, 0], axis=0))
-    rate, t, F = held.mean(axis=0).T
-    if apart > equation.SAME_RATE * np.max(np.abs(rate)):
+    by_run = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
+    rate_spread = np.max(np.ptp(by_run[:, :, 0], axis=0))
+    rate, t, F = by_run.mean(axis=0).T
+    if rate_spread > equation.SAME_RATE * np.max(np.abs(rate)):
         return None
     w = rate / np.max(np.abs(rate))
     bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w)])
@@ -83,13 +83,13 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
         return
     if ordering.half_width:
         ppm = PPM / abs(K)
-        what = (
+        explanation = (
             "as of a scale factor that warms up: K is that at the end of the runs"
             if ordering.decision == "time"
             else "or with a bent response, and nothing separates the two: K is the mean of both"
         )
         yield (
-            f"{name}: the indication changes with time since the runs began, {what},"
+            f"{name}: the indication changes with time since the runs began, {explanation},"
             f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
             f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
         )
@@ -107,23 +107,24 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     unit = float(np.max(np.abs(rate)))
     w, t = rate / unit, t / t.max()
     line = np.column_stack((w, np.ones_like(w)))
-    left = _left(np.column_stack((line, bent)), w * t)
-    separable = float(np.linalg.norm(left) / np.linalg.norm(w * t))
+    unexplained = _residual(np.column_stack((line, bent)), w * t)
+    separable = float(np.linalg.norm(unexplained) / np.linalg.norm(w * t))
     hold = float(np.min(np.diff(np.sort(t))))
     taus = np.geomspace(hold, 1.0, TAUS)
     designs, squares = [], []
     for phi in (*(np.exp(-t / tau) for tau in taus), t):
         design = np.column_stack((line, w * phi))
         # φ itself only where it is not a line over rates that follow time closely
-        if np.linalg.norm(_left(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean()):
+        if np.linalg.norm(_residual(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean()):
             design = np.column_stack((design, phi))
         designs.append(design)
-        squares.append(float(np.sum(_left(design, F) ** 2)))
+        squares.append(float(np.sum(_residual(design, F) ** 2)))
     best = int(np.argmin(squares))
-    of_time, of_line = squares[best], float(np.sum(_left(line, F) ** 2))
-    of_bend = float(np.sum(_left(np.column_stack((line, bent)), F) ** 2))
-    both = float(np.sum(_left(np.column_stack((designs[best], bent)), F) ** 2))
-    noise = max(both / dof, (1e-12 * float(np.max(np.abs(F)))) ** 2)
+    of_time, of_line = squares[best], float(np.sum(_residual(line, F) ** 2))
+    of_bend = float(np.sum(_residual(np.column_stack((line, bent)), F) ** 2))
+    of_time_and_bend = float(np.sum(_residual(np.column_stack((designs[best], bent)), F) ** 2))
+    # not below the rounding of indications without noise
+    noise = max(of_time_and_bend / dof, (1e-12 * float(np.max(np.abs(F)))) ** 2)
     ratio = (of_line - min(of_bend, of_time)) / (3.0 * noise)
     if ratio <= fdtri(3, dof, 1.0 - CHANCE):
         return Ordering("line", 0.0, 0.0, separable)
@@ -143,7 +144,7 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     return Ordering("undecided", 0.5 * shift, 0.5 * abs(shift) + half_width, separable)
 
 
-def _left(design: Array, values: Array) -> Array:
+def _residual(design: Array, values: Array) -> Array:
     """What a least-squares fit leaves of values [n]."""
     q, _ = np.linalg.qr(design)
     return np.asarray(values - q @ (q.T @ values), dtype=np.float64)

@@ -8,20 +8,20 @@ import numpy as np
 
 from calibkit.coefficients import StageResult
 from calibkit.instruments.gyro_scale.acceptance import RUN_LIMITS
-from calibkit.instruments.gyro_scale.coefficient_files import Campaign
+from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
 from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
 from calibkit.report.overview import KeyValue, Overview, concise
 
 
-def summarize(campaign: Campaign, scales: StageResult) -> Overview:
+def summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
     """Sentence, facts and values of a fit; `scales` is what gyro_scale.json will hold."""
     largest = []
-    for what, (name, _, _) in RUN_LIMITS.items():
-        same = [
-            figure for figure in scales.figures if FigureName.of(figure.name)[:2] == (what, GJB)
+    for kind, (name, _, _) in RUN_LIMITS.items():
+        kind_figures = [
+            figure for figure in scales.figures if FigureName.of(figure.name)[:2] == (kind, GJB)
         ]
-        if same:
-            worst = max(same, key=lambda figure: abs(figure.value))
+        if kind_figures:
+            worst = max(kind_figures, key=lambda figure: abs(figure.value))
             unit = worst.unit.replace("degC", "°C")
             label = f"largest {name} (GJB 2426A)"
             largest.append(KeyValue(label, worst.value, unit, worst.standard_uncertainty))
@@ -40,20 +40,20 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
         return Overview(sentence, facts, (error, ratio, *largest)[:4])
     at_reference = _where(campaign.reference.temp_degc) if campaign.sets else ""
     scale_factors = []
-    for channel in campaign.own:
+    for channel in campaign.own_channels:
         if channel.mean is not None:
             K, of_runs = channel.mean.coefficients[0], channel.repeated
-            where = channel.name + _where(float(np.mean([run.temp_degc for run in of_runs])))
+            gyro_label = channel.name + _where(float(np.mean([run.temp_degc for run in of_runs])))
         else:
             K = campaign.reference.figures[f"scale_factor.{channel.gyro}"]
-            where = channel.gyro + at_reference
-        label = f"scale factor of {where}"
+            gyro_label = channel.gyro + at_reference
+        label = f"scale factor of {gyro_label}"
         scale_factors.append(KeyValue(label, K.value, "counts/°", K.standard_uncertainty))
-    (listed,) = _in_words(scale_factors)
+    (scale_factor_text,) = _in_words(scale_factors)
     if not campaign.sets:
         first = scale_factors[0]
         ppm = PPM * first.standard_uncertainty / abs(first.value)
-        sentence = f"{listed.removesuffix('.')} (u {ppm:.2g} ppm)."
+        sentence = f"{scale_factor_text.removesuffix('.')} (u {ppm:.2g} ppm)."
         return Overview(sentence, facts, (*scale_factors, *largest)[:4])
     angles = [
         figure
@@ -61,13 +61,13 @@ def summarize(campaign: Campaign, scales: StageResult) -> Overview:
         if name.startswith("orthogonality_error")
     ]
     if not angles:
-        return Overview(listed, facts, tuple(scale_factors[:4]))
+        return Overview(scale_factor_text, facts, tuple(scale_factors[:4]))
     worst = max(angles, key=lambda figure: abs(figure.value))
     of_both = worst.name.partition(".")[2].replace("_", " and ")
     label = f"90° − angle between the input axes of {of_both}"
     error = KeyValue(label, worst.value, "°", worst.standard_uncertainty)
     sentence = f"Largest departure from right angles{at_reference}: {label} is {error}."
-    return Overview(sentence, (listed, *facts), (error, *scale_factors)[:4])
+    return Overview(sentence, (scale_factor_text, *facts), (error, *scale_factors)[:4])
 
 
 def _where(degc: float) -> str:

@@ -76,7 +76,7 @@ DEG_PER_PPM = float(np.degrees(1.0 / PPM))
 
 
 @dataclass(frozen=True, slots=True)
-class Holds(equation.Rows):
+class Holds(equation.RateRows):
     """Planned or measured holds [n] of gyros whose scale factor is 1; a line is a table axis."""
 
     noise: Array
@@ -122,7 +122,7 @@ class GyroBench(TourBench):
         """
         rate, axes = holds.rate_dps, len(self.axes)
         shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rate)) > 0.0 else ()
-        terms = equation.Terms(axes, self.order, self.assumed.middle_half, shapes)
+        terms = equation.ResponseTerms(axes, self.order, self.assumed.middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
         shared = [
             error
@@ -155,13 +155,13 @@ class GyroBench(TourBench):
         return self.results_of(*self.lines(self.rows(design), degc))
 
     def angle(
-        self, fit: Fit, scale: Array, without: Sequence[tuple[str, str]], mountings: int
+        self, fit: Fit, scale: Array, own_axis_errors: Sequence[tuple[str, str]], mountings: int
     ) -> Sources:
         """Variances [°²] of what gyros show about an axis across their own, by derivatives [m, p]
-        of scale factors [ppm], beside the errors that matter along the own axis alone.
+        of scale factors [ppm], without `own_axis_errors`, which matter along the own axis alone.
         """
         sources = split_variance(fit, DEG_PER_PPM * scale)
-        for group, effect in without:
+        for group, effect in own_axis_errors:
             sources.pop(f"{effect} of the {group}", None)
         mounted = np.full(len(scale), mountings * self.assumed.size(*MOUNTING) ** 2)
         return sources | {"angle of the mounting": mounted}
@@ -180,9 +180,11 @@ class GyroBench(TourBench):
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
-        known = self.spec.component_units
+        recipe_units = self.spec.component_units
         return [
-            error for error in super().passed_on(campaign) if (error.group, error.effect) in known
+            error
+            for error in super().passed_on(campaign)
+            if (error.group, error.effect) in recipe_units
         ]
 
     def choices(self) -> list[tuple[int, ...]]:
@@ -197,20 +199,21 @@ class GyroBench(TourBench):
         """Temperatures of campaigns with the reference one; beside what is measured also those that
         it lacks, or none but what was measured about other axes.
         """
-        beside, span = bool(self.task.have), self.assumed.range_degc
-        tours = list_tours(self.order, span, some=beside, reference=self.reference_degc)
+        has_earlier, span = bool(self.task.have), self.assumed.range_degc
+        tours = list_tours(self.order, span, some=has_earlier, reference=self.reference_degc)
         return [degc for degc in ((), *tours) if self.by_axis(degc)]
 
     def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
         about this one, and those of a design.
         """
-        tours, others = {}, sorted(chain(*self.measured.values()))
+        tours, measured_degc = {}, sorted(chain(*self.measured.values()))
         for axis in self.axes:
-            there, lacking = [*self.measured.get(axis, ()), *degc], list[int]()
-            for other in others:
-                if all(abs(other - known) > ONE_LEVEL_DEGC for known in (*there, *lacking)):
-                    lacking.append(round(other))
+            axis_degc, lacking = [*self.measured.get(axis, ()), *degc], list[int]()
+            for level in measured_degc:
+                distances = [abs(level - axis_level) for axis_level in (*axis_degc, *lacking)]
+                if all(distance > ONE_LEVEL_DEGC for distance in distances):
+                    lacking.append(round(level))
             if lacking or degc:
                 tours[axis] = (*lacking, *degc)
         return tours
@@ -227,9 +230,11 @@ class GyroBench(TourBench):
             files[axis] = f"{stem}_*.csv"
             runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
             if not self.task.withheld and number < self.withheld:
-                known = sorted({*tour, *map(round, self.measured.get(axis, ()))})
-                between = round((known[0] + known[1]) / 2.0) if len(known) > 1 else known[0]
-                runs.insert(1, (between, f"{WITHHELD}{stem}_{between}.csv"))
+                tour_degc = sorted({*tour, *map(round, self.measured.get(axis, ()))})
+                withheld_degc = tour_degc[0]
+                if len(tour_degc) > 1:
+                    withheld_degc = round((tour_degc[0] + tour_degc[1]) / 2.0)
+                runs.insert(1, (withheld_degc, f"{WITHHELD}{stem}_{withheld_degc}.csv"))
             for level, log in runs:
                 line_of[log] = self.axes.index(axis)
                 clock.settle(self.assumed.device, level)
@@ -240,10 +245,10 @@ class GyroBench(TourBench):
                     hold_s = max(dwell_s, SETTLE_S + turn_s)
                     clock.add("rate", hold_s, log, table_rate_dps=rate)
         levels = count(len({*chain(*tours.values())}), "temperature")
-        about = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
+        axes_text = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
         label = (
             f"{len(choice)} rates both ways, {count(sum(map(len, tours.values())), 'run')} at"
-            f" {levels}{about if len(self.axes) > 1 else ''}, holds of {dwell_s:g} s"
+            f" {levels}{axes_text if len(self.axes) > 1 else ''}, holds of {dwell_s:g} s"
         )
         schedule = clock.schedule()
         rows = planned_holds(schedule, self.assumed, line_of.__getitem__)
@@ -267,33 +272,38 @@ class ThreeAxesBench(GyroBench):
         """
         by_axis = [split_variance(fit, slopes) for slopes in scale]
         *_, second, worst = np.argsort([total_variance(axis).mean() for axis in by_axis])
-        both = scale[second] + scale[worst]
-        return {SCALE: by_axis[worst], ANGLE: self.angle(fit, both, [RUN_SCALE], mountings=2)}
+        angle_slopes = scale[second] + scale[worst]
+        return {
+            SCALE: by_axis[worst],
+            ANGLE: self.angle(fit, angle_slopes, [RUN_SCALE], mountings=2),
+        }
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone, as each
         set of runs at one temperature has angles of its own in a fit.
         """
         holds, at_reference = self.rows(design), np.array([self.reference_degc])
-        near = np.zeros(holds.run.size, dtype=np.bool_)
+        near_reference = np.zeros(holds.run.size, dtype=np.bool_)
         for line in range(len(self.axes)):
             of_axis = np.flatnonzero(holds.line == line)
             degc = holds.row_degc[of_axis]
             nearest = degc[np.argmin(np.abs(degc - at_reference))]
-            near[of_axis] = np.abs(degc - nearest) <= ONE_LEVEL_DEGC
-        chosen = {field.name: getattr(holds, field.name)[near] for field in fields(holds)}
-        chosen["run"] = np.unique(chosen["run"], return_inverse=True)[1]
-        chosen["row_degc"] = np.repeat(at_reference, near.sum())
-        lines = replace(self, order=0).lines(Holds(**chosen), at_reference)
+            near_reference[of_axis] = np.abs(degc - nearest) <= ONE_LEVEL_DEGC
+        columns = {
+            field.name: getattr(holds, field.name)[near_reference] for field in fields(holds)
+        }
+        columns["run"] = np.unique(columns["run"], return_inverse=True)[1]
+        columns["row_degc"] = np.repeat(at_reference, near_reference.sum())
+        lines = replace(self, order=0).lines(Holds(**columns), at_reference)
         u = float(np.sqrt(total_variance(self.results_of(*lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield PredictedCoefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
     def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
         """Keys of the recipe that name the logs about each axis."""
-        before = dict(self.spec.axes) if self.task.have else {}
-        named = {axis: (*before.get(axis, ()), file) for axis, file in files.items()}
-        return {"axes": before | named}
+        earlier_files = dict(self.spec.axes) if self.task.have else {}
+        axis_files = {axis: (*earlier_files.get(axis, ()), file) for axis, file in files.items()}
+        return {"axes": earlier_files | axis_files}
 
 
 @dataclass(frozen=True)
@@ -308,8 +318,12 @@ class PairBench(GyroBench):
         neither scale factor nor response matters.
         """
         a, b = scale
-        apart = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
-        ratio = split_variance(fit, b - a) | {"temperature of the run": np.full(len(a), apart**2)}
+        temperature_ppm = (
+            np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
+        )
+        ratio = split_variance(fit, b - a) | {
+            "temperature of the run": np.full(len(a), temperature_ppm**2)
+        }
         return {RATIO: ratio, ANGLE: self.angle(fit, a, [RUN_SCALE, RESPONSE], mountings=1)}
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
@@ -320,8 +334,8 @@ class PairBench(GyroBench):
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
-        stated = super().passed_on(campaign)
-        return [error for error in stated if (error.group, error.effect) == MOUNTING]
+        errors = super().passed_on(campaign)
+        return [error for error in errors if (error.group, error.effect) == MOUNTING]
 
     def tours(self) -> list[Tour]:
         """One run about each axis: none about one that is measured."""
@@ -355,8 +369,10 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
     records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
     earlier, (group, effect) = seen_errors(records), RESPONSE
     for record in records:
-        off = [figure.value for figure in record.figures if figure.name.startswith(OFF_LINE)]
-        value = rms(off) * DPH_PER_DPS
+        line_errors_dps = [
+            figure.value for figure in record.figures if figure.name.startswith(OFF_LINE)
+        ]
+        value = rms(line_errors_dps) * DPH_PER_DPS
         earlier.append(
             ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
         )
@@ -370,19 +386,21 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
     K = np.where(ACROSS * K.max(initial=0.0) < K, K, K.max(initial=0.0))
     parts, measured = [], dict[str, list[float]]()
     for axis, run in runs:
-        held = run.plateaus
-        if not np.isfinite(held.temp_degc).all():
+        plateaus = run.plateaus
+        if not np.isfinite(plateaus.temp_degc).all():
             raise FitError(
                 f"{run.log.file}: no case temperature, expected one to plan what is missing",
                 hint="map it under [columns.temp_case_degc], or plan without --have",
             )
-        noise = np.sqrt(np.mean((held.standard_uncertainty / K) ** 2, axis=1))
+        noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
         # of a log of one row per hold no noise is known
-        known = np.isfinite(noise) & (noise > 0.0)
-        noise = np.where(known, noise, assumed.noise_of(min(device.dwell_s)))
-        rate, first = held.rate_dps, np.zeros(noise.size, dtype=np.int64)
+        noise_known = np.isfinite(noise) & (noise > 0.0)
+        noise = np.where(noise_known, noise, assumed.noise_of(min(device.dwell_s)))
+        rate, first = plateaus.rate_dps, np.zeros(noise.size, dtype=np.int64)
         line = first + bench.axes.index(axis)
-        parts.append(Holds(rate, rate, first, held.temp_degc, held.hours, line, line, noise))
+        parts.append(
+            Holds(rate, rate, first, plateaus.temp_degc, plateaus.hours, line, line, noise)
+        )
         measured.setdefault(axis, []).append(run.temp_degc)
     have = join(parts)
     for axis in measured:
@@ -434,14 +452,16 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
     logs: dict[str, dict[str, Array]] = {}
     for log, actions in schedule.by_log().items():
         axis = spec.find_axis(log.removeprefix(WITHHELD))
-        along = np.ones(len(gyros))
+        axis_cosines = np.ones(len(gyros))
         if axis:
-            at = ("xyz" if axis in forms.AXES else "ab").index(axis)
-            along = directions @ (mounted[at] + np.cross(tilts[at], mounted[at]))
-        moved = {}
-        for (name, gyro), part in zip(gyros.items(), along.tolist(), strict=True):
-            to_table_deg = float(np.degrees(np.arccos(min(part, 1.0))))
-            moved[f"gyro_{name}_lsb"] = replace(
+            axis_index = ("xyz" if axis in forms.AXES else "ab").index(axis)
+            axis_cosines = directions @ (
+                mounted[axis_index] + np.cross(tilts[axis_index], mounted[axis_index])
+            )
+        log_gyros = {}
+        for (name, gyro), cosine in zip(gyros.items(), axis_cosines.tolist(), strict=True):
+            to_table_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
+            log_gyros[f"gyro_{name}_lsb"] = replace(
                 gyro,
                 axis=simulate_rate_table.tilted(to_table_deg, rng.uniform(0.0, 360.0)),
                 K=gyro.K * (1.0 + rng.normal(0.0, assumed.size(*RUN_SCALE) / PPM)),
@@ -450,7 +470,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
         degc = actions[0].set_degc - table.warming_degc / 2.0
         degc += rng.normal(0.0, assumed.size(*TEMPERATURE))
         rates = [hold.table_rate_dps for hold in actions]
-        logs[log] = simulate_rate_table.run(moved, table, rates, degc, rng)
+        logs[log] = simulate_rate_table.run(log_gyros, table, rates, degc, rng)
     truth: dict[str, Any] = {
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},
         "directions": directions.tolist(),

@@ -1,4 +1,6 @@
-"""Logs of a rate table → the recipe that fits them: a pair, a triad, or runs of single gyros."""
+"""Logs of a rate table → the recipe that fits them: a pair for two gyros in two logs, a triad where
+the names of the logs tell three table axes, else runs of single gyros.
+"""
 
 import json
 import re
@@ -33,11 +35,11 @@ def propose_pair(evidence: Evidence) -> RecipeChoice | None:
         keys = {f"axis_{axis}": json.dumps(file) for axis, file in zip("ab", files, strict=True)}
     renamed = [(axis, column) for axis, (_, column) in zip("ab", axes, strict=True)]
     choice = _choose(evidence, "gyro_pair", renamed, keys)
-    named = ", ".join(
+    column_names = ", ".join(
         f"{axis}: {column.name}" for axis, column in zip("ab", dict(renamed).values(), strict=True)
     )
     return replace(
-        choice, remark=f"# Gyro {named}; swap the logs where the table turned about b first."
+        choice, remark=f"# Gyro {column_names}; swap the logs where the table turned about b first."
     )
 
 
@@ -46,21 +48,21 @@ def propose_triad(evidence: Evidence) -> RecipeChoice | None:
     that differ from the shipped recipe: gyros, and logs of each table axis.
     """
     axes, files = _axes(evidence), evidence.group.files
-    turned: dict[str, list[str]] = {axis: [] for axis in "xyz"}
+    axis_files: dict[str, list[str]] = {axis: [] for axis in "xyz"}
     for file in files:
-        named = {str(axis).lower() for axis in TABLE_AXIS.findall(mapping.log_name(file))}
-        if len(named) != 1:
+        file_axes = {str(axis).lower() for axis in TABLE_AXIS.findall(mapping.log_name(file))}
+        if len(file_axes) != 1:
             return None
-        turned[named.pop()].append(file)
-    if len(axes) < 2 or not all(turned.values()):
+        axis_files[file_axes.pop()].append(file)
+    if len(axes) < 2 or not all(axis_files.values()):
         return None
     names = [axis for axis, _ in axes]
     keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
     shipped = recipe.find("gyro_triad").table(GyroTriadRecipe)
-    if any(shipped.list_axes(file) != [axis] for axis in turned for file in turned[axis]):
-        every = [file for of_axis in turned.values() for file in of_axis]
-        for axis, of_axis in turned.items():
-            keys[axis] = json.dumps(file_patterns(of_axis, every), ensure_ascii=False)
+    if any(shipped.list_axes(file) != [axis] for axis in axis_files for file in axis_files[axis]):
+        all_files = [file for of_axis in axis_files.values() for file in of_axis]
+        for axis, of_axis in axis_files.items():
+            keys[axis] = json.dumps(file_patterns(of_axis, all_files), ensure_ascii=False)
     return _choose(evidence, "gyro_triad", axes, keys)
 
 
@@ -106,11 +108,11 @@ def _choose(
     renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
     count, logs = len(axes), len(evidence.group.files)
     reason = f"a table rate beside {count} gyro{'s' * (count > 1)}, in {logs} log{'s' * (logs > 1)}"
-    taken = reference | renamed
+    columns = reference | renamed
     if "time_s" in evidence.columns:
-        return evidence.choose(name, (*REFERENCE, *renamed), taken, keys, reason=reason)
+        return evidence.choose(name, (*REFERENCE, *renamed), columns, keys, reason=reason)
     keys = {**keys, "one_row": "true"}
-    choice = evidence.choose(name, (*REFERENCE, *renamed), taken, keys)
+    choice = evidence.choose(name, (*REFERENCE, *renamed), columns, keys)
     return replace(
         choice,
         reason=f"rates in proportion to an indication, a row each, in {logs} log{'s' * (logs > 1)}",

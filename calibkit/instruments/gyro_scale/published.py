@@ -59,7 +59,7 @@ class FigureName(NamedTuple):
     model.
     """
 
-    what: str
+    kind: str
     standard: str
     model: str
 
@@ -150,9 +150,9 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
     """
 
     def figure(
-        what: str, standard: str, value: float, unit: str, u: float | np.floating[Any]
+        kind: str, standard: str, value: float, unit: str, u: float | np.floating[Any]
     ) -> Figure:
-        return Figure(FigureName(what, standard, model).text, float(value), unit, float(u))
+        return Figure(FigureName(kind, standard, model).text, float(value), unit, float(u))
 
     K, noise = abs(line.K), line.noise
     yield figure("scale_factor", GJB, line.K, "1/deg", u_K)
@@ -173,9 +173,9 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
     u = rms(noise) / K / np.sqrt(2.0 * noise.size)
     yield figure("linearity_error_rms", IEEE, line.fit.residual_rms / K, "deg/s", u)
     for standard, slopes, mean_K in _slopes_of_both_sides(line):
-        apart = slopes[0] - slopes[1]
-        value = abs(apart @ line.indication) / mean_K * PPM
-        u = np.linalg.norm(apart * noise) / K * PPM
+        slope_difference = slopes[0] - slopes[1]
+        value = abs(slope_difference @ line.indication) / mean_K * PPM
+        u = np.linalg.norm(slope_difference * noise) / K * PPM
         yield figure("asymmetry", standard, value, "ppm", u)
     yield from _least_responses(line, figure)
 
@@ -194,10 +194,10 @@ def _least_responses(line: Line, figure: Callable[..., Figure]) -> Iterator[Figu
     order = np.argsort(rate, kind="stable")
     step, noise = np.diff(rate[order]), line.noise[order]
     half = HALF * K * step
-    seen = np.hypot(noise[1:], noise[:-1]) * SEEN < half
+    step_seen = np.hypot(noise[1:], noise[:-1]) * SEEN < half
     follows = np.sign(line.K) * np.diff(line.indication[order]) >= half
     real = step > REST
-    resolution = _smallest_from_which(step[real], (seen & follows)[real])
+    resolution = _smallest_from_which(step[real], (step_seen & follows)[real])
     width, variance = 0.0, 0.0
     for direction in (1.0, -1.0):
         side = line.seen & (direction * rate > 0.0)
@@ -206,13 +206,13 @@ def _least_responses(line: Line, figure: Callable[..., Figure]) -> Iterator[Figu
         # in the middle between the last silent and the first responding rate, ± step/2
         width += (first + silent) / 2.0
         variance += (first - silent) ** 2 / 12.0
-    for what, value, u in (
+    for kind, value, u in (
         ("threshold", threshold, 0.0),
         ("resolution", resolution, 0.0),
         ("dead_zone", width, np.sqrt(variance)),
     ):
         if np.isfinite(value):
-            yield figure(what, GJB, value, "deg/s", u)
+            yield figure(kind, GJB, value, "deg/s", u)
 
 
 def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
@@ -223,14 +223,14 @@ def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
     sides = rate > 0.0, rate < 0.0
     if any(np.unique(np.round(rate[side], 9)).size < 2 for side in sides):
         return
-    one = np.ones_like(rate)
+    intercept = np.ones_like(rate)
     # GJB: a line with an intercept of its own on each side, |K₊ − K₋| / K̄, K̄ = (K₊ + K₋)/2
     slopes = np.zeros((2, rate.size))
     for row, side in zip(slopes, sides, strict=True):
-        row[side] = np.linalg.pinv(np.column_stack((rate, one))[side])[0]
+        row[side] = np.linalg.pinv(np.column_stack((rate, intercept))[side])[0]
     yield GJB, slopes, abs(float(np.mean(slopes @ line.indication)))
     # IEEE: two slopes from one intercept, |K₊ − K₋| / K
-    design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), one))
+    design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), intercept))
     if rank(design) == design.shape[1]:
         yield IEEE, np.linalg.pinv(design)[:2], abs(line.K)
 
@@ -336,6 +336,7 @@ def _by_draws(
     Draws with |γ| > 1 are impossible angles and are left out; where nearly all are, the draws are
     moved onto |γ| = 1.
     """
+    # Cholesky needs a definite covariance; that of indications without noise is singular
     definite = np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance)
     method: Literal["cholesky", "svd"] = "cholesky" if definite else "svd"
     K_A, K_B, K_Ba = rng.multivariate_normal(values, covariance, draws, method=method).T

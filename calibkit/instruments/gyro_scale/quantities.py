@@ -1,4 +1,9 @@
-"""Results of a run: scale factors over temperature, indications over rate, angles between gyros."""
+"""Results of a run as quantities, which certificates state and comparisons compare:
+K(T) and F0(T) over temperature, F = K Ω + F0 over rate, F = S Ω + B of a triad (`forms`), and
+N, ε, γ and α of a pair (`published`, (2)).
+
+    dγ/dα = −sin α, dε/dα = −N sin α        how type B terms on α enter γ and ε
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
@@ -41,8 +46,8 @@ PAIR_WORDS = {
 
 def is_cross(name: str) -> bool:
     """Whether a line, or the curve of a line, is of a gyro about another gyro's axis."""
-    gyro, about, axis = name.partition(".")[0].partition("_about_")
-    return bool(about) and gyro != axis
+    gyro, separator, axis = name.partition(".")[0].partition("_about_")
+    return bool(separator) and gyro != axis
 
 
 def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
@@ -58,8 +63,8 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
 
 def temperature_of_line(line: Model) -> float:
     """Mean case temperature [°C] of the runs of a line."""
-    known = {parameter.name: parameter.value for parameter in line.parameters}
-    return known.get("temp_case", sum(line.valid[forms.TEMPERATURE]) / 2.0)
+    values = {parameter.name: parameter.value for parameter in line.parameters}
+    return values.get("temp_case", sum(line.valid[forms.TEMPERATURE]) / 2.0)
 
 
 def of_line(record: Record, line: Model, letter: str, words: Words) -> Quantity:
@@ -139,12 +144,14 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
             if matrix.curves:
                 K = over_temperature(record, matrix.curves[k], "K")
             else:
-                near = ranged(matrix.model, forms.TEMPERATURE)
-                low, high = near.low - TEMPERATURE_SLACK, near.high + TEMPERATURE_SLACK
-                known = forms.TEMPERATURE in matrix.model.valid
+                temperature_input = ranged(matrix.model, forms.TEMPERATURE)
+                low = temperature_input.low - TEMPERATURE_SLACK
+                high = temperature_input.high + TEMPERATURE_SLACK
+                temperature_logged = forms.TEMPERATURE in matrix.model.valid
                 K = replace(
                     coefficient(file, matrix.model, name, Words(name)),
-                    inputs=(QuantityInput(near.column, low, high),) * known,
+                    inputs=(QuantityInput(temperature_input.column, low, high),)
+                    * temperature_logged,
                 )
             if axis in ("", gyro):
                 K = replace(K, undecided=undecided_scale(record))

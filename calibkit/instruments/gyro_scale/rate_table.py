@@ -1,4 +1,6 @@
-"""Runs of single gyros on a rate table: logs → gyro_scale.json."""
+"""Procedure of single gyros on a rate table: logs → gyro_scale.json with K and F0 of F = K Ω + F0,
+over temperature where it varies (`equation`, (1)). `instrument` does the work.
+"""
 
 from __future__ import annotations
 

@@ -77,12 +77,15 @@ class GyroRecipe(Recipe):
 
     def find_axis(self, file: str) -> str:
         """Table axis of a log; RecipeError for a log of none or of two."""
-        named = self.list_axes(file)
-        if len(named) == 1:
-            return named[0]
-        what = f"of the table axes {' and '.join(named)}" if named else "of no table axis"
+        file_axes = self.list_axes(file)
+        if len(file_axes) == 1:
+            return file_axes[0]
+        axes_text = (
+            f"of the table axes {' and '.join(file_axes)}" if file_axes else "of no table axis"
+        )
         raise RecipeError(
-            f"{file}: a log {what}", hint="name the logs of each table axis under [axes] or [pair]"
+            f"{file}: a log {axes_text}",
+            hint="name the logs of each table axis under [axes] or [pair]",
         )
 
     @model_validator(mode="after")
@@ -90,13 +93,13 @@ class GyroRecipe(Recipe):
         for entry in self.errors.component:
             unit = self.component_units.get((entry.group, entry.effect))
             if unit is None:
-                known = " or ".join(
+                expected = " or ".join(
                     f"{effect} in {unit} of group '{group}'"
                     for (group, effect), unit in self.component_units.items()
                 )
                 raise ValueError(
                     f"errors.component: effect '{entry.effect}' of group '{entry.group}', expected"
-                    f" {known}"
+                    f" {expected}"
                 )
             try:
                 entry.value_in(unit)

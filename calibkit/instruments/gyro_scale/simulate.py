@@ -63,8 +63,8 @@ def pair(
     tilts = (mounting[0], alpha, mounting[1], alpha)
     # by gyro and run: each run has its own orientation about its table axis
     directions = {
-        name: simulate_rate_table.tilted(tilt, about)
-        for name, tilt, about in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
+        name: simulate_rate_table.tilted(tilt, direction_deg)
+        for name, tilt, direction_deg in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
     }
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
     if ideal:
@@ -139,14 +139,15 @@ def triad(
     for degc in (*temperatures_degc, *withheld_degc):
         folder = "" if degc in temperatures_degc else "withheld/"
         warmer = (degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
+        # input axes turn with temperature, a little more the warmer it is
         directions = _normalise(axes + turns * (warmer * (1.0 + 0.15 * warmer)))
         sensitivity = np.zeros((3, 3))
         for axis, name in enumerate(GYROS):
             # in table axes: two components that turn with the table, and one along its axis
-            seen = np.roll(directions, 2 - axis, axis=1).tolist()
+            table_directions = np.roll(directions, 2 - axis, axis=1).tolist()
             mounted = {
                 g: replace(gyro, axis=tuple(direction))
-                for (g, gyro), direction in zip(gyros.items(), seen, strict=True)
+                for (g, gyro), direction in zip(gyros.items(), table_directions, strict=True)
             }
             log, _, lines = turn(mounted, table, rates, degc, rng)
             logs[f"{folder}about_{name}_{degc:.0f}.csv"] = log

@@ -1,5 +1,12 @@
 """Gyros on a rate table that accelerates between rates, turns unevenly and rotates with the earth;
 the gyros are slightly nonlinear.
+
+    F = K (1 + k_T ΔT) (ω + r sin(2π ω/P) + a |ω|/2 + b + b_T ΔT)                            (1)
+    ω = u_3 (dθ/dt + ω_E sin φ) + ω_E cos φ (u_1 cos θ − u_2 sin θ)                          (2)
+
+F indication, ω rate about the input axis u, which a filter of the first order lags, ΔT = T − 25 °C,
+r and P the ripple of the closed loop, a the asymmetry, b the bias; θ angle of the table, ω_E the
+earth's rate, φ the latitude. Counts are whole, with white noise.
 """
 
 from collections.abc import Mapping, Sequence
@@ -124,34 +131,36 @@ class _Motion:
 
 
 def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
-    """Noise-free static indication [1/s] of a gyro at a rate [°/s] about its input axis."""
+    """Noise-free static indication [1/s] of a gyro at a rate [°/s] about its input axis, by (1)."""
     warmer = np.asarray(temp_degc) - REFERENCE_DEGC
     ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
-    seen = (
+    rate_with_errors = (
         rate_dps
         + gyro.ripple_dps * ripple
         + 0.5 * gyro.asymmetry * np.abs(rate_dps)
         + gyro.bias_dps
         + gyro.bias_dps_per_degc * warmer
     )
-    return np.asarray(gyro.K * (1.0 + gyro.K_per_degc * warmer) * seen, dtype=np.float64)
+    return np.asarray(
+        gyro.K * (1.0 + gyro.K_per_degc * warmer) * rate_with_errors, dtype=np.float64
+    )
 
 
 def _motion(table: TurnedTable, rates_dps: Sequence[float]) -> _Motion:
     """Motion of the table through held rates, at rest before the first and after the last."""
-    corners, held = [0.0, 3.0], [0.0, 0.0]
+    corners, corner_rates = [0.0, 3.0], [0.0, 0.0]
     for rate in (*rates_dps, 0.0):
-        begin = corners[-1] + abs(rate - held[-1]) / table.acceleration_dps2
+        begin = corners[-1] + abs(rate - corner_rates[-1]) / table.acceleration_dps2
         revolution = 360.0 / abs(rate) if rate else 0.0
         corners += [
             begin,
             begin + (max(table.shortest_hold_s, SPARE_S + 1.02 * revolution) if rate else 3.0),
         ]
-        held += [rate, rate]
+        corner_rates += [rate, rate]
     step = table.interval_s / FINE
     count = int(np.floor(corners[-1] / table.interval_s)) * FINE
     time = np.arange(count + 1) * step
-    nominal_rate = np.asarray(np.interp(time, corners, held), dtype=np.float64)
+    nominal_rate = np.asarray(np.interp(time, corners, corner_rates), dtype=np.float64)
     nominal = np.radians(table.start_angle_deg + _integral(nominal_rate, step))
     uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
     angle = table.start_angle_deg + _integral(nominal_rate * (1.0 + uneven), step)
@@ -164,15 +173,15 @@ def _integral(rate: Array, step: float) -> Array:
 
 
 def _input_rate(gyro: RateGyro, table: TurnedTable, motion: _Motion) -> Array:
-    """Rate about the gyro's input axis [k] [°/s] in each fine step: table rate plus earth rate."""
+    """Rate about the gyro's input axis [k] [°/s] in each fine step, by (2)."""
     middle = np.radians(0.5 * (motion.angle_deg[1:] + motion.angle_deg[:-1]))
     latitude = np.radians(table.latitude_deg)
-    along = np.diff(motion.angle_deg) / motion.step_s + EARTH_RATE_DPS * np.sin(latitude)
+    axial_dps = np.diff(motion.angle_deg) / motion.step_s + EARTH_RATE_DPS * np.sin(latitude)
     level = EARTH_RATE_DPS * np.cos(latitude)
     return np.asarray(
         gyro.axis[0] * level * np.cos(middle)
         - gyro.axis[1] * level * np.sin(middle)
-        + gyro.axis[2] * along,
+        + gyro.axis[2] * axial_dps,
         dtype=np.float64,
     )
 
@@ -240,10 +249,10 @@ def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
 
 def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
     """Unit vector at an angle [°] to the table axis, in a direction [°] about it."""
-    tilt, about = np.radians(degrees), np.radians(direction_deg)
+    tilt, azimuth = np.radians(degrees), np.radians(direction_deg)
     return (
-        float(np.sin(tilt) * np.cos(about)),
-        float(np.sin(tilt) * np.sin(about)),
+        float(np.sin(tilt) * np.cos(azimuth)),
+        float(np.sin(tilt) * np.sin(azimuth)),
         float(np.cos(tilt)),
     )
 

@@ -1,4 +1,7 @@
-"""Logs of a rate table → held rates of every gyro in every run."""
+"""Logs of a rate table → held rates Ω of the table and means F of every gyro over them, the rows of
+`equation`, (1), in every run (`held_rates`, `held_means`); and what is wrong with a log: columns,
+units and signs, too few rates, lost pulses (`dropouts`).
+"""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -128,13 +131,14 @@ def group_by_temperature(
         last = degc
     for group in groups:
         if missing := [axis for axis in forms.AXES if axis not in group]:
-            there = ", ".join(run.log.file for axis in group for run in group[axis])
+            file_names = ", ".join(run.log.file for axis in group for run in group[axis])
             degc = float(np.mean([run.temp_degc for axis in group for run in group[axis]]))
             raise FitError(
-                f"no log about table axis {missing[0]} near {degc:.1f} °C, where there are {there}",
+                f"no log about table axis {missing[0]} near {degc:.1f} °C, where there are"
+                f" {file_names}",
                 hint=(
                     "each temperature needs a run about each axis; leave the others out:"
-                    f" {advise_exclude(there.split(', ')[0])}"
+                    f" {advise_exclude(file_names.split(', ')[0])}"
                 ),
             )
     return groups
@@ -229,12 +233,14 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
         counts = values(log.frame, name)
         reach[name] = _quantile(counts, 0.995) - _quantile(counts, 0.005)
     # a gyro across the table axis indicates its misalignment, of either sign
-    along = max(columns, key=lambda name: reach[name])
+    driven_column = max(columns, key=lambda name: reach[name])
     for name in columns:
-        yield from check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
+        yield from check.series.check_driven_indication(
+            log, name, forms.RATE, "1/s", reach[driven_column]
+        )
     # with two gyros of a triad, neither need be along this axis
     if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
-        yield from check.magnitude.check_gyro_sign(log, along, forms.RATE)
+        yield from check.magnitude.check_gyro_sign(log, driven_column, forms.RATE)
     yield from check.magnitude.find_compensated_names(log, spec, columns)
 
 
@@ -261,10 +267,12 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     return held_means.average(motion, signals, spans, temp_degc, along_axis=along_axis)
 
 
-def _quantile(counts: Array, share: float, of: Callable[[Array], Array] = np.asarray) -> float:
+def _quantile(
+    counts: Array, share: float, function: Callable[[Array], Array] = np.asarray
+) -> float:
     """Quantile of an indication, or of a function of it."""
     return order_statistics.quantile_of_chunks(
-        lambda: (of(counts[a:b]) for a, b in chunks.ranges_along(counts)), counts.size, share
+        lambda: (function(counts[a:b]) for a, b in chunks.ranges_along(counts)), counts.size, share
     )
 
 
@@ -277,14 +285,14 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -
     from row to row, the angle agrees with any rate within half a turn and cannot contradict it.
     """
     rates, rules = np.sort(means.rate_dps), spec.plateaus
-    near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
-    rates = rates[np.concatenate(([True], np.diff(rates) > near))]
+    least_step = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
+    rates = rates[np.concatenate(([True], np.diff(rates) > least_step))]
     if rates.size < rules.min_rates:
-        listed = ", ".join(f"{rate:.4g}" for rate in rates)
+        rates_text = ", ".join(f"{rate:.4g}" for rate in rates)
         count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
         yield Finding(
             log.file,
-            f"{count} ({listed} °/s) on {means.rate_dps.size} plateaus",
+            f"{count} ({rates_text} °/s) on {means.rate_dps.size} plateaus",
             f"at least {rules.min_rates} different ones",
             "hold more rates, or allow shorter ones: plateaus.shortest_s",
             name="held_rates",
@@ -296,13 +304,13 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -
     place = f"{log.file}: column '{ANGLE}'"
     if not slow.all():
         fast = turn[~slow]
-        against = f"the {int(slow.sum())} slower ones" if slow.any() else "none"
+        slower_text = f"the {int(slow.sum())} slower ones" if slow.any() else "none"
         yield Finding(
             place,
             f"the table turns by up to {fast.max():.0f}° from row to row at {fast.size} held rates",
             f"less than {HALF_TURN_DEG:g}°",
-            f"log faster; the rate is held against the angle at {against} only, and a wrong unit of"
-            " a fast rate is not seen",
+            f"log faster; the rate is held against the angle at {slower_text} only, and a wrong"
+            " unit of a fast rate is not seen",
             "warn",
             "aliased",
             figure=float(fast.max()),

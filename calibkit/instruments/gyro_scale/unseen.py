@@ -4,7 +4,7 @@ compensation, and the ratios of a pair.
     e = K - K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²                                       (1)
 
 K is that of the unseen run, K(T) the quantity of the files at its temperature, s how runs repeat,
-u_B the type B terms; `fit.unseen` judges e over u.
+u_B the type B terms; `calibkit.fit.unseen` judges e over u.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -28,7 +28,7 @@ from calibkit.instruments.gyro_scale import (
     quantities,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.coefficient_files import Campaign
+from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
 from calibkit.instruments.gyro_scale.flags import WITHIN
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
@@ -107,9 +107,9 @@ def validate(
     tables = [_tabulate_errors(errors, triad=triad)]
     of_pair: tuple[str, ...] = ()
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        again = fit.fit_campaign(spec, runs)
-        of_pair = again.flags
-        body["pair"] = [*_compare_pair(records, again, spec.type_b)]
+        unseen_campaign = fit.fit_campaign(spec, runs)
+        of_pair = unseen_campaign.flags
+        body["pair"] = [*_compare_pair(records, unseen_campaign, spec.type_b)]
         tables.append(_tabulate_pair(body["pair"]))
         criteria += _judge_pair(body["pair"], within_runs=within_runs)
     limits, undecided = _judge_limits(spec, [error for _, error in errors], within_runs=within_runs)
@@ -123,8 +123,8 @@ def _judge_scale_factors(file: str, scale_factors: Sequence[tuple[Value, Value]]
     error = np.array([K.value - frozen.value for K, frozen in scale_factors])
     variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
     dof = np.inf, max(float(sum(frozen.dof for _, frozen in scale_factors)), 1.0)
-    judged = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
-    return over_u(f"{file}: rms error of K", judged.to_object())
+    error_over_u = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
+    return over_u(f"{file}: rms error of K", error_over_u.to_object())
 
 
 def _judge_pair(compared: Sequence[Entry], *, within_runs: bool) -> Iterator[Criterion]:
@@ -134,8 +134,8 @@ def _judge_pair(compared: Sequence[Entry], *, within_runs: bool) -> Iterator[Cri
     for entry in compared:
         if entry["name"] == "gamma" or (entry["name"] == "N" and not within_runs):
             error, u = np.array([entry["difference"]]), np.array([[entry["standard_uncertainty"]]])
-            over = unseen(error, u, dof=(entry["dof"], np.inf)).to_object()
-            yield over_u(f"pair: error of {entry['name']}", over)
+            error_over_u = unseen(error, u, dof=(entry["dof"], np.inf)).to_object()
+            yield over_u(f"pair: error of {entry['name']}", error_over_u)
 
 
 def _judge_limits(
@@ -170,8 +170,8 @@ def _scale_factors(
     the run's temperature, clamped to the fitted range.
     """
     model, degc = matrix.model, float(np.nan_to_num(run.plateaus.temp_degc).mean())
-    at = {x.column: min(max(degc, x.low), x.high) for x in quantity.inputs}
-    point = quantity.point(at)
+    input_values = {x.column: min(max(degc, x.low), x.high) for x in quantity.inputs}
+    point = quantity.point(input_values)
     ((_, u, dof),) = point.type_a()
     K = point.value
     fastest = max(map(abs, model.valid.get(forms.RATE, ())), default=0.0) or FULL_SCALE
@@ -216,9 +216,9 @@ def _compare_line(
         before_is = "nominal scale factor"
     full_scale = float(np.max(np.abs(line.rate_dps)))
     errors = {}
-    for when, rate in (("before", (indication - F0_before) / K_before), ("after", rate_after)):
+    for stage, rate in (("before", (indication - F0_before) / K_before), ("after", rate_after)):
         error = rate - line.rate_dps
-        errors[when] = {
+        errors[stage] = {
             "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
             "rate_error_rms_dps": rms(error),
             "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full_scale * PPM,
@@ -241,8 +241,8 @@ def _compare_line(
     }
     for figure in published.figures(line, u_K, gyro):
         if figure.unit == "ppm":
-            what, standard, _ = FigureName.of(figure.name)
-            key = what + SUFFIX[standard] if what == "asymmetry" else what
+            kind, standard, _ = FigureName.of(figure.name)
+            key = kind + SUFFIX[standard] if kind == "asymmetry" else kind
             entry[f"{key}_ppm"] = figure.value
     return entry, compensated
 
@@ -262,11 +262,12 @@ def _compare_base(
     rates = matrix.rates(plateaus.indication, temperature)
     S, _ = matrix.reference
     main = np.argmax(np.abs(S), axis=1)
-    alone = (plateaus.indication - matrix.at(temperature)[1]) / S[np.arange(main.size), main]
-    turned = forms.AXES.index(axis)
+    main_K = S[np.arange(main.size), main]
+    uncompensated = (plateaus.indication - matrix.at(temperature)[1]) / main_K
+    axis_index = forms.AXES.index(axis)
     true = np.zeros_like(rates)
-    true[:, turned] = plateaus.rate_dps + vertical_dps
-    gain = float(np.polyfit(plateaus.rate_dps, rates[:, turned], 1)[0])
+    true[:, axis_index] = plateaus.rate_dps + vertical_dps
+    gain = float(np.polyfit(plateaus.rate_dps, rates[:, axis_index], 1)[0])
     if not abs(gain - 1.0) < OTHER_AXIS:
         raise FrameError(
             f"{run.log.file}: the rate about {axis} comes out {gain:.4f} times the table's,"
@@ -281,20 +282,21 @@ def _compare_base(
         "before_is": "each gyro by its scale factor about the axis that it senses most",
     }
     full_scale = float(np.max(np.abs(plateaus.rate_dps))) / PPM
-    for when, error, axes in (
-        ("before", alone - true[:, main], main),
+    for stage, error, axes in (
+        ("before", uncompensated - true[:, main], main),
         ("after", rates - true, np.arange(len(forms.AXES))),
     ):
-        along, across = np.abs(error[:, axes == turned]), np.abs(error[:, axes != turned])
-        entry[when] = {
-            "rate_error_max_ppm_of_full_scale": float(along.max(initial=0.0)) / full_scale,
-            "cross_axis_max_ppm_of_full_scale": float(across.max(initial=0.0)) / full_scale,
+        along_errors = np.abs(error[:, axes == axis_index])
+        across_errors = np.abs(error[:, axes != axis_index])
+        entry[stage] = {
+            "rate_error_max_ppm_of_full_scale": float(along_errors.max(initial=0.0)) / full_scale,
+            "cross_axis_max_ppm_of_full_scale": float(across_errors.max(initial=0.0)) / full_scale,
         }
     return entry | {"rate_gain": gain}
 
 
 def _compare_pair(
-    records: Mapping[str, Record], again: Campaign, terms: Sequence[type_b.TypeB]
+    records: Mapping[str, Record], unseen_campaign: CampaignFit, terms: Sequence[type_b.TypeB]
 ) -> Iterator[Entry]:
     """JSON objects of N, ε, γ, α of unseen runs against the frozen values."""
     if forms.ORTHOGONALITY_FILE not in records:
@@ -302,14 +304,14 @@ def _compare_pair(
             f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
     frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
-    assert again.pair is not None  # noqa: S101 (a fit of a pair has one)
-    now = {c.name: c for c in again.pair.coefficients}
+    assert unseen_campaign.pair is not None  # noqa: S101 (a fit of a pair has one)
+    now = {c.name: c for c in unseen_campaign.pair.coefficients}
     for c in frozen.coefficients:
         # terms on the ratio itself, or on α
         slopes, names = quantities.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
         u_B = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
         parts = (
-            (now[c.name].standard_uncertainty, again.pair.dof_of(now[c.name])),
+            (now[c.name].standard_uncertainty, unseen_campaign.pair.dof_of(now[c.name])),
             (c.standard_uncertainty, frozen.dof_of(c)),
             (u_B, np.inf),
         )
@@ -331,13 +333,15 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
     """Table of unseen runs before and after compensation: rates along and across the turned axis of
     a triad, else frozen and found K and rates of each gyro.
     """
-    along, across = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
+    along_key, across_key = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
     rows = []
     for name, entry in errors:
         before, after = entry["before"], entry["after"]
         gain = f"{entry['rate_gain']:.6f}"
         if triad:
-            sizes = [f"{part[kind]:.1f}" for kind in (along, across) for part in (before, after)]
+            sizes = [
+                f"{part[kind]:.1f}" for kind in (along_key, across_key) for part in (before, after)
+            ]
             rows.append((f"{name} about {entry['axis']}", *sizes, gain))
             continue
         u = entry["scale_factor_error_standard_uncertainty_ppm"]
@@ -348,8 +352,8 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
                 f"{entry['K_frozen']:.4f}",
                 f"{before['scale_factor_error_ppm']:+.1f}",
                 f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
-                f"{before[along]:.1f}",
-                f"{after[along]:.1f}",
+                f"{before[along_key]:.1f}",
+                f"{after[along_key]:.1f}",
                 gain,
             )
         )
