@@ -23,7 +23,7 @@ from calibkit.forms import Form, Inputs
 from calibkit.numeric import chunks
 from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import LAGS, TERMS, Drivers, ThermalModel, Valid
 from calibkit.numeric.thermal.uncertainty import Along
 from calibkit.sensitivities import Sensitivity
@@ -121,7 +121,7 @@ def slope_over_case(model: Model, at: Inputs) -> Array:
 
 
 def list_errors(
-    noise: Noise, model_error: float, model_error_dof: float, interval_s: float, unit: str
+    noise: BlockNoise, model_error: float, model_error_dof: float, interval_s: float, unit: str
 ) -> list[Parameter]:
     """Parameters that every model has: interval, noise and model error, in the unit of the bias."""
     return [
@@ -195,7 +195,7 @@ def read_terms(model: Model) -> ThermalModel:
         constant_dof=float(model.dof_of(model.coefficients[0])),
         dof=model.dof,
         residual_rms=model.residual_rms,
-        noise=Noise(model.value("white_variance"), model.value("flicker")),
+        noise=BlockNoise(model.value("white_variance"), model.value("flicker")),
         model_error=model.value("model_error"),
         model_error_dof=model.value("model_error_dof") if stated else math.inf,
         entangled=(),
@@ -204,7 +204,7 @@ def read_terms(model: Model) -> ThermalModel:
 
 
 def compare_means(
-    left: Array, along: Along, about_mean: Along, noise: Noise, group: int
+    left: Array, along: Along, about_mean: Along, noise: BlockNoise, group: int
 ) -> tuple[dict[str, float], Array, Array]:
     """Errors [n] of a log as means over a group of blocks about the log's mean, against the
     uncertainty of the bias and of the bias less its mean: number of means, the share within U and

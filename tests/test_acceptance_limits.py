@@ -16,7 +16,7 @@ from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
 from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
-from calibkit.instruments.fog_thermal.recipe import _Acceptance
+from calibkit.instruments.fog_thermal.recipe import _FogAcceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
@@ -62,7 +62,7 @@ def fog_gain(value, **limits):
 
 def fog_fit(figures, share=0.25, **limits):
     """Criteria of a fit in recursive mode."""
-    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
     export = SimpleNamespace(
         share_of_raw=share, model=SimpleNamespace(mode="recursive", exported=True)
     )
@@ -71,7 +71,7 @@ def fog_fit(figures, share=0.25, **limits):
 
 def fog_over_noise(value, **limits):
     """Criteria of two logs whose drift rms is this many times the noise in both together."""
-    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
     return fog._over_noise(spec, [(5.0 * value, 3.0), (0.0, 4.0)])
 
 
@@ -82,13 +82,13 @@ def fog_withheld(value, **limits):
 
 def fog_unseen(value, **limits):
     """Validation of two logs with a drift rms of 1 before and this after."""
-    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
     return fog._judge_reduction(spec, "drift reduction", 1.0 / value)
 
 
 def fog_covered(value, **limits):
     """Validation of two logs, of whose 300 and 100 means this share lies within the uncertainty."""
-    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
     shares = ((300, value + 0.1), (100, value - 0.3))
     logs = [
         {
@@ -421,7 +421,7 @@ def test_azimuth_errors_of_unseen_stations_are_judged_by_their_uncertainty():
 
 def test_the_rate_gain_has_a_limit_without_being_asked():
     """One part in a thousand, in the mode that has a gain, and for terms that are exported."""
-    assert _Acceptance().rate_gain_tolerance == 1e-3
+    assert _FogAcceptance().rate_gain_tolerance == 1e-3
     for gain, passed in ((1.0009, True), (1.0011, False), (0.9989, False)):
         (one,) = (c for c in fog_fit([fog_log(gain=gain)]) if c.name == "rate gain off 1 by")
         assert (one.limit, one.passed) == (1e-3, passed)

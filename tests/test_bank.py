@@ -17,7 +17,7 @@ from calibkit.instruments.fog_thermal.numeric import (
     evidence,
 )
 from calibkit.numeric.thermal import fits
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
 
@@ -64,7 +64,7 @@ def thermal_model():
         constant_dof=7.0,
         dof=100,
         residual_rms=0.02,
-        noise=Noise(1e-4, 0.01),
+        noise=BlockNoise(1e-4, 0.01),
         model_error=0.0,
         model_error_dof=7.0,
         entangled=(),
@@ -314,7 +314,7 @@ def test_a_posterior_is_that_of_dense_normal_equations():
     rng = np.random.default_rng(5)
     columns, values = rng.normal(size=(30, 4)), rng.normal(size=30)
     gram = evidence.Gram.of(columns, values)
-    prior = evidence.Prior(
+    prior = evidence.VariancePrior(
         np.array([evidence.FLAT, 0, 0, 1]),
         np.array([1.0, 1.0, 0.5, 1.0]),
         np.eye(2),

@@ -23,7 +23,7 @@ def vector_blocks(ramp):
     n = gradient.size
     time = np.arange(n) * float(VECTOR["interval_s"])
     rate = np.full(n, ramp["ramp_degc_min"])
-    return drift.Blocks(time, gradient, gradient, np.array(ramp["gyro_dph"]), rate)
+    return drift.DriftBlocks(time, gradient, gradient, np.array(ramp["gyro_dph"]), rate)
 
 
 def vector_fits(estimate="levels"):
@@ -159,7 +159,7 @@ def filled(time, case, env):
     """Block means at 10 s of a log whose indication and slope are its case temperature."""
     held = intervals.Intervals.find(time, 10.0)
     means = (held.means(column) for column in (time, case, env, case))
-    return drift.Blocks.fill(held, means, case)
+    return drift.DriftBlocks.fill(held, means, case)
 
 
 @pytest.mark.parametrize("step", [0.1, 1.0, 2.5, 10.0])
@@ -200,10 +200,10 @@ def test_a_log_slower_than_the_model_interval_is_refused():
 def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():
     """A constant gradient, and a ramp of five intervals, are refused with the reason."""
     flat = np.full(30, -5.0)
-    blocks = drift.Blocks(np.arange(30.0), flat, flat, np.arange(30.0), flat)
+    blocks = drift.DriftBlocks(np.arange(30.0), flat, flat, np.arange(30.0), flat)
     with pytest.raises(FitError, match="cannot determine"):
         blocks.fit_ramp(1.0)
-    short = drift.Blocks(*(np.arange(5.0) for _ in range(5)))
+    short = drift.DriftBlocks(*(np.arange(5.0) for _ in range(5)))
     with pytest.raises(FitError, match="5 intervals"):
         short.fit_ramp(1.0)
 
@@ -216,7 +216,7 @@ def test_levels_know_the_coefficients_better_than_increments():
     blocks = vector_blocks(VECTOR["ramps"][3])
     scatter = {"levels": [], "increments": []}
     for _ in range(100):
-        noisy = drift.Blocks(
+        noisy = drift.DriftBlocks(
             blocks.time,
             blocks.case,
             blocks.gradient,
@@ -245,7 +245,7 @@ def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
         G = blocks.gradient[:-1]
         steps = np.vander(G, 3, increasing=True) @ (truth @ [1.0, r])
         indication = np.concatenate([[5.0], 5.0 + np.cumsum(steps)])
-        exact = drift.Blocks(blocks.time, G, blocks.gradient, indication, blocks.rate)
+        exact = drift.DriftBlocks(blocks.time, G, blocks.gradient, indication, blocks.rate)
         fits.append(exact.fit_ramp(r))
     found = drift.fit_over_rates(fits, 1, "heating")
     assert np.abs(found.c / truth - 1.0).max() < 1e-9
@@ -262,7 +262,7 @@ def physical_log(rate, rng, linear=0.02):
     case = np.zeros(n)
     for k in range(1, n):
         case[k] = case[k - 1] + (air[k - 1] - case[k - 1]) * 10.0 / 200.0
-    return drift.Blocks(
+    return drift.DriftBlocks(
         time, case, case - air, linear * case + rng.normal(0.0, 0.01, n), np.full(n, rate)
     )
 

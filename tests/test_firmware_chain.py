@@ -193,7 +193,7 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
     inputs = {"temp_case_degc": case, "temp_env_degc": air, "temp_env_rate_degc_min": rate}
     _, stored = physical(quantised, inputs)
     gradient = stored["temp_case_degc"] - stored["temp_env_degc"]
-    blocks = drift.Blocks(
+    blocks = drift.DriftBlocks(
         time,
         stored["temp_case_degc"],
         gradient,

@@ -11,7 +11,7 @@ from calibkit.errors import CoefficientError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, published
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities
 
@@ -52,7 +52,7 @@ def on_levels(form="lagged", lags=(210.0, 120.0)):
         constant_dof=7.0,
         dof=100,
         residual_rms=0.02,
-        noise=Noise(1e-4, 0.01),
+        noise=BlockNoise(1e-4, 0.01),
         model_error=0.005,
         model_error_dof=7.0,
         entangled=(),
@@ -150,7 +150,7 @@ def bank_model(bank=BANK):
         turn_on_sd=0.02,
         dof=100,
         residual_rms=0.02,
-        noise=Noise(1e-4, 0.01),
+        noise=BlockNoise(1e-4, 0.01),
         model_error=0.005,
         model_error_dof=7.0,
     )

@@ -15,7 +15,7 @@ from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import compensate, forms, uncertainty
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric.published import Blocks
+from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.numeric import gum
 from calibkit.numeric.thermal import uncertainty as uncertainty_of_thermal
 from calibkit.recipe import TypeB
@@ -148,7 +148,7 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     ).type_b[:1]
     still = np.zeros_like(time)
     drift_model = compensate.DriftModel((), model, 10.0, "recursive", 25.0)
-    blocks = Blocks(time, case, still, still, still)
+    blocks = DriftBlocks(time, case, still, still, still)
     found = uncertainty.along_blocks(drift_model, blocks, (term,))
     moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     values = np.array([part for _, _, part, _ in found.contributions])

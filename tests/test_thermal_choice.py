@@ -33,7 +33,7 @@ from calibkit.numeric.thermal import (
 )
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
@@ -335,7 +335,7 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
     stated = [uncertainty.Along(along, [], u, u, np.full(400, expanded)) for expanded in (3.0, 0.5)]
-    compared, _, limit = thermal_forms.compare_means(along, *stated, Noise(0.0, 0.0), 10)
+    compared, _, limit = thermal_forms.compare_means(along, *stated, BlockNoise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)
 

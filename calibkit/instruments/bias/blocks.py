@@ -34,7 +34,7 @@ LEAST_SHARE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Blocks:
+class BiasBlocks:
     """Means over consecutive rows of logs."""
 
     design: Array
@@ -52,7 +52,7 @@ class Blocks:
         designs: Sequence[Callable[[slice], Array]],
         rows: Sequence[tuple[Array, Array]],
         valid: tuple[float, float],
-    ) -> "Blocks":
+    ) -> "BiasBlocks":
         """Means over the rows of logs, given by the design of a slice of its rows and by its
         abscissa and indication [n]; `valid` is the range of the abscissa in all of them.
         """
@@ -96,7 +96,7 @@ def turn_on_bias(unit: str, log: Integers, loading: Array) -> Shared:
 
 
 def fit(
-    blocks: Blocks, turned: Turned, unit: str, shared: Sequence[Shared], names: Sequence[str]
+    blocks: BiasBlocks, turned: Turned, unit: str, shared: Sequence[Shared], names: Sequence[str]
 ) -> Fit:
     """Generalised least squares of turned rows with errors of logs and flicker noise.
 

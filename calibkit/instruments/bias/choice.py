@@ -23,7 +23,7 @@ from calibkit.numeric.thermal.left_out import (
     simplest,
     solve,
 )
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack
+from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
 from calibkit.numeric.thermal.terms import ThermalModel
 
 MOVING_DEGC_MIN = 0.3
@@ -96,7 +96,9 @@ def choose(
 
 
 def _left_out(
-    solution: fits.Solution, cuts: Sequence[tuple[Stack, tuple[Rows, ...]]], figure_blocks: int
+    solution: fits.TermSolution,
+    cuts: Sequence[tuple[Stack, tuple[WhitenedRows, ...]]],
+    figure_blocks: int,
 ) -> tuple[Array, ...]:
     """Errors of a candidate on each stretch, then on each pair of them, fitted to all others; the
     turn-on bias is that of the rest of the power-on, or the stretch's own where it has no other.

@@ -41,7 +41,7 @@ def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str,
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class ChannelBias:
     """Bias of one channel along the blocks of a power-on, zero at the reference temperature, and
     the uncertainties of the bias and of the bias less its mean: of the coefficients, the model
     error, the ranges and the type B terms of the thermometer and the channel.
@@ -53,7 +53,7 @@ class Drift:
     about_mean: uncertainty.Along
 
 
-def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[Drift]:
+def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[ChannelBias]:
     """Bias of one channel along each power-on of a log, of which `raw` is as it was read, at the
     model interval, or at the log's own where that is longer.
     """
@@ -74,7 +74,7 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[D
             uncertainty.combine_along(fitted, evaluation, effects, about_mean=apart)
             for apart in (False, True)
         )
-        drifts.append(Drift(power_on, evaluation, along, about_mean))
+        drifts.append(ChannelBias(power_on, evaluation, along, about_mean))
     return drifts
 
 
@@ -100,7 +100,7 @@ def compensate_log(
     return columns, added, tuple(dict.fromkeys(flags))
 
 
-def _to_rows(log: Log, drifts: Sequence[Drift], along: Sequence[Array]) -> Array:
+def _to_rows(log: Log, drifts: Sequence[ChannelBias], along: Sequence[Array]) -> Array:
     """Values of blocks interpolated to the rows [n] of one log."""
     time = values(log.frame, "time_s")
     rows = log.allocate(time.size)
@@ -113,7 +113,7 @@ def _to_rows(log: Log, drifts: Sequence[Drift], along: Sequence[Array]) -> Array
     return rows
 
 
-def _flag_ranges(file: str, model: Model, drifts: Sequence[Drift]) -> list[str]:
+def _flag_ranges(file: str, model: Model, drifts: Sequence[ChannelBias]) -> list[str]:
     """Flags of temperatures and rates outside the fitted ranges, with the share of the log, where
     the model has a term beside the constant; then the notes on the power-ons.
     """

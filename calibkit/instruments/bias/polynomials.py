@@ -26,7 +26,7 @@ from calibkit.instruments.bias import blocks as bias_blocks
 from calibkit.instruments.bias.blocks import (
     COURSES,
     LEAST_LOGS,
-    Blocks,
+    BiasBlocks,
     between_logs,
     turn_on_bias,
 )
@@ -100,7 +100,7 @@ def _fit_channel(
     valid = min(low), max(high)
     designs = [polynomial.mapped_powers(x, entry.order, valid) for x, _ in rows]
     to_raw = designs[0][1]
-    blocks = Blocks.of([design for design, _ in designs], rows, valid)
+    blocks = BiasBlocks.of([design for design, _ in designs], rows, valid)
     turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
     offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
     many_logs = len(rows) > 1

@@ -130,13 +130,13 @@ class ThermalTable(Table):
         return sessions
 
 
-class _Output(_DriftOutput):
+class _ThermalOutput(_DriftOutput):
     """Columns that `apply` adds to the compensated channels."""
 
     rate_uncertainty: bool = False
 
 
-class _Acceptance(Table):
+class _ThermalAcceptance(Table):
     """Limits on each channel; a limit that is not stated is not tested."""
 
     min_reduction: NonNegative | None = None
@@ -153,8 +153,8 @@ class ThermalRecipe(Recipe):
 
     procedure: Literal["thermal"]
     thermal: ThermalTable
-    output: _Output = _Output()
-    acceptance: _Acceptance = _Acceptance()
+    output: _ThermalOutput = _ThermalOutput()
+    acceptance: _ThermalAcceptance = _ThermalAcceptance()
 
     def own_columns(self) -> tuple[str, ...]:
         """The channels, whatever they are called."""

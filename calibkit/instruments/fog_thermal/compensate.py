@@ -14,7 +14,7 @@ from calibkit.instruments.fog_thermal import forms, ramps
 from calibkit.instruments.fog_thermal.forms import FILE
 from calibkit.instruments.fog_thermal.numeric import drift_figures, evaluate, published
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
-from calibkit.instruments.fog_thermal.numeric.published import Blocks, RatePolynomial
+from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks, RatePolynomial
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal.left_out import blocks_per_figure
@@ -112,7 +112,7 @@ class DriftModel:
             recipe.reference_temp_degc,
         )
 
-    def drift_along(self, blocks: Blocks) -> _Drift:
+    def drift_along(self, blocks: DriftBlocks) -> _Drift:
         """Drift along block means, zero at the reference temperature, which is clamped to the
         fitted range.
 
@@ -180,7 +180,7 @@ class LogFigures:
         return self.before / self.after if self.after > 0.0 else float("inf")
 
     @classmethod
-    def summarize(cls, name: str, blocks: Blocks, model: DriftModel) -> Self:
+    def summarize(cls, name: str, blocks: DriftBlocks, model: DriftModel) -> Self:
         """Figures of one log from its block means."""
         group = blocks_per_figure(model.interval_s)
         drift, indication = model.drift_along(blocks), blocks.indication

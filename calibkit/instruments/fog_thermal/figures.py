@@ -42,7 +42,7 @@ class DriftLog:
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class TestedModel:
     """Drift rms on ramps left out of the fit of one model, raw and after compensation [°/h]."""
 
     name: str
@@ -67,7 +67,7 @@ class DriftReport:
     logs: tuple[DriftLog, ...]
     ramps: tuple[published.RampFit, ...]
     polynomials: tuple[published.RatePolynomial, ...]
-    tested: tuple[Shown, ...]
+    tested: tuple[TestedModel, ...]
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
     """Hysteresis curves and their labels."""

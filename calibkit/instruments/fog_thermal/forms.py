@@ -23,7 +23,7 @@ from calibkit.instruments.fog_thermal.numeric.bank import (
     BankModel,
     OnLevels,
 )
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import Valid
 from calibkit.thermal_forms import CASE, GRADIENT, RATE, drivers_at
 
@@ -243,7 +243,7 @@ def _read_bank_model(model: Model) -> BankModel:
         turn_on_sd=model.value("turn_on"),
         dof=model.dof,
         residual_rms=model.residual_rms,
-        noise=Noise(model.value("white_variance"), model.value("flicker")),
+        noise=BlockNoise(model.value("white_variance"), model.value("flicker")),
         model_error=model.value("model_error"),
         model_error_dof=model.value("model_error_dof"),
     )

@@ -34,7 +34,7 @@ class FittedRamp:
     log: PreparedLog
     fit: published.RampFit
 
-    def with_soaks(self) -> published.Blocks:
+    def with_soaks(self) -> published.DriftBlocks:
         """Block means of the ramp with the soaks around it: the whole log where it has one ramp."""
         others = self.log.ramps
         before = [ramp.stop for ramp in others if ramp.stop <= self.ramp.start]
@@ -103,7 +103,7 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> tuple[list[FittedRamp
 
 
 def left_out_rates(
-    ramps: Sequence[published.RampFit], logs: Sequence[published.Blocks], side: str, group: int
+    ramps: Sequence[published.RampFit], logs: Sequence[published.DriftBlocks], side: str, group: int
 ) -> list[LeftOutRates]:
     """Fit the polynomials of a side without each temperature rate in turn, and compensate the logs
     of that rate as at run time: for every order that the rates can test (four rates cannot test
@@ -121,7 +121,7 @@ def left_out_rates(
         else:
             rates.append([i])
 
-    def compensated(polynomial: published.RatePolynomial, log: published.Blocks) -> Array:
+    def compensated(polynomial: published.RatePolynomial, log: published.DriftBlocks) -> Array:
         delta = published.increments([polynomial], log.gradient, log.rate).delta
         return means(log.indication - published.recursive(delta))
 

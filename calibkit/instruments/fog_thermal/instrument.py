@@ -183,7 +183,7 @@ def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.
 def _fit_criteria(
     spec: FogThermalRecipe,
     export: decision.Export,
-    tested: Sequence[figures.Shown],
+    tested: Sequence[figures.TestedModel],
     logs: Sequence[compensate.LogFigures],
 ) -> tuple[Criterion, ...]:
     """Acceptance criteria of a fit: drift reduction on left-out ramps, what is left there over the

@@ -19,8 +19,8 @@ from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
 from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Noise
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
+from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
 from calibkit.planning.exchange import invert
 from calibkit.planning.levels import cover_range
 from calibkit.planning.schedule import Clock, Schedule
@@ -108,9 +108,9 @@ class RampBench(Bench):
         coefficients, static lag, then errors of the logs.
         """
         stacked = Stack.of_logs(logs)
-        rows = Rows.of_stack(stacked, stacked.fitted)
+        rows = WhitenedRows.of_stack(stacked, stacked.fitted)
         block_s, drift = float(logs[0].time[1] - logs[0].time[0]), self.assumed.size(*DRIFT)
-        noise = Noise(self.assumed.noise_of(block_s) ** 2, self.assumed.size(*FLICKER))
+        noise = BlockNoise(self.assumed.noise_of(block_s) ** 2, self.assumed.size(*FLICKER))
         problem = bank_fit.state_problem(replace(rows, noise=noise), drift=drift)
         coefficients = np.zeros(len(BANK.terms))
         coefficients[BANK.part("s").start] = drift

@@ -53,8 +53,8 @@ class PreparedLog:
 
     name: str
     source: Input
-    raw: published.Blocks
-    denoised: published.Blocks
+    raw: published.DriftBlocks
+    denoised: published.DriftBlocks
     thermal: ThermalLog
     ramps: tuple[Ramp, ...]
     noise: tuple[Figure, ...]
@@ -161,7 +161,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     parts, slope = _cut(log, recipe)
     means = [blocks.means(column) for column in (time, case, env)]
-    raw = published.Blocks.fill(blocks, [*means, blocks.means(gyro)], slope)
+    raw = published.DriftBlocks.fill(blocks, [*means, blocks.means(gyro)], slope)
     del slope  # a column, and denoising takes two
     chunks.release(time, env)
     smooth, noise = _denoised(log, gyro, blocks, recipe)
@@ -188,7 +188,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
 
 def block_means(
     log: Log, recipe: FogThermalRecipe, *, rated: bool
-) -> tuple[intervals.Intervals, published.Blocks]:
+) -> tuple[intervals.Intervals, published.DriftBlocks]:
     """Model intervals and block means of a log that is not fitted; the temperature rate is 0 unless
     `rated`. A log without chamber air has no gradient.
     """
@@ -198,7 +198,7 @@ def block_means(
     blocks = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (blocks.means(column) for column in (time, case, env, gyro))
-    return blocks, published.Blocks.fill(blocks, means, slope)
+    return blocks, published.DriftBlocks.fill(blocks, means, slope)
 
 
 def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:

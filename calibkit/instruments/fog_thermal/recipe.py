@@ -78,14 +78,14 @@ class _InputAxis(Table):
         return self
 
 
-class _Output(Table):
+class _FogOutput(Table):
     """Columns that `apply` adds to the compensated rate."""
 
     drift: bool = False
     rate_uncertainty: bool = False
 
 
-class _Acceptance(Table):
+class _FogAcceptance(Table):
     """Acceptance limits of fits and validations; a limit that is None is not tested."""
 
     min_reduction: NonNegative | None = None
@@ -106,8 +106,8 @@ class FogThermalRecipe(Recipe):
     denoise: Denoise = Denoise()
     drift: Drift = Drift()
     input_axis: _InputAxis | None = None
-    output: _Output = _Output()
-    acceptance: _Acceptance = _Acceptance()
+    output: _FogOutput = _FogOutput()
+    acceptance: _FogAcceptance = _FogAcceptance()
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
         """Tables of the recipe that name logs: the stated temperature rates."""

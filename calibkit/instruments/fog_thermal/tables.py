@@ -9,7 +9,7 @@ from calibkit.arrays import Array
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
-from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Shown
+from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, TestedModel
 from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
@@ -35,7 +35,7 @@ def drift_report(
     compensated: Sequence[LogFigures],
     ramps: Sequence[FittedRamp],
     choices: Sequence[SideChoice],
-    tested: Sequence[Shown],
+    tested: Sequence[TestedModel],
     model: DriftModel,
     hysteresis: tuple[tuple[str, Hysteresis], ...],
 ) -> DriftReport:
@@ -67,7 +67,7 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
 
 def list_tested(
     choices: Sequence[SideChoice], levels: ThermalChoice, export: Export
-) -> tuple[Shown, ...]:
+) -> tuple[TestedModel, ...]:
     """Results of all models tested on left-out ramps or rates; each order of the published scheme
     is listed.
     """
@@ -80,7 +80,7 @@ def list_tested(
     splits = [split_noise(result.errors) for result in tested]
     noise = min((split.noise for split in splits), default=0.0)
     return tuple(
-        Shown(
+        TestedModel(
             *(result.name, result.pooled_raw, result.pooled, split.at_most(noise)),
             result.name in exported,
         )
@@ -88,7 +88,7 @@ def list_tested(
     )
 
 
-def tabulate_tested(results: Sequence[Shown]) -> Table:
+def tabulate_tested(results: Sequence[TestedModel]) -> Table:
     """Table of the drift rms of tested models on left-out ramps."""
     shares = tuple(
         (
@@ -214,7 +214,7 @@ def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ())
 def summarize_fit(
     prepared: Sequence[PreparedLog],
     compensated: Sequence[LogFigures],
-    tested: Sequence[Shown],
+    tested: Sequence[TestedModel],
     levels: ThermalChoice,
     export: Export,
     stated: Sequence[Mapping[str, Any]],
@@ -262,7 +262,7 @@ def _compare_drift(where: str, raw: float, left: float, noise: float) -> str:
     )
 
 
-def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[Shown]) -> str:
+def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[TestedModel]) -> str:
     """How many models were tested on left-out ramps, and why this one was chosen."""
     count = f"of {len(tested)} models tested on left-out ramps"
     if levels.chosen is None or export.model.thermal is None:

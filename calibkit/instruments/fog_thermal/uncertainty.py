@@ -16,7 +16,7 @@ from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric.published import Blocks
+from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, gum
@@ -37,7 +37,7 @@ POINTS = 5
 
 def along_blocks(
     model: DriftModel,
-    blocks: Blocks,
+    blocks: DriftBlocks,
     terms: Sequence[TypeB],
     *,
     settled: bool = False,
@@ -111,7 +111,7 @@ def state_along_logs(
     still = np.zeros(2)
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
     for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
-        resting = Blocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
+        resting = DriftBlocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
         state("at rest", degc, along_blocks(model, resting, terms, settled=True), 1)
     for log in logs:
         moving = along_blocks(model, log.raw, terms)
@@ -160,7 +160,7 @@ class RestLevel:
 
 
 def check_coverage(
-    model: DriftModel, blocks: Blocks, terms: Sequence[TypeB], level: RestLevel | None
+    model: DriftModel, blocks: DriftBlocks, terms: Sequence[TypeB], level: RestLevel | None
 ) -> dict[str, Any]:
     """JSON object: uncertainties along a log, and the share of its 100 s means within U, about the
     log's mean and absolutely.

@@ -22,7 +22,7 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil, level
-from calibkit.numeric.thermal.pooled_fit import LeastSquares, Rows, Stack, sound_blocks
+from calibkit.numeric.thermal.pooled_fit import LeastSquares, Stack, WhitenedRows, sound_blocks
 from calibkit.numeric.thermal.terms import (
     LAGS,
     TERMS,
@@ -61,7 +61,7 @@ class Basis:
     terms of a level model, at which candidates are compared.
     """
 
-    rows: Rows
+    rows: WhitenedRows
     scales: Scales
 
     def design(self, log_lags: Array) -> Array:
@@ -84,9 +84,9 @@ class LevelBasis(Basis):
         """As the logs show them."""
         return self.shown
 
-    def solve(self, terms: Sequence[str]) -> "Solution":
+    def solve(self, terms: Sequence[str]) -> "TermSolution":
         """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
-        solution = Solution("level", self, tuple(terms), np.zeros(0))
+        solution = TermSolution("level", self, tuple(terms), np.zeros(0))
         _, variance = self.rows.solve_terms(solution.columns, solution.terms[1:])
         return replace(solution, turn_on_variance=variance)
 
@@ -110,7 +110,7 @@ class LaggedBasis(Basis):
         pairs = np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), -1).reshape(-1, 2)
         return [(lags, self.rows.of(self.design(lags))) for lags in np.log(pairs)]
 
-    def solve(self, terms: Sequence[str]) -> "Solution":
+    def solve(self, terms: Sequence[str]) -> "TermSolution":
         """Fit a lagged model with these terms; the coil has one lag unless s_grad is among them,
         then two.
 
@@ -124,7 +124,7 @@ class LaggedBasis(Basis):
                 hint="drop it",
             )
         starts = self._starts(chosen_columns(terms)[1:], 2 if "s_grad" in terms else 1)
-        at_starts = (Solution("lagged", self, tuple(terms), lags) for lags in starts)
+        at_starts = (TermSolution("lagged", self, tuple(terms), lags) for lags in starts)
         rough = min(map(minimise, at_starts), key=lambda solution: solution.square)
         variance = rough.least_squares.turn_on_variance()
         return minimise(replace(rough, turn_on_variance=variance))
@@ -162,12 +162,12 @@ def level_basis(stacked: Stack) -> LevelBasis:
     shown = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = shown.valid().scales()
     columns = shown.scaled_design(scales)[:, 1:]
-    rows = Rows.of_stack(stacked, sound_blocks(columns, stacked))
+    rows = WhitenedRows.of_stack(stacked, sound_blocks(columns, stacked))
     rows = rows.at_noise_of(stacked.indication, columns)
     return LevelBasis(rows, scales, shown, window_s)
 
 
-def lagged_basis(rows: Rows) -> LaggedBasis:
+def lagged_basis(rows: WhitenedRows) -> LaggedBasis:
     """Basis of lagged fits to rows, whose spikes and noise come from a level fit to the same
     logs.
     """
@@ -178,7 +178,7 @@ def lagged_basis(rows: Rows) -> LaggedBasis:
 
 
 @dataclass(frozen=True)
-class Solution:
+class TermSolution:
     """Fit of terms at given lags, in the scaled basis."""
 
     form: Literal["level", "lagged"]
@@ -191,7 +191,7 @@ class Solution:
     """Of the turn-on biases; infinite where they are free."""
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> WhitenedRows:
         """Rows of the fit."""
         return self.basis.rows
 
@@ -255,7 +255,7 @@ class Solution:
         """Columns [n, k + m] of the model about its lags."""
         return np.column_stack([self.columns, self.sensitivities[:, self.free]])
 
-    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+    def leave_out(self, without: Iterable[WhitenedRows]) -> Iterator[Array]:
         """Drift [n, up to a constant] of all blocks by the fit without each ramp in turn.
 
         ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags:
@@ -273,7 +273,7 @@ class Solution:
             yield predicted
 
 
-def minimise(here: Solution) -> Solution:
+def minimise(here: TermSolution) -> TermSolution:
     """Least sum of squares over the lags within BOUNDS_S, by Gauss-Newton steps with free
     coefficients (Golub & Pereyra 1973, Kaufman 1975), each halved until it lowers the sum.
     Raises FitError if the columns are linearly dependent at the start.
@@ -311,7 +311,7 @@ def _undetermined() -> FitError:
     )
 
 
-def finish(solution: Solution) -> ThermalModel:
+def finish(solution: TermSolution) -> ThermalModel:
     """Drift model in raw units at the noise about the solution, misfit included; flags name the
     lags that the logs do not determine, and the terms entangled with them are listed.
 
@@ -372,7 +372,7 @@ def finish(solution: Solution) -> ThermalModel:
     )
 
 
-def _judge_lags(solution: Solution, relative: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _judge_lags(solution: TermSolution, relative: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Flags of lags that the logs do not determine, by their relative standard uncertainties, and
     the lags and terms whose uncertainties hold jointly only.
     """

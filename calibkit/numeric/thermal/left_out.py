@@ -14,8 +14,8 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.one_standard_error import choose_simplest
-from calibkit.numeric.thermal.fits import LevelBasis, Solution, lagged_basis
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack
+from calibkit.numeric.thermal.fits import LevelBasis, TermSolution, lagged_basis
+from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
 
 FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
@@ -90,9 +90,9 @@ def simplest(tested: Sequence[LeftOutErrors], among: Iterable[int]) -> int:
 
 def solve(
     candidates: Sequence[Candidate], basis: LevelBasis
-) -> tuple[list[tuple[Candidate, Solution]], list[str]]:
+) -> tuple[list[tuple[Candidate, TermSolution]], list[str]]:
     """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
-    solved: list[tuple[Candidate, Solution]] = []
+    solved: list[tuple[Candidate, TermSolution]] = []
     refused: list[str] = []
     lagged = lagged_basis(basis.rows)
     for candidate in candidates:
@@ -135,7 +135,7 @@ def figure_means(values: Array, sound: Mask, group: int) -> Array:
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
 
 
-def leave_out(stacked: Stack, rows: Rows) -> tuple[Rows, ...]:
+def leave_out(stacked: Stack, rows: WhitenedRows) -> tuple[WhitenedRows, ...]:
     """Rows of the logs, cut into ramps as stacked, without each ramp in turn."""
-    without = (Rows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
+    without = (WhitenedRows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
     return tuple(replace(one, noise=rows.noise) for one in without)

@@ -24,14 +24,14 @@ DEPENDENT = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class Noise:
+class BlockNoise:
     """Variance of the white noise of a row [(°/h)²] and level B of the flicker noise [°/h]."""
 
     white_variance: float
     flicker: float
 
 
-def estimate(turned: Turned, design: Array, indication: Array) -> Noise:
+def estimate(turned: Turned, design: Array, indication: Array) -> BlockNoise:
     """White variance of a row and flicker level of blocks with a design [m, k] and indication [m],
     with a free offset of each log and common coefficients.
 
@@ -46,7 +46,7 @@ def estimate(turned: Turned, design: Array, indication: Array) -> Noise:
     share /= share.sum()
     white = np.array([variance for _, variance in found])
     square = share @ (LEVELS**2 * white)
-    return Noise(float(share @ white), float(np.sqrt(square / turned.typical)))
+    return BlockNoise(float(share @ white), float(np.sqrt(square / turned.typical)))
 
 
 def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:

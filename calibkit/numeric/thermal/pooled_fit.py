@@ -26,7 +26,7 @@ from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.thermal import occupancy
-from calibkit.numeric.thermal.noise import MOST_GROUPS, Noise, estimate
+from calibkit.numeric.thermal.noise import MOST_GROUPS, BlockNoise, estimate
 
 NEIGHBOURS = 7
 """Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.
@@ -151,7 +151,7 @@ class Stack:
 
 
 @dataclass(frozen=True)
-class Rows:
+class WhitenedRows:
     """Means of groups of the blocks of logs, turned to where their noise is independent, and
     divided by it.
     """
@@ -162,7 +162,7 @@ class Rows:
     starts: Integers
     """[m], first of them in each group."""
     turned: Turned
-    noise: Noise
+    noise: BlockNoise
 
     @classmethod
     def of_stack(cls, stacked: Stack, sound: Mask, left_out: slice = slice(0, 0)) -> Self:
@@ -180,7 +180,7 @@ class Rows:
         count = np.diff(np.append(starts, blocks.size)).astype(np.float64)
         _, number_of = np.unique(log[starts], return_inverse=True)
         turned = Turned.of_logs(number_of, place[starts], count)
-        return cls(stacked, blocks, starts, turned, Noise(1.0, 0.0))
+        return cls(stacked, blocks, starts, turned, BlockNoise(1.0, 0.0))
 
     @property
     def sound(self) -> Mask:

@@ -18,7 +18,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 
 Span = tuple[float, float]
 
@@ -148,7 +148,7 @@ class ThermalModel:
     dof: int
     residual_rms: float
     """Residual rms of the block means without spikes [°/h]."""
-    noise: Noise
+    noise: BlockNoise
     """White noise of a block and flicker noise (including model misfit), from which the covariance
     follows.
     """

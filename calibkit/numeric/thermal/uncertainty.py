@@ -12,7 +12,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.numeric import gum
 from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 NEIGHBOURING = (1, 2, 3)
@@ -30,7 +30,7 @@ class _Stated(Protocol):
     @property
     def covariance(self) -> Array: ...
     @property
-    def noise(self) -> Noise: ...
+    def noise(self) -> BlockNoise: ...
     @property
     def model_error(self) -> float: ...
     @property

@@ -23,7 +23,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Noise
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
 
 ORIGIN_DEGC = 25.0
@@ -222,7 +222,7 @@ class BankModel:
     dof: int
     residual_rms: float
     """Residual rms of the block means without spikes [°/h]."""
-    noise: Noise
+    noise: BlockNoise
     model_error: float = 0.0
     model_error_dof: float = float("inf")
     entangled: tuple[str, ...] = ()

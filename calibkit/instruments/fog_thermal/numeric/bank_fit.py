@@ -9,7 +9,7 @@ Gauss–Newton steps; its derivatives stay among the columns, so that its uncert
 Results are averaged over the variances that the logs do not determine.
 
 `state_problem` says which terms there are and what is known of them, `solve` finds lag and
-variances, `Solution.finish` the model in raw units.
+variances, `BankSolution.finish` the model in raw units.
 """
 
 from collections.abc import Iterable, Iterator
@@ -20,11 +20,11 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import bank as forward, evidence
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
-from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, Prior
+from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, VariancePrior
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import Noise
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack
+from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
 from calibkit.numeric.thermal.terms import Span, Valid
 
 UNUSED: Span = (0.0, 0.0)
@@ -80,7 +80,7 @@ POINTS = np.random.default_rng(952).standard_normal((64, len(SIZES) + 1))
 class Problem:
     """Logs of a bank fit with the terms that are fitted."""
 
-    rows: Rows
+    rows: WhitenedRows
     """At the noise of the logs."""
     level: float
     """Mean indication [°/h], which is subtracted."""
@@ -90,7 +90,7 @@ class Problem:
     along: coil.Path
     followed: tuple[Array, Array]
     """Lagged temperatures and rates of the bank along the logs."""
-    prior: Prior
+    prior: VariancePrior
     root: Array
     """[p, p], from whitened to raw coefficients: Cholesky factor of the table's correlation."""
 
@@ -141,7 +141,7 @@ class Problem:
         """The problem at a white noise of the blocks [(°/h)²], and the usual flicker noise."""
         step = float(np.median(np.diff(self.stacked.logs[0].time)))
         flicker = USUAL_LEVEL * float(np.sqrt(variance * step / MINUTE_S))
-        return replace(self, rows=replace(self.rows, noise=Noise(variance, flicker)))
+        return replace(self, rows=replace(self.rows, noise=BlockNoise(variance, flicker)))
 
     def left(self, lag: Array, columns: Array, coefficients: Array) -> Array:
         """What coefficients [P] leave of the indication [n]; derivatives by the lag are about its
@@ -151,7 +151,7 @@ class Problem:
         change[self.by_lag] += STATIC_MEAN - lag
         return self.stacked.indication - self.level - columns @ change
 
-    def gram(self, rows: Rows, lag: Array, columns: Array) -> Gram:
+    def gram(self, rows: WhitenedRows, lag: Array, columns: Array) -> Gram:
         """Moments of columns [n, P] on rows."""
         left = self.left(lag, columns, np.zeros(columns.shape[1]))
         whitened = rows.of(np.column_stack([columns, left]))
@@ -163,7 +163,7 @@ class Problem:
         return evidence.maximise(gram, self.prior, start)
 
 
-def state_problem(rows: Rows, extra: str = "", *, drift: float | None = None) -> Problem:
+def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = None) -> Problem:
     """Problem with the terms g (table), h (hysteresis) and w (warm-up) of `extra` beside the
     others, for a drift of a size [°/h], by default that of the logs.
     """
@@ -208,14 +208,14 @@ def state_problem(rows: Rows, extra: str = "", *, drift: float | None = None) ->
     size = 2.0 * np.log(drift)
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
-    prior = Prior(group, shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
+    prior = VariancePrior(group, shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
     along = coil.path([(log.time, log.case) for log in stacked.logs])
     followed = forward.follow_lags(bank, along)
     return Problem(rows, float(np.mean(stacked.levels)), drift, bank, along, followed, prior, root)
 
 
 @dataclass(frozen=True, slots=True)
-class Solution:
+class BankSolution:
     """Most likely static lag with the posterior there, and the columns [n, P] about it."""
 
     problem: Problem
@@ -229,7 +229,7 @@ class Solution:
         return False
 
     @property
-    def rows(self) -> Rows:
+    def rows(self) -> WhitenedRows:
         """Rows of the fit."""
         return self.problem.rows
 
@@ -252,7 +252,7 @@ class Solution:
         change[by_lag] += STATIC_MEAN - self.lag
         return self.columns[:, 1 : by_lag.stop] @ change[1 : by_lag.stop]
 
-    def change_from(self, other: "Solution") -> float:
+    def change_from(self, other: "BankSolution") -> float:
         """Rms [°/h] over the logs of what the drift is more uncertain by than another solution
         states if this one is right.
         """
@@ -298,7 +298,7 @@ class Solution:
             information = weighted.T @ columns + np.diag(precision)
             yield drift + columns @ np.linalg.solve(information, weighted.T @ left)
 
-    def leave_out(self, without: Iterable[Rows]) -> Iterator[Array]:
+    def leave_out(self, without: Iterable[WhitenedRows]) -> Iterator[Array]:
         """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
         the same variances and noise.
         """
@@ -344,7 +344,7 @@ class Solution:
         )
 
 
-def solve(problem: Problem) -> Solution:
+def solve(problem: Problem) -> BankSolution:
     """Static lag of the largest evidence by Gauss–Newton steps, each halved until it is larger, and
     the posterior there; white noise is what the fit leaves.
     """
@@ -355,14 +355,14 @@ def solve(problem: Problem) -> Solution:
     return solve_at(problem, lag, posterior.theta)
 
 
-def solve_at(problem: Problem, lag: Array, start: Array) -> Solution:
+def solve_at(problem: Problem, lag: Array, start: Array) -> BankSolution:
     """Posterior at a given static lag [3], its variances sought from `start`."""
     posterior = problem.maximise(lag, None, start)
     terms = slice(problem.by_lag.start)
     columns = problem.columns(lag, problem.root @ posterior.coefficients[terms])
     gram = problem.gram(problem.rows, lag, columns)
     posterior = evidence.maximise(gram, problem.prior, posterior.theta)
-    return Solution(problem, lag, posterior, columns)
+    return BankSolution(problem, lag, posterior, columns)
 
 
 def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal.numeric import bank_fit
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS, left_out_errors
-from calibkit.numeric.thermal.pooled_fit import Rows
+from calibkit.numeric.thermal.pooled_fit import WhitenedRows
 
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
@@ -39,7 +39,7 @@ class Grown:
     """Bank of lags with the further terms [letters] that it has, and those that it has not."""
 
     letters: str
-    solution: bank_fit.Solution
+    solution: bank_fit.BankSolution
     unmodelled: tuple[Unmodelled, ...] = ()
 
     @property
@@ -48,7 +48,9 @@ class Grown:
         return "".join(f", {FURTHER[letter]}" for letter in self.letters)
 
 
-def grow(rows: Rows, without: Sequence[Rows], *, one_sided: bool) -> Iterator[Grown]:
+def grow(
+    rows: WhitenedRows, without: Sequence[WhitenedRows], *, one_sided: bool
+) -> Iterator[Grown]:
     """Bank of lags, then with one further term after the other, the likeliest first, as long as one
     helps. Ramps of one direction show no hysteresis.
     """
@@ -80,7 +82,9 @@ def grow(rows: Rows, without: Sequence[Rows], *, one_sided: bool) -> Iterator[Gr
     yield bank
 
 
-def _helps(before: bank_fit.Solution, after: bank_fit.Solution, without: Sequence[Rows]) -> bool:
+def _helps(
+    before: bank_fit.BankSolution, after: bank_fit.BankSolution, without: Sequence[WhitenedRows]
+) -> bool:
     """Whether left-out ramps do not speak against a term that the evidence asks for, by more than a
     standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
     one: there left-out ramps must come out better.

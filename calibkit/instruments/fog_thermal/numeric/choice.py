@@ -23,7 +23,7 @@ from calibkit.numeric.thermal.left_out import (
     simplest,
     solve,
 )
-from calibkit.numeric.thermal.pooled_fit import Rows, Stack, ThermalLog
+from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
 from calibkit.numeric.thermal.terms import TERMS
 
 if TYPE_CHECKING:
@@ -55,13 +55,13 @@ class _Fitted:
     """Candidate with its solution on all ramps."""
 
     candidate: Candidate
-    solution: fits.Solution | bank_fit.Solution
+    solution: fits.TermSolution | bank_fit.BankSolution
     unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
 
     def finish(self) -> OnLevels:
         """Drift model in raw units."""
-        if isinstance(self.solution, bank_fit.Solution):
+        if isinstance(self.solution, bank_fit.BankSolution):
             return self.solution.finish()
         return fits.finish(self.solution)
 
@@ -218,9 +218,9 @@ def _nothing_helps(
 def _left_out(
     fitted: _Fitted,
     stacked: Stack,
-    without: Sequence[Rows],
+    without: Sequence[WhitenedRows],
     figure_blocks: int,
-    last_bank: bank_fit.Solution | None,
+    last_bank: bank_fit.BankSolution | None,
 ) -> LeftOutErrors:
     """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
     ramps. The bank, if there is one, knows how unsettled logs start.

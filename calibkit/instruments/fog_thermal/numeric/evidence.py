@@ -40,7 +40,7 @@ class Gram:
 
 
 @dataclass(frozen=True, slots=True)
-class Prior:
+class VariancePrior:
     """Groups of the columns, shapes of their variances, and what is known of the variances."""
 
     group: Integers
@@ -73,7 +73,7 @@ class Posterior:
         return self.log_evidence + 0.5 * float(np.linalg.slogdet(self.theta_covariance)[1])
 
 
-def log_variances(prior: Prior, theta: Array) -> Array:
+def log_variances(prior: VariancePrior, theta: Array) -> Array:
     """Logarithms of the prior variances [p]; infinite for a flat prior."""
     known = prior.group != FLAT
     log_v = np.full(prior.group.size, np.inf)
@@ -81,7 +81,7 @@ def log_variances(prior: Prior, theta: Array) -> Array:
     return log_v
 
 
-def condition(gram: Gram, prior: Prior, theta: Array) -> tuple[Array, Array, float]:
+def condition(gram: Gram, prior: VariancePrior, theta: Array) -> tuple[Array, Array, float]:
     """Coefficients [p], covariance [p, p] and logarithm of the evidence (with the prior of θ) for
     given variances.
     """
@@ -101,7 +101,9 @@ def condition(gram: Gram, prior: Prior, theta: Array) -> tuple[Array, Array, flo
     return inverse.T @ turned * scale, covariance, float(log_evidence)
 
 
-def _score(prior: Prior, theta: Array, mean: Array, covariance: Array) -> tuple[Array, Array]:
+def _score(
+    prior: VariancePrior, theta: Array, mean: Array, covariance: Array
+) -> tuple[Array, Array]:
     """Gradient [θ] of the logarithm of the evidence by θ, and its expected information [θ, θ],
     both with the prior.
     """
@@ -118,7 +120,7 @@ def _score(prior: Prior, theta: Array, mean: Array, covariance: Array) -> tuple[
     )
 
 
-def maximise(gram: Gram, prior: Prior, start: Array | None = None) -> Posterior:
+def maximise(gram: Gram, prior: VariancePrior, start: Array | None = None) -> Posterior:
     """Variances of the largest evidence by Fisher scoring, and the posterior at them."""
     theta = prior.mean.copy() if start is None else start.copy()
     mean, covariance, value = condition(gram, prior, theta)
@@ -141,7 +143,9 @@ def maximise(gram: Gram, prior: Prior, start: Array | None = None) -> Posterior:
     return Posterior(theta, mean, covariance, value, np.asarray(theta_covariance))
 
 
-def average(gram: Gram, prior: Prior, best: Posterior, points: Array) -> tuple[Array, Array]:
+def average(
+    gram: Gram, prior: VariancePrior, best: Posterior, points: Array
+) -> tuple[Array, Array]:
     """Coefficients [p] and covariance [p, p] averaged over θ, importance-sampled about its maximum
     at standard normal points [m, θ].
     """

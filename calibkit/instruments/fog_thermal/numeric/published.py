@@ -1,8 +1,8 @@
 """The published drift scheme of a FOG, step by step (CN102095419A, Shen & Chen 2010; docs/methods).
 
 1. ω is denoised by a lifting wavelet (`numeric.wavelet.denoise`) and averaged over the model
-   interval Δt: `Blocks`.
-2. Over each ramp, with the gradient G = T_case − T_env: `Blocks.fit_ramp`.
+   interval Δt: `DriftBlocks`.
+2. Over each ramp, with the gradient G = T_case − T_env: `DriftBlocks.fit_ramp`.
 
        ω_k − ω_{k−1} = a0 + a1 G_{k−1} + a2 G²_{k−1}
 
@@ -40,7 +40,7 @@ FEWEST_INTERVALS = 7
 # Step 1: block means of the denoised indication
 
 
-class Blocks(NamedTuple):
+class DriftBlocks(NamedTuple):
     """Block means [n] at the model interval: time [s], case temperature [°C], gradient T_case −
     T_env [K], indication [°/h], rate of the chamber air [°C/min].
     """
@@ -51,9 +51,9 @@ class Blocks(NamedTuple):
     indication: Array
     rate: Array
 
-    def between(self, start: int, stop: int) -> "Blocks":
+    def between(self, start: int, stop: int) -> "DriftBlocks":
         """Intervals start … stop − 1."""
-        return Blocks(*(values[start:stop] for values in self))
+        return DriftBlocks(*(values[start:stop] for values in self))
 
     @classmethod
     def fill(cls, held: Intervals, means: Iterable[Array], slope: Array) -> Self:
