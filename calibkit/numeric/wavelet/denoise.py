@@ -123,8 +123,8 @@ def denoise(
     fine, period = depth - shifted, 1 << depth
     # how far the filters of all levels reach from a sample, there and back
     reach = (bank.length - 1) * (period - 1)
-    # beyond that, the extension changes the signal by 1e-4 of its noise at most
-    margin = (bank.length // 2 + 1) * period
+    # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
+    margin = -(-3 * bank.length // 4) * period
     whole = _extend(samples, extension, margin, period, allocate)
     approximations, unshifted = whole, whole
     details: list[Array] = []
