@@ -80,7 +80,7 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
         design = bench.design(levels, 1, 3600.0)
     elif procedure == "inclinometer":
         tilt, azimuth = bench.places.T
-        u, _ = bench.known[60.0]
+        u, _ = bench.roots_by_dwell_s[60.0]
         places = np.flatnonzero((tilt == 30.0) & (azimuth % 90.0 == 0.0) & np.isfinite(u))
         design = bench.design(levels, places.tolist(), 60.0)
     elif procedure == "gyro_noise":

@@ -82,7 +82,7 @@ def library(size: int, rng: np.random.Generator) -> float:
     design, _ = doe.optimal_design(grid, size, 3, "D", "fedorov")
     theirs = doe.build_design_matrix(design, 3)
     count = rows.shape[1]
-    pool = Pool(np.zeros((count, count)), np.einsum("ci,cj->cij", rows, rows), most=size)
+    pool = Pool(np.zeros((count, count)), np.einsum("ci,cj->cij", rows, rows), most_uses=size)
     value = pool.search(size, rng)[1]
     return float(np.linalg.det(theirs.T @ theirs) ** (-1.0 / count) / value)
 

@@ -56,11 +56,11 @@ class Form:
         derivatives are those of the equation by the complex step.
         """
 
-        def function(model: Model, at: Inputs) -> Array:
-            return np.asarray(equation(model, form.read(model), at))
+        def function(model: Model, inputs: Inputs) -> Array:
+            return np.asarray(equation(model, form.read(model), inputs))
 
-        def gradient(model: Model, at: Inputs) -> Array:
-            return derivative(lambda p: equation(model, p, at), form.read(model))
+        def gradient(model: Model, inputs: Inputs) -> Array:
+            return derivative(lambda p: equation(model, p, inputs), form.read(model))
 
         form = cls(name, gradient, function, meaning)
         return form
@@ -147,32 +147,33 @@ class Form:
             )
         return np.array([coefficient.value for coefficient in model.coefficients])
 
-    def evaluate(self, model: Model, at: Inputs) -> Array:
+    def evaluate(self, model: Model, inputs: Inputs) -> Array:
         """Result [n] or [n, m] at inputs [n], which may lie outside the valid ranges."""
         values = self.read(model)
-        return (
-            self.gradient(model, at) @ values if self.function is None else self.function(model, at)
-        )
+        if self.function is not None:
+            return self.function(model, inputs)
+        return self.gradient(model, inputs) @ values
 
-    def standard_uncertainty(self, model: Model, at: Inputs) -> Array:
+    def standard_uncertainty(self, model: Model, inputs: Inputs) -> Array:
         """Standard uncertainty [n] or [n, m] of the result: √(J C Jᵀ), C the covariance, and what
         the form has further.
         """
-        gradient, covariance = self.gradient(model, at), np.array(model.covariance)
+        gradient, covariance = self.gradient(model, inputs), np.array(model.covariance)
         variance = np.sum((gradient @ covariance) * gradient, axis=-1)
         if self.further is not None:
-            variance = variance + self.further(model, at) ** 2
+            variance = variance + self.further(model, inputs) ** 2
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 
-def within_ranges(model: Model, at: Inputs) -> tuple[Inputs, Mask]:
+def within_ranges(model: Model, inputs: Inputs) -> tuple[Inputs, Mask]:
     """Inputs brought into the valid ranges of a model, and where [n] one of them was outside."""
-    brought, outside = dict(at), np.zeros(len(next(iter(at.values()))), dtype=np.bool_)
+    inputs_inside = dict(inputs)
+    outside = np.zeros(len(next(iter(inputs.values()))), dtype=np.bool_)
     for column, (low, high) in model.valid.items():
-        if column in at:
-            brought[column] = np.clip(at[column], low, high)
-            outside |= (at[column] < low) | (at[column] > high)
-    return brought, outside
+        if column in inputs:
+            inputs_inside[column] = np.clip(inputs[column], low, high)
+            outside |= (inputs[column] < low) | (inputs[column] > high)
+    return inputs_inside, outside
 
 
 def power_unit(unit: str, per: str, power: int) -> str:
@@ -180,17 +181,17 @@ def power_unit(unit: str, per: str, power: int) -> str:
     return unit if power == 0 else f"{unit}/({per})" if power == 1 else f"{unit}/({per})^{power}"
 
 
-def _powers(model: Model, at: Inputs) -> Array:
+def _powers(model: Model, inputs: Inputs) -> Array:
     """Ascending powers [n, p] of the abscissa, which is the one column of the valid ranges."""
     (column,) = model.valid
-    return np.vander(at[column], len(model.coefficients), increasing=True)
+    return np.vander(inputs[column], len(model.coefficients), increasing=True)
 
 
-def _horner(model: Model, at: Inputs) -> Array:
+def _horner(model: Model, inputs: Inputs) -> Array:
     """Polynomial [n] of the abscissa by Horner's rule."""
     (column,) = model.valid
     powers = [coefficient.value for coefficient in model.coefficients]
-    return np.asarray(np.polynomial.polynomial.polyval(at[column], powers), dtype=np.float64)
+    return np.asarray(np.polynomial.polynomial.polyval(inputs[column], powers), dtype=np.float64)
 
 
 POLYNOMIAL = Form("polynomial/1", _powers, _horner)

@@ -1,4 +1,7 @@
-"""What was left out of a fit, as facts: how many of how many of what, and why."""
+"""What was left out of a fit, as facts: how many of how many of what, and why.
+
+The names of the fields are keys of run.json.
+"""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass

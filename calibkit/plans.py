@@ -113,13 +113,13 @@ def plan(
     text_of_recipe = document.write_recipe(spec, proposal.campaign, added=bool(task.have))
     # the recipe that is handed out must be one
     instruments.parse_recipe(recipe.Source(document.RECIPE, text_of_recipe))
-    beside = {
+    hashed_files = {
         document.SCHEDULE: proposal.campaign.schedule.to_csv(),
         document.RECIPE: text_of_recipe.encode(),
     }
-    text = document.plan_document(proposal, task, source, spec.procedure, beside)
-    shown = page.make_page(summary, proposal)
-    files = {document.PLAN: text.encode(), **beside, document.PAGE: shown}
+    text = document.plan_document(proposal, task, source, spec.procedure, hashed_files)
+    page_html = page.make_page(summary, proposal)
+    files = {document.PLAN: text.encode(), **hashed_files, document.PAGE: page_html}
     new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
     printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
@@ -139,27 +139,27 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
     run = instruments.optional(spec.procedure, "simulate_plan")
     campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
     mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
-    others = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
+    refused_keys = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
     for name, mapping in mapped.items():
         keys = mapping.model_fields_set & NOT_NUMBERS
-        others += [f"[columns.{name}] {key}" for key in keys]
+        refused_keys += [f"[columns.{name}] {key}" for key in keys]
     if spec.chamber is not None:
-        others.append("[chamber]")
-    if others:
+        refused_keys.append("[chamber]")
+    if refused_keys:
         raise UsageError(
-            f"the recipe of the plan states {', '.join(sorted(others))}: simulated logs are plain"
-            " CSV, with numbers",
+            f"the recipe of the plan states {', '.join(sorted(refused_keys))}: simulated logs are"
+            " plain CSV, with numbers",
             hint="plan and simulate by a recipe without it",
         )
     decimals, logs = dict(campaign.decimals), [dict(log) for log in campaign.logs.values()]
     for name, mapping in mapped.items():
-        stated = units.unit_in_header(mapping.source)
-        ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, stated)
+        log_unit = units.unit_in_header(mapping.source)
+        ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, log_unit)
         slope = abs(float(ends[1] - ends[0]))
         decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
         for log in logs:
             column = np.asarray(log.pop(name), dtype=np.float64)
-            log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, stated)
+            log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, log_unit)
     truth = {**campaign.truth, "seed": seed, "plan": planned.document["sha256"]}
     as_logged = Campaign(dict(zip(campaign.logs, logs, strict=True)), decimals, truth)
     files = as_logged.files()

@@ -1,5 +1,7 @@
 """How every result of a fit moves where an input of the logs is off: the fit is made again with
 that input shifted, its model, orders and weights held.
+
+    ∂r/∂x = (r(x + s) - r(x))/s,   of a scale (r(x + s) - r(x - s))/(2 s)       s the step
 """
 
 from __future__ import annotations

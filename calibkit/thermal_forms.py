@@ -53,17 +53,17 @@ UNKNOWN_DOF = (
 )
 
 
-def drivers_at(model: Model, at: Mapping[str, Numbers], lags: Numbers | None = None) -> Drivers:
+def drivers_at(model: Model, inputs: Mapping[str, Numbers], lags: Numbers | None = None) -> Drivers:
     """Drivers [n] of a model; where it has lags on a steady ramp, with the lags settled: those of
     the model, or others.
 
     Missing inputs are 0, as at rest.
     """
-    still = np.zeros_like(at[CASE])
+    zero_rate = np.zeros_like(inputs[CASE])
     lags = _values(model)[len(TERMS) :] if lags is None else lags
     if lags.size:
-        return coil.settled(at[CASE], at.get(RATE, still), *lags)
-    return Drivers(*(at.get(column, still) for column in DRIVERS))
+        return coil.settled(inputs[CASE], inputs.get(RATE, zero_rate), *lags)
+    return Drivers(*(inputs.get(column, zero_rate) for column in DRIVERS))
 
 
 def _values(model: Model) -> Array:
@@ -71,15 +71,15 @@ def _values(model: Model) -> Array:
     return np.array([coefficient.value for coefficient in model.coefficients])
 
 
-def _bias(model: Model, at: Mapping[str, Numbers], values: Numbers) -> Numbers:
+def _bias(model: Model, inputs: Mapping[str, Numbers], values: Numbers) -> Numbers:
     """Bias [n] by coefficients and lags [9 + lags]."""
     terms, lags = values[: len(TERMS)], values[len(TERMS) :]
-    return drivers_at(model, at, lags).raw_design() @ terms
+    return drivers_at(model, inputs, lags).raw_design() @ terms
 
 
-def _differentiate(model: Model, at: Inputs) -> Array:
+def _differentiate(model: Model, inputs: Inputs) -> Array:
     """Derivatives [n, 9 + lags] of the bias by the coefficients and by the lags [1/s]."""
-    return complex_step.derivative(lambda values: _bias(model, at, values), _values(model))
+    return complex_step.derivative(lambda values: _bias(model, inputs, values), _values(model))
 
 
 def sum_of_terms(name: str) -> Form:
@@ -87,9 +87,9 @@ def sum_of_terms(name: str) -> Form:
     return Form(
         name,
         _differentiate,
-        lambda model, at: _bias(model, at, _values(model)),
+        lambda model, inputs: _bias(model, inputs, _values(model)),
         meaning=("interval",),
-        further=lambda model, at: np.full(at[CASE].size, model_error(model)[0]),
+        further=lambda model, inputs: np.full(inputs[CASE].size, model_error(model)[0]),
     )
 
 
@@ -97,8 +97,8 @@ def model_error(model: Model) -> tuple[float, float]:
     """Model error on what was left out of the fit, in the unit of the bias, and its degrees of
     freedom; 0 if none is stated.
     """
-    stated = {parameter.name: parameter.value for parameter in model.parameters}
-    return stated.get("model_error", 0.0), stated.get("model_error_dof", math.inf)
+    values_by_name = {parameter.name: parameter.value for parameter in model.parameters}
+    return values_by_name.get("model_error", 0.0), values_by_name.get("model_error_dof", math.inf)
 
 
 def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
@@ -106,17 +106,17 @@ def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
     in proportion to the logged time. None of a model whose lags are given.
     """
     timed = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
-    named = {
+    derivatives = {
         f"{stage}.{model.name}.{coefficient.name}": coefficient.value
         for coefficient in model.coefficients
         if coefficient.name in timed and coefficient.value
     }
-    return (Sensitivity("time_s", "scale", named),) if named else ()
+    return (Sensitivity("time_s", "scale", derivatives),) if derivatives else ()
 
 
-def slope_over_case(model: Model, at: Inputs) -> Array:
+def slope_over_case(model: Model, inputs: Inputs) -> Array:
     """Derivative [n, 1/°C] of the bias by case temperature."""
-    warmer = {**at, CASE: at[CASE] + 1j * complex_step.STEP}
+    warmer = {**inputs, CASE: inputs[CASE] + 1j * complex_step.STEP}
     return np.imag(_bias(model, warmer, _values(model))) / complex_step.STEP
 
 
@@ -141,7 +141,7 @@ def write_terms(
     unit: str,
     *,
     components: tuple[Component, ...] = (),
-    more: tuple[Parameter, ...] = (),
+    extra_parameters: tuple[Parameter, ...] = (),
 ) -> Model:
     """Model for the coefficient file, in the unit of the bias; terms that were not fitted are 0."""
     terms = [
@@ -162,7 +162,7 @@ def write_terms(
         residual_rms=model.residual_rms,
         residual_unit=unit,
         valid=dict(zip(DRIVERS, model.valid, strict=True)),
-        parameters=(*parameters, *more),
+        parameters=(*parameters, *extra_parameters),
         effective_dof=np.array([model.constant_dof, *[model.dof] * (len(terms) + len(lags) - 1)])
         if model.constant_dof < model.dof
         else None,
@@ -177,7 +177,7 @@ def read_terms(model: Model) -> ThermalModel:
     flagged.
     """
     lags = LAGS[: len(model.coefficients) - len(TERMS)]
-    stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
+    dof_is_stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
     return ThermalModel(
         form="lagged" if lags else "level",
         terms=tuple(
@@ -197,36 +197,38 @@ def read_terms(model: Model) -> ThermalModel:
         residual_rms=model.residual_rms,
         noise=BlockNoise(model.value("white_variance"), model.value("flicker")),
         model_error=model.value("model_error"),
-        model_error_dof=model.value("model_error_dof") if stated else math.inf,
+        model_error_dof=model.value("model_error_dof") if dof_is_stated else math.inf,
         entangled=(),
-        flags=() if stated else (UNKNOWN_DOF,),
+        flags=() if dof_is_stated else (UNKNOWN_DOF,),
     )
 
 
 def compare_means(
-    left: Array, along: Along, about_mean: Along, noise: BlockNoise, group: int
+    residual: Array, bias_uncertainty: Along, about_mean: Along, noise: BlockNoise, group: int
 ) -> tuple[dict[str, float], Array, Array]:
     """Errors [n] of a log as means over a group of blocks about the log's mean, against the
     uncertainty of the bias and of the bias less its mean: number of means, the share within U and
     noise, and the size over the standard uncertainty with its limit, as a JSON object; the means
     [m] and the absolute limits [m] of U and noise. Empty for less than two means.
     """
-    count = left.size // group
+    count = residual.size // group
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
     (flicker,) = Flicker(count, [0]).about_level(0, count)
     of_noise = noise.white_variance / group + noise.flicker**2 * flicker
-    limit, near = (
-        np.sqrt(chunks.block_means(stated.expanded, group) ** 2 + 4.0 * of_noise)
-        for stated in (along, about_mean)
+    limit, limit_about_mean = (
+        np.sqrt(chunks.block_means(uncertainty.expanded, group) ** 2 + 4.0 * of_noise)
+        for uncertainty in (bias_uncertainty, about_mean)
     )
-    means = chunks.block_means(left, group)
+    means = chunks.block_means(residual, group)
     error = means - means.mean()
     # the error of the drift is taken as one pattern along the log
-    judged = unseen(error, chunks.block_means(along.standard, group)[:, None], of_noise)
+    comparison = unseen(
+        error, chunks.block_means(bias_uncertainty.standard, group)[:, None], of_noise
+    )
     compared = {
         "means_of_100_s": count,
-        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= near)),
-        **judged.to_object(),
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit_about_mean)),
+        **comparison.to_object(),
     }
     return compared, means, limit

@@ -127,7 +127,7 @@ def test_another_model_form_is_compared_by_its_result(tmp_path):
     (one,) = found.compared
     assert found.answer == "yes"
     assert max(abs(change.difference) for change in one.changes) < 1e-12
-    assert {change.at["temp_rate_degc_min"] for change in one.changes} == {0.0}
+    assert {change.point["temp_rate_degc_min"] for change in one.changes} == {0.0}
     assert any("another model form" in flag for flag in found.flags)
     other = replace(same, coefficients=same.coefficients * np.r_[1.0, 1.5, np.ones(7)])
     assert comparison.compare(found.before, fog(tmp_path, other)).answer == "no"
@@ -176,8 +176,8 @@ def test_type_b_of_the_same_equipment_cancels_where_the_command_says_so(tmp_path
     for run in (then, now):
         (quantity,) = [one for one in run.quantities if one.compared]
         results.append(run.state(quantity, quantity.complete({"temp_case_degc": 25.0})))
-    apart = list(comparison.combine_both(*results, same=False))
-    alike = list(comparison.combine_both(*results, same=True))
+    apart = list(comparison.combine_both(*results, same_equipment=False))
+    alike = list(comparison.combine_both(*results, same_equipment=True))
 
     def size(parts):
         return np.sqrt(sum((p.sensitivity * p.standard_uncertainty) ** 2 for p in parts))
@@ -194,7 +194,7 @@ def test_an_unchanged_device_is_called_changed_as_rarely_as_stated(tmp_path):
     """
     run = fog(tmp_path, replace(on_levels("level"), model_error=0.0))
     (one,) = comparison.compare(run, run).compared
-    points = [one.quantity.point(entry.at) for entry in one.changes]
+    points = [one.quantity.point(entry.point) for entry in one.changes]
     weights = np.array([point.parts[0][1] for point in points])
     (plain,) = run.records["drift_rate.json"].models
     u = np.array([entry.u for entry in one.changes])

@@ -135,7 +135,7 @@ def test_the_uncertainty_is_that_of_the_certificate_type_b_included(tmp_path):
     recipe = instruments.fitted_recipe(found.run.document)
     layout = Layout(instruments.optional("fog_thermal", "blocks"), recipe)
     figures = []
-    for block in layout.blocks(replace(found.stated, temperatures=(-20.0, 40.0))):
+    for block in layout.blocks(replace(found.basis, temperatures=(-20.0, 40.0))):
         figures += [r for r in block.results if r.key.startswith("drift_rate.drift.drift@")]
     assert len(figures) == 2
     for figure in figures:

@@ -167,7 +167,7 @@ def test_run_and_certificate_state_one_uncertainty_of_the_bias(run):
     ]
     (printed,) = [
         result
-        for block in certificate.blocks(RunResults.read(found).stated)
+        for block in certificate.blocks(RunResults.read(found).basis)
         for table in block.tables
         for result in getattr(table, "results", ())
         if result.quantity == "drift_rate.bias_at_reference"

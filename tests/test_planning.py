@@ -143,7 +143,7 @@ def test_the_search_is_as_good_as_the_designs_of_a_library(rng):
     rows = doe.build_design_matrix(grid, 3)
     design, _ = doe.optimal_design(grid, 14, 3, "D", "fedorov")
     theirs = doe.build_design_matrix(design, 3)
-    pool = Pool(np.zeros((10, 10)), np.einsum("ci,cj->cij", rows, rows), most=14)
+    pool = Pool(np.zeros((10, 10)), np.einsum("ci,cj->cij", rows, rows), most_uses=14)
     value = pool.search(14, rng, 5)[1]
     assert np.linalg.det(theirs.T @ theirs) ** -0.1 / value >= 1.0 - 1e-9
 

@@ -173,7 +173,8 @@ def _check_held_spikes(
         holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
         last = int(bounds[-1])
     spike_rows = [
-        anomalies.spikes(data[a + 3 : b - 3], least=least_height) + a + 3 for a, b in holds
+        anomalies.spikes(data[a + 3 : b - 3], smallest_departure=least_height) + a + 3
+        for a, b in holds
     ]
     return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
 
@@ -183,7 +184,7 @@ def _check_spikes(
 ) -> list[Finding]:
     """Single rows far from their neighbours, looked for in chunks of CHUNK rows."""
     spike_rows = [
-        anomalies.spikes(data[start:stop], least=least_height) + start
+        anomalies.spikes(data[start:stop], smallest_departure=least_height) + start
         for start, stop in chunks.ranges_along(data, rows=CHUNK)
     ]
     return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []

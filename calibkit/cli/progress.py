@@ -14,10 +14,10 @@ if TYPE_CHECKING:
     from calibkit.instruments import Progress
 
 
-def _announce(items: Sequence[str], what: str) -> Iterator[str]:
+def _announce(items: Sequence[str], activity: str) -> Iterator[str]:
     """Items, each printed with --verbose as it is reached."""
     for number, item in enumerate(items, start=1):
-        print_detail(f"{what}: {item} ({number} of {len(items)})")
+        print_detail(f"{activity}: {item} ({number} of {len(items)})")
         yield item
 
 
@@ -50,9 +50,9 @@ def working(activity: str) -> Iterator[Progress]:
                 display.remove_task(task_id)
             return display.add_task(name, total=total)
 
-        def follow(items: Sequence[str], what: str) -> Iterable[str]:
+        def follow(items: Sequence[str], activity: str) -> Iterable[str]:
             """Items of a stage, which is followed by what the command is about."""
-            stage = begin(what, len(items))
+            stage = begin(activity, len(items))
             for item in items:
                 yield item
                 display.advance(stage)

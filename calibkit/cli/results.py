@@ -123,7 +123,9 @@ def compare(
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
     certificate_profile = None if profile is None else profiles.load(profile, ())[0]
     parsed = inputs.parse_limits(limits)
-    result = comparison.compare(old, new, limits=parsed, profile=certificate_profile, same=same)
+    result = comparison.compare(
+        old, new, limits=parsed, profile=certificate_profile, same_equipment=same
+    )
     if out is not None:
         _write(out, figures.render(still_good.draw(result), out.suffix))
     if as_json:

@@ -19,14 +19,14 @@ Numbers = NDArray[Any]
 """Real values, or complex ones while a derivative is taken."""
 
 
-def derivative(function: Callable[[Numbers], Numbers], at: Array) -> Array:
+def derivative(function: Callable[[Numbers], Numbers], parameters: Array) -> Array:
     """Jacobian [..., p] of a function [...] of the parameters [p]."""
     columns = []
-    for k in range(len(at)):
-        stepped = at.astype(complex)
+    for k in range(len(parameters)):
+        stepped = parameters.astype(complex)
         stepped[k] += 1j * STEP
         columns.append(np.imag(function(stepped)) / STEP)
-    return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(at)), 0))
+    return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(parameters)), 0))
 
 
 def absolute(x: Numbers) -> Numbers:

@@ -51,7 +51,7 @@ class KnownVariances:
     dof: Array
     largest: Array
     """[v], variances beyond which none is sought."""
-    least: float = 0.0
+    noise_floor: float = 0.0
     """Least variance of the noise."""
 
     @property
@@ -268,10 +268,10 @@ class MixedSolution:
 
 
 def maximise(
-    rows: MixedRows, prior_variances: KnownVariances, near: Array | None = None
+    rows: MixedRows, prior_variances: KnownVariances, start: Array | None = None
 ) -> MixedSolution:
     """The most likely variances, from a start [v] that is near or from two that are far apart."""
-    starts = [near] if near is not None else _starts(rows, prior_variances)
+    starts = [start] if start is not None else _starts(rows, prior_variances)
     return min(
         (_ascend(MixedSolution(rows, v, prior_variances)) for v in starts), key=lambda s: s.deviance
     )
@@ -336,7 +336,7 @@ def _starts(rows: MixedRows, prior_variances: KnownVariances) -> list[Array]:
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
     for share in (0.1, 10.0):
-        start = np.concatenate([np.maximum(noise, prior_variances.least), share * mixed])
+        start = np.concatenate([np.maximum(noise, prior_variances.noise_floor), share * mixed])
         start = np.minimum(start, prior_variances.largest)
         starts.append(np.where(prior_variances.free, start, prior_variances.square))
     return starts if rows.groups else starts[:1]
@@ -351,7 +351,7 @@ def _ascend(now: MixedSolution) -> MixedSolution:
     only = np.sum(rows.shares > 0.0, axis=0) == 1
     only_noise[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
     only_noise[0] = True
-    floor = np.where(only_noise & prior_variances.free, prior_variances.least, 0.0)
+    floor = np.where(only_noise & prior_variances.free, prior_variances.noise_floor, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
         adjustable = prior_variances.free & ((now.variances > 0.0) | (score > 0.0))

@@ -201,14 +201,14 @@ def _products(basis: Array) -> Array:
     return np.asarray((basis[:, :, None] * basis[:, None, :]).reshape(len(basis), -1))
 
 
-def _fit_sets(basis: Array, products: Array, target: Array, near: Array, weights: Array) -> Array:
+def _fit_sets(basis: Array, products: Array, target: Array, starts: Array, weights: Array) -> Array:
     """Weighted least-squares solutions [k, p] for row weights [k, n], in open directions those
     that are near.
     """
     columns = basis.shape[1]
     gram = (weights @ products).reshape(-1, columns, columns)
-    pull = (weights * (target - near @ basis.T)) @ basis
+    pull = (weights * (target - starts @ basis.T)) @ basis
     values, vectors = np.linalg.eigh(gram)
     closed = values > OPEN * np.sum(weights, axis=1)[:, None]
     step = np.einsum("kpi,kp->ki", vectors, pull) / np.where(closed, values, np.inf)
-    return np.asarray(near + np.einsum("kpi,ki->kp", vectors, step), dtype=np.float64)
+    return np.asarray(starts + np.einsum("kpi,ki->kp", vectors, step), dtype=np.float64)

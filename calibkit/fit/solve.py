@@ -322,7 +322,7 @@ def solve(
         good = used
         if leave_out:  # residuals that are rounding are no outliers
             good = problem.find_good(noise_residual, solution, used, active)
-            good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.prior_variances.least
+            good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.prior_variances.noise_floor
         p = p + problem.shortened(p, change, linear_form, solution, active, used)
         # done where the step is small against u, and no residual came in or went out
         half = linear_form.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])

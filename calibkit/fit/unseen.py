@@ -1,5 +1,9 @@
 """Whether errors on logs that were not fitted are as large as their stated uncertainty: a χ² test
 that knows which part of the uncertainty the errors share.
+
+    mean (e/u)² ~ F(ν, ν_u),   ν = n²/‖R‖²       e errors, u² = diag(S Sᵀ) + variances of rows
+
+R is the correlation matrix of the errors (Satterthwaite 1946), ν_u the degrees of freedom of u.
 """
 
 from dataclasses import dataclass
@@ -34,19 +38,20 @@ class Unseen:
 def unseen(
     error: Array,
     shared: Array,
-    own: Array | float = 0.0,
+    row_variance: Array | float = 0.0,
     *,
     dof: tuple[float, float] = (np.inf, np.inf),
 ) -> Unseen:
-    """Errors of corrected rows that were not fitted against their covariance S Sᵀ + diag(own).
+    """Errors of corrected rows that were not fitted against their covariance S Sᵀ +
+    diag(row_variance).
 
     Parameters
     ----------
     error : [n], in one unit.
     shared : [n, k], what each error that the rows share makes of them, as large as its standard
         uncertainty: coefficients of the file, type B terms, levels that rows have in common.
-    own : [n], variances of what each row has alone.
-    dof : degrees of freedom of the shared and of the own part.
+    row_variance : [n], variances of what each row has alone.
+    dof : degrees of freedom of the shared part and of that of the rows.
 
     Raises
     ------
@@ -60,11 +65,11 @@ def unseen(
     """
     from scipy.special import chdtri, fdtri
 
-    variance = np.sum(shared**2, axis=1) + own
+    variance = np.sum(shared**2, axis=1) + row_variance
     if not (variance > 0.0).all():
         raise FitError("an error without an uncertainty", hint="state the uncertainty of the log")
     # R = C Cᵀ + diag(a), of unit diagonal; ‖R‖² and the shares of both parts without a matrix n × n
-    C, a = shared / np.sqrt(variance)[:, None], own / variance
+    C, a = shared / np.sqrt(variance)[:, None], row_variance / variance
     CC = C.T @ C
     norm2 = float(np.sum(CC**2) + np.sum(a * (a + 2.0 * np.sum(C**2, axis=1))))
     shares = float(np.trace(CC)) / error.size, float(a.mean())

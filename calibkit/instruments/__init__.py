@@ -39,12 +39,12 @@ Spec: TypeAlias = Any
 class Progress(Protocol):
     """Passes items through and may show how far one is."""
 
-    def __call__(self, items: Sequence[str], what: str) -> Iterable[str]:
+    def __call__(self, items: Sequence[str], activity: str) -> Iterable[str]:
         """Yield the items."""
         ...
 
 
-def silent(items: Sequence[str], what: str) -> Iterable[str]:  # noqa: ARG001 (as Progress)
+def silent(items: Sequence[str], activity: str) -> Iterable[str]:  # noqa: ARG001 (as Progress)
     """Progress that shows nothing."""
     return items
 
@@ -206,13 +206,13 @@ REGISTRY = Registry()
 
 def list_usable() -> dict[str, Instrument]:
     """Procedure → instrument; a warning names each plugin that cannot be used."""
-    found = {name: REGISTRY[name] for name in SHIPPED}
+    instruments_by_name = {name: REGISTRY[name] for name in SHIPPED}
     for name in plugins.usable(plugins.INSTRUMENTS):
         try:
-            found.setdefault(name, REGISTRY[name])
+            instruments_by_name.setdefault(name, REGISTRY[name])
         except UsageError as error:
             logging.getLogger("calibkit").warning("skipped: %s", error)
-    return found
+    return instruments_by_name
 
 
 def find(procedure: str) -> Instrument:
@@ -249,8 +249,8 @@ def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> recipe.Recipe
 
 def model_forms(procedure: str) -> dict[str, Form]:
     """Name → model form of a procedure; empty for an unknown one."""
-    listed = REGISTRY[procedure].FORMS if procedure in REGISTRY else ()
-    return {form.name: form for form in listed}
+    forms = REGISTRY[procedure].FORMS if procedure in REGISTRY else ()
+    return {form.name: form for form in forms}
 
 
 def campaigns() -> dict[str, Callable[[int], Campaign]]:
@@ -279,8 +279,8 @@ def certificate_layout(document: Mapping[str, Any]) -> Layout:
     spec = fitted_recipe(document)
     results = optional(procedure, "results")
 
-    def lay_out(stated: Stated) -> tuple[Block, ...]:
-        quantities = () if results is None else results(stated.records, spec)
-        return lay_out_records(stated, quantities)
+    def lay_out(basis: Stated) -> tuple[Block, ...]:
+        quantities = () if results is None else results(basis.records, spec)
+        return lay_out_records(basis, quantities)
 
     return Layout(optional(procedure, "blocks") or lay_out, spec)

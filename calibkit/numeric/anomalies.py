@@ -1,5 +1,9 @@
 """Detection of sensor and logger faults in a series: spikes, stuck and clipped values.
 
+    spike     |y - median of 7 rows| > 10 σ, σ of the rows around, robust
+    stuck     n p^(L-1) < 1e-9 for a run of L equal values, p the share of values that repeat
+    clipped   five times as many rows at an extreme value as at the next one
+
 The thresholds are wide on purpose: a false alarm in a healthy log does more harm than a missed
 spike of six standard deviations.
 """
@@ -105,18 +109,18 @@ def repeats(values: Array) -> float:
     return float(np.mean(values[1:] == values[:-1])) if values.size > 1 else 0.0
 
 
-def spikes(values: Array, *, least: float = 0.0) -> Integers:
+def spikes(values: Array, *, smallest_departure: float = 0.0) -> Integers:
     """Rows [m] of a series [n] that hold a spike of at most three rows.
 
     A row is a spike if it differs from the median of the seven rows around it by more than ten
-    standard deviations, five resolutions and `least` [unit of the series]; steps and bends do not.
-    The standard deviation is that of the row's block of 512 rows or of the 65 rows around it,
-    whichever is larger: a series may be noisier elsewhere, and a knock is no row of spikes. A
-    level that does not come back begins something else.
+    standard deviations, five resolutions and `smallest_departure` [unit of the series]; steps and
+    bends do not. The standard deviation is that of the row's block of 512 rows or of the 65 rows
+    around it, whichever is larger: a series may be noisier elsewhere, and a knock is no row of
+    spikes. A level that does not come back begins something else.
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
-    floor = max(least, 5.0 * resolution(values), SMALL * span(values))
+    floor = max(smallest_departure, 5.0 * resolution(values), SMALL * span(values))
     # an outlier steps away from a neighbour: only rows after a large step are tested closely
     steps = float(np.quantile(np.abs(np.diff(sample(values))), QUIET_SHARE))
     usual = QUIET_TO_SIGMA * steps / np.sqrt(2.0)
@@ -143,13 +147,13 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     rows = rows[from_median(values, rows) > np.maximum(SPIKE * noise, floor)]
     # the medians of the three rows before and of the three behind the seven rows around each
     farther = np.arange(WIDTH + 1, 2 * WIDTH + 1)
-    before, behind = (
+    before, after = (
         np.median(
             chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
         )
         for side in (-farther, farther)
     )
-    comes_back = np.abs(behind - before) < from_median(values, rows)
+    comes_back = np.abs(after - before) < from_median(values, rows)
     return np.asarray(rows[comes_back], dtype=np.int64)
 
 
@@ -195,17 +199,17 @@ def equal_runs(values: Array, shortest: int) -> Integers:
     if values.size < shortest:
         return np.zeros((0, 2), dtype=np.int64)
 
-    def alike(first: int, stop: int) -> Mask:
+    def starts_run(first: int, stop: int) -> Mask:
         part = values[first : stop + shortest - 1]
         equal, length = part[1:] == part[:-1], 1
-        while length < shortest - 1:  # same[k]: rows k … k + length are equal
+        while length < shortest - 1:  # equal[k]: rows k … k + length are equal
             doubling = min(length, shortest - 1 - length)
             equal = equal[:-doubling] & equal[doubling:]
             length += doubling
         chunks.release(values)
         return np.asarray(equal, dtype=np.bool_)
 
-    runs = chunks.find_runs(values.size - shortest + 1, alike)
+    runs = chunks.find_runs(values.size - shortest + 1, starts_run)
     runs[:, 1] += shortest - 1
     return runs
 
@@ -268,7 +272,7 @@ def _share_beside(values: Array, first: int, stop: int) -> float:
 
 def stuck_against(driver: Array, least_change: float, runs: Integers) -> Integers:
     """Runs [m, 2] of equal values during which the driving quantity [n] changes by more than
-    `moved`.
+    `least_change`.
     """
     if not len(runs):
         return runs
@@ -288,17 +292,17 @@ def _chunk_boundaries(rows: Integers) -> Integers:
     return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
 
 
-def frozen(values: Array, least: float, runs: Integers) -> Integers:
+def frozen(values: Array, smallest_leap: float, runs: Integers) -> Integers:
     """Runs [m, 2] of equal values of a smooth series [n] that end in a leap: changes during the run
     were not logged.
 
-    The leap exceeds twenty times the median non-zero step of the series, and `least` [unit of the
-    series].
+    The leap exceeds twenty times the median non-zero step of the series, and `smallest_leap` [unit
+    of the series].
     """
     step = np.abs(np.diff(sample(values)))
     if not len(runs) or not step.any():
         return runs[:0]
-    limit = max(20.0 * float(np.median(step[step > 0.0])), least)
+    limit = max(20.0 * float(np.median(step[step > 0.0])), smallest_leap)
     stop = np.minimum(runs[:, 1], values.size - 1)
     leaps = np.abs(values[stop] - values[runs[:, 1] - 1]) > limit
     return np.asarray(runs[leaps], dtype=np.int64)

@@ -1,5 +1,8 @@
 """Whether numbers that were determined twice, or year after year, have changed: differences against
 their uncertainties.
+
+    D² = dᵀ C⁻¹ d ~ χ²(r), or D²/r ~ F(r, ν), r the rank      all coefficients of a model together
+    y = a + b (t - t̄),  w_i = 1/u_i²,  u_b² = max(1, R_B²)/Σ w (t - t̄)²,  R_B the Birge ratio
 """
 
 import math
@@ -18,7 +21,6 @@ DETERMINED = 1e-10
 """Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that
 was not determined.
 """
-
 
 EXTRAPOLATED = 2.0
 """Largest extrapolation of a line, in spans of the years that were measured."""
@@ -81,18 +83,19 @@ def reach(line: Trend, last: float, span: float, low: float, high: float) -> Rea
     extrapolated over no more than EXTRAPOLATED times the span [years] that was measured.
     """
     until = last + EXTRAPOLATED * span
-    found: list[float | None] = [None, None, None]
+    first_years: list[float | None] = [None, None, None]
     for year in np.linspace(last, until, STEPS).tolist():
         value, U = line.expand(year)
+        # the line or its band leaves the range: first with U outwards, then itself, then with all U
         tests = (
             value - U < low or value + U > high,
             not low <= value <= high,
             value + U < low or value - U > high,
         )
-        found = [
-            year if one is None and test else one for one, test in zip(found, tests, strict=True)
-        ]
-    return Reach(found[0], found[1], found[2], until)
+        for k, is_beyond in enumerate(tests):
+            if is_beyond and first_years[k] is None:
+                first_years[k] = year
+    return Reach(first_years[0], first_years[1], first_years[2], until)
 
 
 def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
@@ -132,10 +135,8 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
         return None
     weight = (standard_uncertainty.min() / standard_uncertainty) ** 2
-    middle, mean = (
-        float(np.average(years, weights=weight)),
-        float(np.average(values, weights=weight)),
-    )
+    middle = float(np.average(years, weights=weight))
+    mean = float(np.average(values, weights=weight))
     centred = years - middle
     spread = float(np.sum(weight * centred**2))
     slope = float(np.sum(weight * centred * (values - mean))) / spread

@@ -53,10 +53,13 @@ def take_slice(column: Array, part: slice) -> Array:
     """
     if part.step in {None, 1}:
         return column[part]
-    whole = column[part.start : part.stop]
+    rows_of_slice = column[part.start : part.stop]
     # copies, as views would keep the whole column in memory
     return np.concatenate(
-        [whole[a + -a % part.step : b : part.step].copy() for a, b in ranges_along(whole)]
+        [
+            rows_of_slice[a + -a % part.step : b : part.step].copy()
+            for a, b in ranges_along(rows_of_slice)
+        ]
     )
 
 
@@ -98,9 +101,9 @@ def all_finite(values: Array) -> bool:
     testing each.
     """
     with np.errstate(all="ignore"):
-        whole = sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
+        total = sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
     # the sum of large values may overflow by itself
-    return math.isfinite(whole) or all(
+    return math.isfinite(total) or all(
         np.isfinite(values[a:b]).all() for a, b in ranges_along(values)
     )
 
@@ -136,24 +139,25 @@ def block_means(values: Array, rows: int) -> Array:
     """Means [n // rows] of consecutive blocks of so many rows of values [n]; NaN where a block has
     one.
     """
-    together = max(ROWS // rows, 1) * rows
-    whole = values[: values.size // rows * rows]
+    rows_per_chunk = max(ROWS // rows, 1) * rows
+    complete_blocks = values[: values.size // rows * rows]
     means = [
-        whole[a:b].reshape(-1, rows).mean(axis=1) for a, b in ranges_along(whole, rows=together)
+        complete_blocks[a:b].reshape(-1, rows).mean(axis=1)
+        for a, b in ranges_along(complete_blocks, rows=rows_per_chunk)
     ]
     return np.concatenate(means) if means else np.zeros(0)
 
 
 def count(values: Array, condition: Callable[[Array], Mask]) -> int:
-    """Number of values of a column [n] for which `chosen` is true."""
+    """Number of values of a column [n] for which the condition holds."""
     return sum(int(np.count_nonzero(condition(values[a:b]))) for a, b in ranges_along(values))
 
 
 def rows_where(
     values: Array, condition: Callable[[Array], Mask], *, step: bool = False
 ) -> Integers:
-    """Rows [m] of a column [n] for whose values `chosen` is true; with `step`, for whose steps to
-    the next row it is.
+    """Rows [m] of a column [n] for whose values the condition holds; with `step`, for whose steps
+    to the next row it does.
     """
     rows = []
     for start, stop in ranges_along(values):
@@ -171,8 +175,8 @@ def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
 
 
 def find_runs(size: int, condition: Callable[[int, int], Mask]) -> Integers:
-    """First row and row after the last [m, 2] of each run of chosen rows among `size`; `chosen`
-    returns the mask of one chunk.
+    """First row and row after the last [m, 2] of each run of rows that meet a condition, among
+    `size`; `condition` returns the mask of the rows first … stop − 1.
     """
     edges, inside = [np.zeros(0, dtype=np.int64)], False
     for start, stop in ranges(size):

@@ -1,4 +1,10 @@
-"""Control charts of individuals: outliers among many values of one quantity."""
+"""Control charts of individuals: outliers among many values of one quantity.
+
+    z_i = (y_i - median)/(1.4826 MAD)        outlier beyond a limit that grows with the values
+
+Values that state an uncertainty are divided by √(u_i² + s²), s² what they differ beyond it; skewed
+ones are judged after a power transform (Box & Cox 1964).
+"""
 
 import math
 from dataclasses import dataclass

@@ -1,4 +1,9 @@
-"""Dwells in continuous logs: where a triad was held still, and the mean and noise of each hold."""
+"""Dwells in continuous logs: where a triad was held still, and the mean and noise of each hold.
+
+A row is still where the standard deviation of the window around it is at most twice that of the
+quietest quarter of the log. The error of a mean is s/√n, or that of the means of batches where
+these scatter more.
+"""
 
 from dataclasses import dataclass
 
@@ -85,7 +90,9 @@ def find_dwells(
         )
         # quantised indications can stand still to the last bit, whose noise is the least at rest
         least_noise = at_rest * np.sqrt(12.0)
-        steps = [order_statistics.smallest_step(axis, enough=least_noise) for axis in indication.T]
+        steps = [
+            order_statistics.smallest_step(axis, fine_step=least_noise) for axis in indication.T
+        ]
         last_bit = min((step for step in steps if step > 0.0), default=0.0)
         threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
     runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= threshold)
@@ -136,8 +143,8 @@ def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
         raise FitError(
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
-    found = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
-    mean, error = (np.array(figures) for figures in zip(*found, strict=True))
+    means_and_errors = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
+    mean, error = (np.array(figures) for figures in zip(*means_and_errors, strict=True))
     return _Dwells(mean, error)
 
 

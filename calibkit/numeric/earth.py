@@ -1,4 +1,10 @@
-"""The earth's rotation as a gyro at rest sees it, and its gravity where no gravimeter has been."""
+"""The earth's rotation as a gyro at rest sees it, and its gravity where no gravimeter has been.
+
+    ω = ω_e (cos α, 0, -sin α)                               north, east, down
+    γ = γ_e (1 + k sin²α)/√(1 - e² sin²α) - 3.086e-6 h       Somigliana (1929), WGS 84
+
+α is the geodetic latitude, h the height above the ellipsoid [m].
+"""
 
 import math
 

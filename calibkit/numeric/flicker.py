@@ -3,6 +3,8 @@
 Flicker noise is white noise integrated to order one half (Kasdin 1995, Proc. IEEE 83(5):802,
 α = 1) that starts with the log; any older offset is part of the log's turn-on bias. Its level does
 not depend on the interval.
+
+    y_i = Σ_k h_k w_(i-k),   h_0 = 1,  h_k = h_(k-1) (k - ½)/k           w white noise
 """
 
 from collections.abc import Sequence

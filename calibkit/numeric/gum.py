@@ -136,26 +136,26 @@ def combine_cautiously(components: Sequence[UncertaintyComponent]) -> _Expanded:
     effective degrees of freedom of Welch and Satterthwaite, and U falls to a third, although the
     first one is as badly known as before. The factor is then U/u_c. Raises FitError as `combine`.
     """
-    whole = combine(components)
+    combined = combine(components)
     parts = sorted(
         ((part.sensitivity * part.standard_uncertainty) ** 2, part.dof) for part in components
     )
     square, dof = np.array(parts).T
     if dof.min() >= FEW_DOF or not square[-1] > 0.0:
-        return whole
+        return combined
     while square.size > MOST_SELECTED:  # the two smallest count as one
         square = np.array([square[0] + square[1], *square[2:]])
         dof = np.array([min(dof[0], dof[1]), *dof[2:]])
     square = square / square[-1]
-    chosen = (np.arange(1, 2**square.size)[:, None] >> np.arange(square.size) & 1).astype(float)
-    variance, total = chosen @ square, chosen @ (square**2 / dof)
+    selections = (np.arange(1, 2**square.size)[:, None] >> np.arange(square.size) & 1).astype(float)
+    variance, total = selections @ square, selections @ (square**2 / dof)
     effective = np.divide(variance**2, total, out=np.full_like(total, np.inf), where=total > 0.0)
     kinds, number = np.unique(np.floor(effective[effective >= 1.0] + 1e-9), return_inverse=True)
     factors = np.array([coverage_factor(float(kind)) for kind in kinds])
     largest = float(np.max(factors[number] * np.sqrt(variance[effective >= 1.0] / square.sum())))
-    factor = max(whole.coverage_factor, largest)
-    expanded = factor * whole.standard_uncertainty
-    return replace(whole, coverage_factor=factor, expanded_uncertainty=expanded)
+    factor = max(combined.coverage_factor, largest)
+    expanded = factor * combined.standard_uncertainty
+    return replace(combined, coverage_factor=factor, expanded_uncertainty=expanded)
 
 
 def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, dof: Array) -> float:
@@ -176,12 +176,14 @@ def degrees_of_freedom(weights: Array, covariance: Array, dof: Array) -> float:
     """Effective degrees of freedom of Σ w_i x_i from those [n] of the x_i with covariance [n, n],
     as `combine` finds them; 0 where one that takes part has none.
     """
-    used = weights != 0.0
-    own = covariance[np.ix_(used, used)]
-    pairwise = np.outer(weights[used], weights[used]) * own
-    if not (dof[used] > 0.0).all():
+    takes_part = weights != 0.0
+    used_covariance = covariance[np.ix_(takes_part, takes_part)]
+    pairwise = np.outer(weights[takes_part], weights[takes_part]) * used_covariance
+    if not (dof[takes_part] > 0.0).all():
         return 0.0
-    return _welch_satterthwaite(max(float(pairwise.sum()), 0.0), pairwise, own, dof[used])
+    return _welch_satterthwaite(
+        max(float(pairwise.sum()), 0.0), pairwise, used_covariance, dof[takes_part]
+    )
 
 
 def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> float:
@@ -191,8 +193,8 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
     Degrees of freedom are truncated to a whole number (JCGM 100 G.4.1, table G.2; EA-4/02 annex E),
     below one refused.
     """
-    whole = np.floor(effective_dof + 1e-9)  # one less a rounding error is one
-    if not whole >= 1.0:
+    whole_dof = np.floor(effective_dof + 1e-9)  # one less a rounding error is one
+    if not whole_dof >= 1.0:
         raise FitError(
             f"{effective_dof:.2g} effective degrees of freedom",
             hint="repeat the measurement more often",
@@ -201,7 +203,7 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
         raise FitError(
             f"coverage probability {probability!r}", hint="expected a number between 0 and 1"
         )
-    if whole >= FEW_DOF and probability == TWO_SIGMA:
+    if whole_dof >= FEW_DOF and probability == TWO_SIGMA:
         return 2.0
     from scipy.special import (  # scipy.stats has the same quantiles and takes a second to import
         ndtri,
@@ -209,7 +211,7 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
     )
 
     quantile = (1.0 + probability) / 2.0
-    return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole, quantile))
+    return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole_dof, quantile))
 
 
 def widening(effective_dof: float) -> float:
@@ -237,8 +239,8 @@ def expand_along(contributions: Array, dof: Array) -> tuple[Array, Array, Array]
     total = np.sum((square / largest) ** 2 / dof[:, None], axis=0)
     effective = np.divide(1.0, total, out=np.full(combined.size, np.inf), where=total > 0.0)
     # factors differ by whole degrees of freedom, from FEW_DOF on not at all
-    whole = np.where(effective >= FEW_DOF, np.inf, np.floor(effective + 1e-9))
-    kinds, number = np.unique(whole, return_inverse=True)
+    whole_dof = np.where(effective >= FEW_DOF, np.inf, np.floor(effective + 1e-9))
+    kinds, number = np.unique(whole_dof, return_inverse=True)
     factors = np.array([coverage_factor(float(kind)) for kind in kinds])
     standard = np.sqrt(combined)
     return standard, effective, np.asarray(factors[number] * standard, dtype=np.float64)
@@ -329,8 +331,11 @@ def rounded(value: float, uncertainty: float, *, digits: int = 2) -> tuple[str, 
     # rounding can carry into a new leading digit, 0.0996 to 0.100, which would print a digit too
     # many
     place = _at_place(exact, exact.adjusted() - digits + 1).adjusted() - digits + 1
-    shown = _at_place(Decimal(repr(float(value))), place)
-    return f"{abs(shown) if shown == 0 else shown:f}", f"{_at_place(exact, place):f}"
+    rounded_value = _at_place(Decimal(repr(float(value))), place)
+    return (
+        f"{abs(rounded_value) if rounded_value == 0 else rounded_value:f}",
+        f"{_at_place(exact, place):f}",
+    )
 
 
 def _at_place(number: Decimal, place: int) -> Decimal:

@@ -64,18 +64,18 @@ class Intervals:
         `means` of all of them.
         """
         sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
-        together = max(1, chunks.ROWS * sums.size // self.rows)
+        intervals_per_chunk = max(1, chunks.ROWS * sums.size // self.rows)
         row = complete = 0
         open_parts: list[Array] = []
         for part in parts:
             # an interval that began in a part before ends in this one
             if open_parts and ends[complete] <= row + part.size:
-                whole = np.concatenate([*open_parts, part[: ends[complete] - row]])
-                sums[complete] = np.add.reduceat(whole, [0])[0]
+                interval_rows = np.concatenate([*open_parts, part[: ends[complete] - row]])
+                sums[complete] = np.add.reduceat(interval_rows, [0])[0]
                 open_parts, complete = [], complete + 1
             last = int(np.searchsorted(ends, row + part.size, side="right"))
-            for k in range(complete, last, together):
-                group_slice = slice(k, min(k + together, last))
+            for k in range(complete, last, intervals_per_chunk):
+                group_slice = slice(k, min(k + intervals_per_chunk, last))
                 rows = part[self.first[k] - row : ends[group_slice.stop - 1] - row]
                 sums[group_slice] = np.add.reduceat(rows, self.first[group_slice] - self.first[k])
                 chunks.release(part)
@@ -138,14 +138,14 @@ class Intervals:
         number: list[Integers] = []
         last = -1.0
         for start, stop in chunks.ranges_along(time):
-            found = time[start:stop] - float(time[0])
-            found /= length_s
-            found += 0.5 * min(step / length_s, 1.0)
-            np.floor(found, out=found)
-            new = chunks.changed_rows(found, last)
+            interval_of_row = time[start:stop] - float(time[0])
+            interval_of_row /= length_s
+            interval_of_row += 0.5 * min(step / length_s, 1.0)
+            np.floor(interval_of_row, out=interval_of_row)
+            new = chunks.changed_rows(interval_of_row, last)
             first.append(new + start)
-            number.append(found[new].astype(np.int64))
-            last = float(found[-1])
+            number.append(interval_of_row[new].astype(np.int64))
+            last = float(interval_of_row[-1])
         begins = np.concatenate(first)
         count = np.diff(np.append(begins, time.size))
         return cls(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)

@@ -1,4 +1,10 @@
-"""Lack of fit: residuals that differ from group to group by more than their noise."""
+"""Lack of fit: residuals that differ from group to group by more than their noise.
+
+    F = [Σ n_g (r̄_g - r̄)²/(G - 1)] / [Σ (r - r̄_g)²/(n - G)]      one-way analysis of variance
+
+A grouping has G groups of n_g residuals each, n in all; of several groupings Holm's correction
+limits the chance of any false alarm.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -44,16 +50,16 @@ def find(residuals: Array, groupings: Mapping[str, Integers]) -> tuple[LackOfFit
         variance_between = float(np.sum(count * (mean - values.mean()) ** 2)) / (count.size - 1)
         # the group of the largest mean beyond what its noise explains
         worst = int(np.argmax(np.abs(mean) * np.sqrt(count)))
-        found = LackOfFit(name, int(labels[rows][level == worst][0]), float(mean[worst]))
+        lack = LackOfFit(name, int(labels[rows][level == worst][0]), float(mean[worst]))
         if variance_within > 0.0:
             chance = float(fdtrc(count.size - 1, spare, variance_between / variance_within))
         else:
             chance = 1.0 if variance_between == 0.0 else 0.0
-        tested.append((chance, found))
-    tested.sort(key=lambda one: one[0])
-    kept = []
-    for number, (chance, found) in enumerate(tested):
+        tested.append((chance, lack))
+    tested.sort(key=lambda chance_and_lack: chance_and_lack[0])
+    significant = []
+    for number, (chance, lack) in enumerate(tested):
         if chance * (len(tested) - number) > CHANCE:
             break
-        kept.append(found)
-    return tuple(kept)
+        significant.append(lack)
+    return tuple(significant)

@@ -1,9 +1,9 @@
-"""One run against the others: a value over temperature that the rest does not let expect.
+"""One run against the others: a value over temperature that the others do not let expect.
 
     F = e² / (s² (1 + z (XᵀX)⁻¹ zᵀ)) against F(1, ν),   s² = max(RSS/ν, u²)
 
-e is what the left-out run is off the polynomial through the rest, z its powers of temperature, RSS
-and ν of the rest's fit (deleted residual; Cook & Weisberg 1982).
+e is the departure of the left-out run from the polynomial through the others, z its powers of
+temperature, RSS and ν those of their fit (deleted residual; Cook & Weisberg 1982).
 """
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ class LeftOutRun:
     """A run that the others contradict."""
 
     run: int
-    off: float
+    departure: float
     """Its value less that of the others at its temperature [unit of the values]."""
     certain: bool
     """Whether the rest carries as high an order as all runs do: else a bend would explain it."""

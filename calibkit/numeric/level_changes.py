@@ -1,4 +1,10 @@
-"""Levels of a series that change suddenly: jumps that stay, and start-up rows."""
+"""Levels of a series that change suddenly: jumps that stay, and start-up rows.
+
+    Δ = (c - b) - ((b - a) + (d - c))/2        a, b, c, d the means of four windows in a row
+
+Δ is the change between b and c less the trend of the series; it is a jump where it exceeds eight of
+its standard deviations, happens suddenly and stays.
+"""
 
 import numpy as np
 
@@ -88,7 +94,7 @@ def _keep_settled(
 
 
 def _peaks(row: Integers, change: Array, spacing: int) -> tuple[Integers, Array]:
-    """Rows and changes of the largest change in each group of rows that are closer than `apart`."""
+    """Rows and changes of the largest change in each group of rows nearer than `spacing`."""
     groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
     tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
     change_rows: list[int] = []

@@ -37,11 +37,11 @@ def run_medians(values: Array, first: Integers) -> Array:
         of_size = np.flatnonzero(count == size)
         begin, step = int(first[of_size[0]]), max(1, chunks.ROWS // size)
         if int(first[of_size[-1]]) == begin + (of_size.size - 1) * size:
-            together = values[begin : begin + of_size.size * size].reshape(of_size.size, size)
+            equal_runs = values[begin : begin + of_size.size * size].reshape(of_size.size, size)
         else:
-            together = values[first[of_size, None] + np.arange(size)]
+            equal_runs = values[first[of_size, None] + np.arange(size)]
         for k in range(0, of_size.size, step):
-            part = np.partition(together[k : k + step], size // 2, axis=1)
+            part = np.partition(equal_runs[k : k + step], size // 2, axis=1)
             medians[of_size[k : k + step]] = _median_of_parted(part, size)
     return medians + 0.0  # a zero is positive
 
@@ -53,19 +53,19 @@ def median_of_chunks(parts: Callable[[], Iterable[Array]], count: int) -> float:
     if count == 0:
         return float("nan")
     if count <= COLLECTED:
-        whole = np.concatenate(list(parts()))
-        whole.partition(count // 2)  # puts NaN last
+        values = np.concatenate(list(parts()))
+        values.partition(count // 2)  # puts NaN last
         return (
-            float(_median_of_parted(whole, count))
-            if not np.isnan(whole[count // 2 :].max())
+            float(_median_of_parted(values, count))
+            if not np.isnan(values[count // 2 :].max())
             else float("nan")
         )
     low, high = _values_at_ranks(parts, (count - 1) // 2, count // 2, count)
     return (low + high) / 2.0
 
 
-def median_magnitude(values: Array, about: float = 0.0) -> float:
-    """Median of |values − about| of values [n], equal to that of a full sort; the mean of the two
+def median_magnitude(values: Array, centre: float = 0.0) -> float:
+    """Median of |values − centre| of values [n], equal to that of a full sort; the mean of the two
     middle ones for even n.
 
     Parameters
@@ -73,7 +73,7 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
     values
         [n], any unit; read-only arrays and mapped files serve, nothing is written into them. Memory
         is that of some chunks.
-    about
+    centre
         What the magnitudes are taken from: 0, or the median for the median absolute deviation.
 
     Raises
@@ -88,7 +88,7 @@ def median_magnitude(values: Array, about: float = 0.0) -> float:
     def magnitudes() -> Iterator[Array]:
         for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
             block = values[start:stop]
-            magnitude = np.abs(block if about == 0.0 else block - about)
+            magnitude = np.abs(block if centre == 0.0 else block - centre)
             # NaN compares false with both bounds, but propagates to the maximum
             if not math.isfinite(float(magnitude.max())):
                 raise FitError(
@@ -112,11 +112,11 @@ def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: 
     return low + step * part if part < 0.5 else high - step * (1.0 - part)
 
 
-def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = None) -> float:
+def smallest_step(values: Array, *, fine_step: float = 0.0, decimals: int | None = None) -> float:
     """Smallest difference between two distinct values of a column [n], rounded if `decimals` is
     given; 0 if all are equal.
 
-    The search ends at the first difference of at most `enough`, so that distinct values of noise
+    The search ends at the first difference of at most `fine_step`, so that distinct values of noise
     are not all collected.
     """
     levels, step = np.zeros(0), 0.0
@@ -127,7 +127,7 @@ def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = 
             continue
         levels = np.union1d(levels, new)
         step = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
-        if 0.0 < step <= enough:
+        if 0.0 < step <= fine_step:
             break
     return step
 

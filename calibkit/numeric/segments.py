@@ -1,4 +1,8 @@
-"""Soaks and ramps of a temperature log, and the rate at which the temperature changes."""
+"""Soaks and ramps of a temperature log, and the rate at which the temperature changes.
+
+The rate is the least-squares slope (n Σ t T - Σ t Σ T)/(n Σ t² - (Σ t)²) over the window that ends
+at each sample; a ramp is where its magnitude stays above a limit.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -76,15 +80,15 @@ def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> A
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
 
 
-def quantum(temperature: Array, *, enough: float = 0.0) -> float:
+def quantum(temperature: Array, *, fine_step: float = 0.0) -> float:
     """Quantisation step [°C] of thermometer readings [n, °C]; 0 if all readings are equal."""
-    return order_statistics.smallest_step(temperature, enough=enough, decimals=6)
+    return order_statistics.smallest_step(temperature, fine_step=fine_step, decimals=6)
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
     """Whether one quantisation step changes the slope over a window by over COARSE_DEGC_MIN."""
     return (
-        quantum(temperature, enough=COARSE_DEGC_MIN * window_s / SECONDS_PER_MINUTE)
+        quantum(temperature, fine_step=COARSE_DEGC_MIN * window_s / SECONDS_PER_MINUTE)
         * SECONDS_PER_MINUTE
         / window_s
         > COARSE_DEGC_MIN
@@ -146,10 +150,10 @@ def _coarse_slopes(
         has_moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (
             1.0 - 1e-9
         )
-        chosen = unsettled & has_moved if window != windows[-1] else unsettled
-        if chosen.any():
-            slope[chosen] = _slopes(time, temperature, window, skipped)[chosen]
-        unsettled = unsettled & ~chosen
+        window_decides = unsettled & has_moved if window != windows[-1] else unsettled
+        if window_decides.any():
+            slope[window_decides] = _slopes(time, temperature, window, skipped)[window_decides]
+        unsettled = unsettled & ~window_decides
     return slope
 
 

@@ -1,4 +1,8 @@
-"""Logs held against the schedule of their plan: which actions are missing, and which differ."""
+"""Logs compared with the schedule of their plan: which actions are missing, and which differ.
+
+A dwell or rate is found by rows that are near its temperature, its direction of gravity and its
+rate; a ramp by its end and by its slope in the middle.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -37,40 +41,40 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
         counted: dict[str, tuple[Mask, int]] = {}
         for action in planned:
             if action.action in ("dwell", "rate"):
-                what, rows = _find_rows(log, action)
-                counted[what] = rows, counted.get(what, (rows, 0))[1] + 1
+                action_text, rows = _find_rows(log, action)
+                counted[action_text] = rows, counted.get(action_text, (rows, 0))[1] + 1
             elif action.action == "ramp":
                 yield from _compare_ramp(log, action)
         # of a log with a row for each dwell the rows are counted
         times_planned = sum(times for _, times in counted.values())
-        for what, (rows, times) in counted.items():
+        for action_text, (rows, times) in counted.items():
             logged = int(rows.sum())
             if not logged:
-                yield f"{log.file}: {what}"
+                yield f"{log.file}: {action_text}"
             elif len(log.frame) <= ONE_ROW * times_planned and logged < times:
-                yield f"{log.file}: {what}, {logged} of {times} times"
+                yield f"{log.file}: {action_text}, {logged} of {times} times"
 
 
 def _find_rows(log: Log, action: Action) -> tuple[str, Mask]:
     """A planned dwell or held rate in words, as far as a log tells it from others, and the rows
     that are at it.
     """
-    at = f"{action.set_degc:g} °C"
-    near = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
+    level_text = f"{action.set_degc:g} °C"
+    rows_near = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
     if action.action == "rate":
-        off = np.abs(_column(log, "table_rate_dps") - action.table_rate_dps)
-        near &= off <= NEAR_RATE * abs(action.table_rate_dps)
-        return f"rate {action.table_rate_dps:+g} °/s at {at}", near
+        rate_error = np.abs(_column(log, "table_rate_dps") - action.table_rate_dps)
+        rows_near &= rate_error <= NEAR_RATE * abs(action.table_rate_dps)
+        return f"rate {action.table_rate_dps:+g} °/s at {level_text}", rows_near
     if "inclination_deg" not in log.frame.columns:
-        return f"dwell at {at}", near
-    turned = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
+        return f"dwell at {level_text}", rows_near
+    position_deg = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
     tilt, roll = action.inclination_deg, action.toolface_deg
     planned = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
     logged = attitude.gravity_vector(
-        _column(log, "inclination_deg"), _column(log, "toolface_deg") + turned
+        _column(log, "inclination_deg"), _column(log, "toolface_deg") + position_deg
     )
-    near &= logged @ planned >= np.cos(np.radians(NEAR_DEG))
-    return f"dwell at inclination {tilt:g}°, toolface {roll:g}°, {at}", near
+    rows_near &= logged @ planned >= np.cos(np.radians(NEAR_DEG))
+    return f"dwell at inclination {tilt:g}°, toolface {roll:g}°, {level_text}", rows_near
 
 
 def _compare_ramp(log: Log, action: Action) -> Iterator[str]:

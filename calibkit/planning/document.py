@@ -1,4 +1,7 @@
-"""plan.json and the files beside it: written together, read back only as they were written."""
+"""plan.json and the files beside it: written together, read back only as they were written.
+
+plan.json is sealed, and holds the SHA-256 of schedule.csv and recipe.toml.
+"""
 
 import hashlib
 from collections.abc import Mapping
@@ -42,7 +45,7 @@ class Plan:
         set_degc = [action.set_degc for action in schedule.actions]
         range_degc = self.range_degc or (min(set_degc), max(set_degc))
         noise, unit = document["noise"]["value"], document["noise"]["unit"]
-        errors = [ErrorComponent.model_validate(stated) for stated in document["components"]]
+        errors = [ErrorComponent.model_validate(component) for component in document["components"]]
         if "device" in document:
             device = Device.model_validate(document["device"])
         else:
@@ -64,9 +67,10 @@ class Plan:
                 noise_s=over_s,
             )
             bench = read_equipment(None).device.values()
-            known = {(e.group, e.effect, e.unit) for device in bench for e in device.component}
+            components = [error for device in bench for error in device.component]
+            bench_errors = {(error.group, error.effect, error.unit) for error in components}
             for error in errors:
-                if (error.group, error.effect, error.unit) not in known:
+                if (error.group, error.effect, error.unit) not in bench_errors:
                     raise UsageError(
                         f"the plan states {name_source(error)} in {error.unit}: calibkit 0.2 wrote"
                         " it",
@@ -84,8 +88,8 @@ class Plan:
     @property
     def wanted(self) -> dict[str, float]:
         """Result → expanded uncertainty that was wanted, in the unit of the result."""
-        wanted = {result["name"]: result["wanted"] for result in self.document["results"]}
-        return {name: value for name, value in wanted.items() if value is not None}
+        wishes = {result["name"]: result["wanted"] for result in self.document["results"]}
+        return {name: value for name, value in wishes.items() if value is not None}
 
 
 def write_recipe(spec: Recipe, design: Design, *, added: bool) -> str:
@@ -115,7 +119,7 @@ def plan_document(
     """Sealed text of plan.json."""
     results = []
     for result in proposal.results:
-        wanted = proposal.wishes.get(result.name)
+        wish = proposal.wishes.get(result.name)
         results.append(
             {
                 "name": result.name,
@@ -123,12 +127,13 @@ def plan_document(
                 "standard_uncertainty_rms": result.u,
                 "standard_uncertainty_max": result.largest_u,
                 "expanded_uncertainty": result.expanded,
-                "wanted": wanted,
-                "met": None if wanted is None else result.expanded <= wanted,
+                "wanted": wish,
+                "met": None if wish is None else result.expanded <= wish,
                 "limits": [{"source": key, "share": share} for key, share in result.limits.items()],
             }
         )
-    assumed, schedule, more = proposal.assumed, proposal.campaign.schedule, proposal.longer_campaign
+    assumed, schedule = proposal.assumed, proposal.campaign.schedule
+    longer = proposal.longer_campaign
     return sealed.seal(
         {
             "format": FORMAT,
@@ -148,7 +153,7 @@ def plan_document(
             "device": assumed.device.model_dump(mode="json", exclude={"component"}),
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
             "components": [error.model_dump(mode="json") for error in assumed.errors.values()],
-            "third_more": None if more is None else _campaign(more),
+            "third_more": None if longer is None else _campaign(longer),
             "curve": [_campaign(campaign) for campaign in proposal.curve],
             "notes": list(proposal.notes),
             "files": [

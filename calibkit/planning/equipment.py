@@ -137,8 +137,9 @@ class Equipment(Table):
         """
         lag = max(device.lags_s)
         ramp_s = abs(change_degc) / rate * 60.0
-        behind = rate / 60.0 * lag * -math.expm1(-ramp_s / lag)
-        wait = lag * math.log(max(behind / self.chamber.settled_degc, 1.0))
+        # a first-order lag τ behind a ramp of rate r: r τ (1 - exp(-t/τ)), then exponential decay
+        lag_degc = rate / 60.0 * lag * -math.expm1(-ramp_s / lag)
+        wait = lag * math.log(max(lag_degc / self.chamber.settled_degc, 1.0))
         return 60.0 * math.ceil(wait / 60.0)
 
 

@@ -45,12 +45,12 @@ class Pool:
     """[q, q]: the criterion is tr(M⁻¹ target), the mean variance of what is wanted (I-optimal);
     None: det(M)^(−1/q) (D-optimal).
     """
-    most: int = 1
+    most_uses: int = 1
     """How often a candidate may be taken."""
 
-    def criterion(self, chosen: Sequence[int] | Integers) -> float:
+    def criterion(self, entries: Sequence[int] | Integers) -> float:
         """Criterion of a design; infinite where it does not determine what is wanted."""
-        return self._criterion_of(self.base + self.parts[np.asarray(chosen)].sum(axis=0))
+        return self._criterion_of(self.base + self.parts[np.asarray(entries)].sum(axis=0))
 
     def _criterion_of(self, M: Array) -> float:
         if not (np.diag(M) > 0.0).all():
@@ -64,20 +64,20 @@ class Pool:
             return np.inf
         return variance if variance > 0.0 else np.inf
 
-    def exchange(self, chosen: Sequence[int]) -> tuple[list[int], float]:
+    def exchange(self, entries: Sequence[int]) -> tuple[list[int], float]:
         """Design after exchanges, and its criterion."""
-        design, best = list(chosen), self.criterion(chosen)
+        design, best = list(entries), self.criterion(entries)
         ridge = np.diag(RIDGE * self.parts.mean(axis=0).diagonal() + 1e-300)
         for _ in range(PASSES):
             before = best
             for place in range(len(design)):
-                others = [*design[:place], *design[place + 1 :]]
-                M = self.base + self.parts[others].sum(axis=0)
+                remaining = [*design[:place], *design[place + 1 :]]
+                M = self.base + self.parts[remaining].sum(axis=0)
                 # to first order a candidate lowers the criterion by tr(part · M⁻¹ target M⁻¹)
                 inverse = invert(M + ridge)
                 pull = inverse if self.target is None else inverse @ self.target @ inverse
                 lowers = np.einsum("cij,ij->c", self.parts, pull)
-                free = np.bincount(others, minlength=len(self.parts)) < self.most
+                free = np.bincount(remaining, minlength=len(self.parts)) < self.most_uses
                 ranked = np.argsort(np.where(free, -lowers, np.inf), kind="stable")
                 for candidate in ranked[: min(TRIED, int(free.sum()))].tolist():
                     criterion = self._criterion_of(M + self.parts[candidate])
@@ -93,9 +93,9 @@ class Pool:
         """Best design of a number of candidates from several random starts, more of a small one,
         and its criterion.
         """
-        every = np.tile(np.arange(len(self.parts)), self.most)
+        available = np.tile(np.arange(len(self.parts)), self.most_uses)
         starts = [
-            rng.choice(every, count, replace=False).tolist()
+            rng.choice(available, count, replace=False).tolist()
             for _ in range(restarts * max(SMALL // count, 1))
         ]
         design, best = min(map(self.exchange, starts), key=lambda exchanged: exchanged[1])
@@ -122,31 +122,33 @@ def pool(
     slopes : [m, p].
 
     """
-    p, every = jacobian.shape[1], np.arange(len(noise))
-    columns = [error.design(every) * (error.size or 0.0) for error in shared]
+    p, all_rows = jacobian.shape[1], np.arange(len(noise))
+    columns = [error.design(all_rows) * (error.size or 0.0) for error in shared]
     R = np.hstack([jacobian, *columns]) / noise[:, None]
     order, count = np.argsort(candidate, kind="stable"), int(candidate.max()) + 1
     parts = R[order].reshape(count, -1, R.shape[1])
     single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
     z = np.hstack([np.zeros((len(R), 0)), *single_loadings])[order].reshape(*parts.shape[:2], -1)
     # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
-    across = np.einsum("crk,crq->ckq", z, parts)
+    loading_products = np.einsum("crk,crq->ckq", z, parts)
     inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])
-    each = np.einsum("crq,crs->cqs", parts, parts)
-    each -= np.einsum("ckq,ckl,cls->cqs", across, np.linalg.inv(inner), across)
+    information = np.einsum("crq,crs->cqs", parts, parts)
+    information -= np.einsum(
+        "ckq,ckl,cls->cqs", loading_products, np.linalg.inv(inner), loading_products
+    )
     start = np.diag(np.arange(R.shape[1]) >= p).astype(np.float64)
     target = np.zeros_like(start)
     target[:p, :p] = slopes.T @ slopes / len(slopes)
-    return Pool(start, each, target)
+    return Pool(start, information, target)
 
 
-def spread_apart(directions: Array, taken: Sequence[int], count: int) -> list[int]:
+def spread_apart(directions: Array, occupied: Sequence[int], count: int) -> list[int]:
     """Directions [count] of unit vectors [c, 3] that lie farthest from those that are taken."""
-    chosen, near = [], (directions @ directions[list(taken)].T).max(axis=1)
-    for _ in range(min(count, len(directions) - len(taken))):
-        chosen.append(int(np.argmin(np.round(near, 9))))
-        near = np.maximum(near, directions @ directions[chosen[-1]])
-    return chosen
+    selection, largest_cosine = [], (directions @ directions[list(occupied)].T).max(axis=1)
+    for _ in range(min(count, len(directions) - len(occupied))):
+        selection.append(int(np.argmin(np.round(largest_cosine, 9))))
+        largest_cosine = np.maximum(largest_cosine, directions @ directions[selection[-1]])
+    return selection
 
 
 def invert(M: Array) -> Array:

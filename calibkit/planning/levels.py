@@ -1,4 +1,8 @@
-"""Temperatures of campaigns, and their order."""
+"""Temperatures of campaigns, and their order.
+
+A polynomial of order n in temperature is determined best at the extremes of the Chebyshev
+polynomial T_m, m > n: x_k = cos(π k/m), mapped to the range (`polynomial.space_levels`).
+"""
 
 from collections.abc import Iterable
 from itertools import combinations
@@ -21,11 +25,11 @@ Tour = tuple[int, ...]
 
 
 def list_tours(
-    order: int, range_degc: tuple[float, float], *, some: bool, reference: float | None = None
+    order: int, range_degc: tuple[float, float], *, subsets: bool, reference: float | None = None
 ) -> list[Tour]:
     """Tours of the temperatures at which a polynomial is determined best, the extremes of Chebyshev
-    polynomials: of one more temperature than an order needs first, then of more; with `some` also
-    every choice of those of the first tour, for what is measured already may have the others.
+    polynomials: of one more temperature than an order needs first, then of more; with `subsets`
+    also every choice of those of the first tour, for what is measured already may have the others.
 
     A reference temperature takes the place of the nearest one between the ends of the range. Where
     both ends are one temperature, that is the campaign.
@@ -43,7 +47,7 @@ def list_tours(
         # every second one on the way back: as long as straight there and back, and drift is
         # separated from temperature
         tours.append((*levels[::2], *levels[1::2][::-1], levels[0]))
-    if some:
+    if subsets:
         first = tours[0][:-1]
         for number in range(1, min(len(first), MOST_ADDED) + 1):
             tours += combinations(first, number)

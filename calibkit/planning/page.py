@@ -48,7 +48,7 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
     if longer is not None:
         u, hours = concise(longer.expanded(sought.name)), _duration(longer.hours)
         bought = f"U {u} {sought.unit} in {hours}: {longer.label}"
-    what = "A third more hours" if schedule.actions else "A small addition"
+    addition = "A third more hours" if schedule.actions else "A small addition"
     numbers = [Column(name, ".3g") for name in ("u, rms", "U, largest", "wanted U")]
     results = Table(
         "Predicted uncertainty over the range of use (k = 2)",
@@ -68,7 +68,7 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
             f"{_duration(schedule.hours)} of the chamber{person}: {proposal.campaign.label}.",
             (
                 f"What limits {sought.name}: {limits} of the variance.",
-                f"{what} would buy {bought}.",
+                f"{addition} would buy {bought}.",
             ),
         ),
     )
@@ -88,7 +88,7 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     drawn.append(_draw_hours(proposal))
     figures.settle(drawn)
     drawings, _ = svg.inline(drawn)
-    shown = [
+    figure_elements = [
         element("figure", Markup(drawing), element("figcaption", figure.get_suptitle()))
         for drawing, figure in zip(drawings, drawn, strict=True)
     ]
@@ -136,8 +136,8 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     notes = element("ul", join_markup([element("li", note) for note in proposal.notes]))
     parts = {
         "Predicted uncertainty": [summary_table(summary.tables[0]), summary_table(shares)],
-        "The campaign": shown[:-1],
-        "Uncertainty against hours": [shown[-1], summary_table(campaigns)],
+        "The campaign": figure_elements[:-1],
+        "Uncertainty against hours": [figure_elements[-1], summary_table(campaigns)],
         "Coefficients": [summary_table(coefficients)],
         "Assumptions": [summary_table(errors), notes],
     }

@@ -1,4 +1,8 @@
-"""The actions of a campaign in time: ramps, soaks, dwells, rates, remountings."""
+"""The actions of a campaign in time: ramps, soaks, dwells, rates, remountings.
+
+`Clock` adds them one after the other, waits where a person is needed, and holds each soak until the
+device has followed the chamber (`Equipment.soak_s`).
+"""
 
 import csv
 import io
@@ -125,9 +129,9 @@ class Clock:
         if duration_s <= 0.0:
             return
         if not self._actions and kind != "mount":
-            needed = self.equipment.operator.mount_h * SECONDS_PER_HOUR
-            self._operator_s += needed
-            self.add("mount", needed)
+            mount_s = self.equipment.operator.mount_h * SECONDS_PER_HOUR
+            self._operator_s += mount_s
+            self.add("mount", mount_s)
         degc = self.equipment.chamber.room_degc if kind == "mount" else self.degc
         action = Action(self.now_s, kind, degc, duration_s=duration_s, log=log, **quantities)
         self._actions.append(action)
@@ -137,9 +141,10 @@ class Clock:
         """Wait until a person is there for an action of a length [s], and count it."""
         person = self.equipment.operator
         day = (person.to_h - person.from_h) * SECONDS_PER_HOUR
-        within = self.now_s % DAY_S
-        if within + duration_s > day:
-            self.add("wait", DAY_S - within)
+        # time counts from the first working hour of a day
+        time_of_day_s = self.now_s % DAY_S
+        if time_of_day_s + duration_s > day:
+            self.add("wait", DAY_S - time_of_day_s)
         self._operator_s += duration_s
 
     def ramp(self, degc: float, rate: float, log: str = "") -> None:
@@ -172,9 +177,9 @@ class Clock:
     def remount(self, rate: float) -> None:
         """Go to room temperature at a rate [°C/min] and mount the device anew."""
         self.ramp(self.equipment.chamber.room_degc, rate)
-        needed = self.equipment.operator.remount_h * SECONDS_PER_HOUR
-        self.attend(needed)
-        self.add("remount", needed)
+        remount_s = self.equipment.operator.remount_h * SECONDS_PER_HOUR
+        self.attend(remount_s)
+        self.add("remount", remount_s)
 
     def schedule(self) -> Schedule:
         """What was built."""

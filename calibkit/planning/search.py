@@ -238,7 +238,7 @@ class TourBench(Bench):
 
     def tours(self) -> list[Tour]:
         """Temperatures of campaigns, beside what is measured also of those that it lacks."""
-        return list_tours(self.order, self.assumed.range_degc, some=bool(self.task.have))
+        return list_tours(self.order, self.assumed.range_degc, subsets=bool(self.task.have))
 
     def designs(self) -> Iterable[Design]:
         """Every choice at the temperatures of every tour, for every time."""
@@ -340,8 +340,9 @@ def join(parts: Iterable[Any]) -> Any:  # noqa: ANN401 (rows of an instrument)
     """Rows, arrays by name, one after the other; numbers of logs and runs go on from those before.
     Parts that are None are none, and None is what there is without any.
     """
-    first, *others = [part for part in parts if part is not None] or [None]
-    for other in others:
+    present_parts: list[Any] = [part for part in parts if part is not None] or [None]
+    first = present_parts[0]
+    for other in present_parts[1:]:
         arrays = {}
         for name in (part.name for part in fields(first)):
             a, b = getattr(first, name), getattr(other, name)

@@ -1,5 +1,7 @@
 """What a plan is asked for, and what it assumes before anything is measured: noise, errors that
 rows share, range of use.
+
+Noise of a mean over t seconds is that of the device over `noise_s` times √(noise_s/t): it is white.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -28,21 +30,21 @@ Units: TypeAlias = "Mapping[tuple[str, str], str]"
 """(group, effect) → unit of its standard deviation in a fit."""
 
 
-def parse_wishes(texts: Iterable[str], offered: Mapping[str, str]) -> dict[str, float]:
+def parse_wishes(texts: Iterable[str], result_units: Mapping[str, str]) -> dict[str, float]:
     """Result → largest expanded uncertainty over the range of use, in the unit in which the result
     is offered, of texts "NAME<=VALUE UNIT"; UsageError for another text, name or unit.
     """
     wishes = {}
     for text in texts:
-        name, value, asked = units_of.parse_limit(text, "--want")
-        fault = "" if name in offered else f"no result '{name}'"
-        if not fault and asked != offered[name]:
+        name, value, wish_unit = units_of.parse_limit(text, "--want")
+        fault = "" if name in result_units else f"no result '{name}'"
+        if not fault and wish_unit != result_units[name]:
             try:
-                value *= units_of.difference_factor(asked, offered[name])
+                value *= units_of.difference_factor(wish_unit, result_units[name])
             except RecipeError:
-                fault = f"'{asked}' is no unit of '{name}'"
+                fault = f"'{wish_unit}' is no unit of '{name}'"
         if fault:
-            names = ", ".join(f"{name} [{unit}]" for name, unit in offered.items())
+            names = ", ".join(f"{name} [{unit}]" for name, unit in result_units.items())
             raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}")
         wishes[name] = value
     return wishes
@@ -99,8 +101,8 @@ class Assumed:
 
     def size(self, group: str, effect: str) -> float:
         """Standard deviation of an error in the unit of a fit; 0 where none is assumed."""
-        known = self.errors.get((group, effect))
-        return known.value if known else 0.0
+        assumed_error = self.errors.get((group, effect))
+        return assumed_error.value if assumed_error else 0.0
 
     @property
     def middle_half(self) -> tuple[float, float]:
@@ -115,12 +117,14 @@ class Assumed:
 
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
-        stated = list(shared)
-        for k, error in enumerate(stated):
-            known = self.errors.get((error.group, error.effect))
-            if known:
-                stated[k] = replace(error, size=known.value, size_dof=known.dof, optional=False)
-        return stated
+        sized_errors = list(shared)
+        for k, error in enumerate(sized_errors):
+            assumed_error = self.errors.get((error.group, error.effect))
+            if assumed_error:
+                sized_errors[k] = replace(
+                    error, size=assumed_error.value, size_dof=assumed_error.dof, optional=False
+                )
+        return sized_errors
 
 
 def assume(

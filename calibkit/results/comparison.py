@@ -43,7 +43,7 @@ DRAWS = 4000
 class ResultChange:
     """A result at one point, then and now: the difference and its uncertainty (None: not known)."""
 
-    at: At
+    point: At
     then: Result
     now: Result
     u: float | None
@@ -129,8 +129,12 @@ class StillGood:
     @property
     def deciding(self) -> ComparedResult | None:
         """Result that decides: of those with the answer, the one nearest to its limit."""
-        alike = [compared for compared in self.compared if compared.answer == self.answer]
-        return max(alike or self.compared, key=lambda compared: compared.nearness, default=None)
+        with_this_answer = [
+            compared for compared in self.compared if compared.answer == self.answer
+        ]
+        return max(
+            with_this_answer or self.compared, key=lambda compared: compared.nearness, default=None
+        )
 
 
 def compare(
@@ -139,30 +143,38 @@ def compare(
     *,
     limits: Mapping[str, tuple[float, str]] = MappingProxyType({}),
     profile: Profile | None = None,
-    same: bool = False,
+    same_equipment: bool = False,
 ) -> StillGood:
     """Whether what was calibrated is still good, by `limits` on changes in units of the results,
     else by the specifications of a laboratory's profile, else by the limits of the newer recipe.
 
-    With `same`, type B terms that both runs state alike are one error of the same equipment.
+    With `same_equipment`, type B terms that both runs state alike are one error.
     Raises UsageError for runs of different procedures and for a limit on what is not compared.
     """
     terms, specified = ((), ()) if profile is None else (profile.type_b, profile.specification)
     old, new = RunResults.read(before, terms), RunResults.read(after, terms)
-    judged = [quantity for quantity in new.quantities if quantity.compared]
-    known = {name for quantity in judged for name in (quantity.key, quantity.name)}
-    if unknown := [name for name in limits if name not in known]:
+    compared_quantities = [quantity for quantity in new.quantities if quantity.compared]
+    result_names = {
+        name for quantity in compared_quantities for name in (quantity.key, quantity.name)
+    }
+    if unknown := [name for name in limits if name not in result_names]:
         raise UsageError(
             f"--limit {unknown[0]}: no result of {after.name} that is compared",
-            hint=did_you_mean(unknown[0], known, f"there are: {', '.join(sorted(known))}"),
+            hint=did_you_mean(
+                unknown[0], result_names, f"there are: {', '.join(sorted(result_names))}"
+            ),
         )
     changed = difference.compare_runs(before, after, instruments.model_forms)
-    earlier = {(each.model, each.name): each for each in old.quantities if each.compared}
+    earlier = {
+        (old_quantity.model, old_quantity.name): old_quantity
+        for old_quantity in old.quantities
+        if old_quantity.compared
+    }
     compared = []
-    for quantity in judged:
+    for quantity in compared_quantities:
         other = earlier.pop((quantity.model, quantity.name), None)
         limited = _limited(quantity, limits, specified)
-        compared.append(_compare(limited, other, old, new, same=same))
+        compared.append(_compare(limited, other, old, new, same_equipment=same_equipment))
     for quantity in earlier.values():
         reason = f"{after.name} has no such result"
         compared.append(ComparedResult(quantity, (), quantity.limit, "cannot tell", reason))
@@ -170,7 +182,7 @@ def compare(
         model.name
         for result in compared
         for change in result.changes[:1]
-        for model, _ in result.quantity.point(change.at).parts
+        for model, _ in result.quantity.point(change.point).parts
     }
     inputs = after.document["inputs"]
     return StillGood(
@@ -183,7 +195,7 @@ def compare(
             if model.joint is not None and model.name in models_of_results
         ),
         tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
-        (*changed.flags, *_flag(changed, compared, specified, same=same)),
+        (*changed.flags, *_flag(changed, compared, specified, same_equipment=same_equipment)),
         len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),
     )
 
@@ -198,26 +210,29 @@ def _limited(
     """
     value, unit = limits.get(quantity.key, limits.get(quantity.name, (math.nan, "")))
     if math.isnan(value):
-        for stated in specified:
-            if _specifies(stated, quantity):
-                name = f"specification {stated.name}".strip()
-                return replace(quantity, limit=ResultLimit(name, None, stated.lower, stated.upper))
+        for specification in specified:
+            if _specifies(specification, quantity):
+                name = f"specification {specification.name}".strip()
+                return replace(
+                    quantity,
+                    limit=ResultLimit(name, None, specification.lower, specification.upper),
+                )
         return quantity
     if unit in units.SHARES:
-        somewhere = {each.column: each.low for each in quantity.inputs}
-        value *= units.SHARES[unit] * abs(quantity.point(somewhere).value)
+        low_ends = {i.column: i.low for i in quantity.inputs}
+        value *= units.SHARES[unit] * abs(quantity.point(low_ends).value)
     elif unit:
         value *= units.difference_factor(unit, quantity.unit)
     return replace(quantity, limit=ResultLimit("--limit", value))
 
 
-def _specifies(stated: Specification, quantity: Quantity) -> bool:
+def _specifies(specification: Specification, quantity: Quantity) -> bool:
     """Whether a specification is on a result over its whole range."""
-    name, _, condition = stated.result.partition("@")
-    keys = (quantity.key, *(f"{quantity.stage}.{called}" for called in quantity.called))
-    named = any(fnmatch.fnmatchcase(key, name) for key in (*keys, *quantity.called))
-    unit = units.ALIASES.get(stated.unit, stated.unit)
-    return named and condition in ("", "*") and unit == quantity.unit
+    name, _, condition = specification.result.partition("@")
+    keys = (quantity.key, *(f"{quantity.stage}.{alias}" for alias in quantity.called))
+    name_matches = any(fnmatch.fnmatchcase(key, name) for key in (*keys, *quantity.called))
+    unit = units.ALIASES.get(specification.unit, specification.unit)
+    return name_matches and condition in ("", "*") and unit == quantity.unit
 
 
 def _flag(
@@ -225,7 +240,7 @@ def _flag(
     compared: Sequence[ComparedResult],
     specified: Sequence[Specification],
     *,
-    same: bool,
+    same_equipment: bool,
 ) -> Iterator[str]:
     """Models of two forms, of which the results alone were compared; type B terms that both runs
     state; specifications that judge nothing here.
@@ -236,39 +251,47 @@ def _flag(
     names = set()
     for result in compared:
         for change in result.changes[:1]:
-            then = change.then.contributions
-            of_both = [part for part in change.now.contributions if part in then]
+            earlier_contributions = change.then.contributions
+            of_both = [part for part in change.now.contributions if part in earlier_contributions]
             names |= {part.name.en for part in of_both if part.kind == "B"}
-    if names and not same:
+    if names and not same_equipment:
         yield (
             f"{', '.join(sorted(names))}: stated by both runs and counted twice; of the same"
             " equipment, --same-equipment counts what differs"
         )
-    for stated in specified:
-        if not any(_specifies(stated, result.quantity) for result in compared):
+    for specification in specified:
+        if not any(_specifies(specification, result.quantity) for result in compared):
             yield (
-                f"specification '{stated.name or stated.result}' is not judged: it names no result"
-                " over its whole range"
+                f"specification '{specification.name or specification.result}' is not judged:"
+                " it names no result over its whole range"
             )
 
 
 def _compare(
-    quantity: Quantity, earlier: Quantity | None, old: RunResults, new: RunResults, *, same: bool
+    quantity: Quantity,
+    earlier: Quantity | None,
+    old: RunResults,
+    new: RunResults,
+    *,
+    same_equipment: bool,
 ) -> ComparedResult:
     """One result in two runs."""
     unknown = ComparedResult(quantity, (), quantity.limit, "cannot tell", "")
     if earlier is None:
         return replace(unknown, reason=f"{old.run.name} has no such result")
-    then, now = ([each.column for each in q.inputs[:1]] for q in (earlier, quantity))
+    columns_then = [i.column for i in earlier.inputs[:1]]
+    columns_now = [i.column for i in quantity.inputs[:1]]
     reason = ""
-    if then != now:
-        depends = " and ".join(column[0] if column else "nothing" for column in (then, now))
+    if columns_then != columns_now:
+        depends = " and ".join(
+            column[0] if column else "nothing" for column in (columns_then, columns_now)
+        )
         reason = f"depends on {depends}: the range of one of the two is not known"
     if earlier.unit != quantity.unit:
         reason = f"in {earlier.unit} then, in {quantity.unit} now"
     if reason:
         return replace(unknown, reason=reason)
-    changes = tuple(_changes(quantity, earlier, old, new, same=same))
+    changes = tuple(_changes(quantity, earlier, old, new, same_equipment=same_equipment))
     if not changes:
         return replace(unknown, reason="the two calibrated ranges have nothing in common")
     undecided, unknown = earlier.undecided or quantity.undecided, replace(unknown, changes=changes)
@@ -291,18 +314,20 @@ def _judge(compared: ComparedResult) -> tuple[Answer, str]:
         return "yes", "no limit is set, and it did not change beyond its U"
     low, high = limit.bounds(0.0)
     if limit.change is not None:
-        what, ends = "change", [(c.difference, c.expanded or 0.0) for c in compared.changes]
+        limited_value = "change"
+        estimates = [(c.difference, c.expanded or 0.0) for c in compared.changes]
     else:
-        what, ends = "value", [(c.now.value, c.now.U) for c in compared.changes]
-    if all(low <= value - U and value + U <= high for value, U in ends):
-        return "yes", f"{what} ± U within the limit"
-    if any(value + U < low or value - U > high for value, U in ends):
-        return "no", f"{what} beyond the limit by more than U"
+        limited_value = "value"
+        estimates = [(c.now.value, c.now.U) for c in compared.changes]
+    if all(low <= value - U and value + U <= high for value, U in estimates):
+        return "yes", f"{limited_value} ± U within the limit"
+    if any(value + U < low or value - U > high for value, U in estimates):
+        return "no", f"{limited_value} beyond the limit by more than U"
     return "cannot tell", "U reaches across the limit"
 
 
 def _changes(
-    quantity: Quantity, earlier: Quantity, old: RunResults, new: RunResults, *, same: bool
+    quantity: Quantity, earlier: Quantity, old: RunResults, new: RunResults, *, same_equipment: bool
 ) -> list[ResultChange]:
     """Changes of a result where both hold: over the common range of the first input, at each
     group's first case of the other inputs that both hold at. A point where it is 0 by definition is
@@ -316,45 +341,58 @@ def _changes(
             return []
         values = np.linspace(low, high, POINTS if low < high else 1).tolist()
         grid = tuple({first.column: x} for x in values)
-    alike = {i.column for i in quantity.inputs} == {i.column for i in earlier.inputs}
-    places = list[At]()
+    same_inputs = {i.column for i in quantity.inputs} == {i.column for i in earlier.inputs}
+    common_points = list[At]()
     for group in quantity.compared:
-        for case in group if alike else (group[0],) * (not group[0]):
+        for case in group if same_inputs else (group[0],) * (not group[0]):
             inside = [
-                at
-                for at in (quantity.complete({**point, **case}) for point in grid)
-                if not quantity.outside(at) and not earlier.outside(earlier.complete(at))
+                full_point
+                for full_point in (quantity.complete({**point, **case}) for point in grid)
+                if not quantity.outside(full_point)
+                and not earlier.outside(earlier.complete(full_point))
             ]
             if inside:
-                places += inside
+                common_points += inside
                 break
     changes = []
-    for at in places:
-        then, now = old.state(earlier, earlier.complete(at)), new.state(quantity, at)
-        if then.uncertainty is None or now.uncertainty is None:
-            if not then.value == now.value == 0.0 or then.uncertainty is not now.uncertainty:
-                changes.append(ResultChange(at, then, now, None, None))
+    for full_point in common_points:
+        result_then = old.state(earlier, earlier.complete(full_point))
+        result_now = new.state(quantity, full_point)
+        if result_then.uncertainty is None or result_now.uncertainty is None:
+            if (
+                not result_then.value == result_now.value == 0.0
+                or result_then.uncertainty is not result_now.uncertainty
+            ):
+                changes.append(ResultChange(full_point, result_then, result_now, None, None))
             continue
-        of_change = gum.combine(combine_both(then, now, same=same))
+        of_change = gum.combine(
+            combine_both(result_then, result_now, same_equipment=same_equipment)
+        )
         u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
-        changes.append(ResultChange(at, then, now, u, expanded))
+        changes.append(ResultChange(full_point, result_then, result_now, u, expanded))
     return changes
 
 
-def combine_both(then: Result, now: Result, *, same: bool) -> list[gum.UncertaintyComponent]:
+def combine_both(
+    result_then: Result, result_now: Result, *, same_equipment: bool
+) -> list[gum.UncertaintyComponent]:
     """Contributions to the uncertainty of the difference: of both runs as independent; type B terms
     that they state alike once, by the difference of their sensitivities, where the equipment is
     the same.
     """
-    of_then = {part.name.en: part for part in then.contributions if part.kind == "B"}
+    of_then = {part.name.en: part for part in result_then.contributions if part.kind == "B"}
     independent = []
-    for part in now.contributions:
+    for part in result_now.contributions:
         other = of_then.get(part.name.en)
         sensitivity = part.sensitivity
-        if same and other and all(getattr(part, key) == getattr(other, key) for key in STATED):
+        if (
+            same_equipment
+            and other
+            and all(getattr(part, key) == getattr(other, key) for key in STATED)
+        ):
             sensitivity -= of_then.pop(part.name.en).sensitivity
         independent.append((part, sensitivity))
-    of_then_alone = (p for p in then.contributions if p.kind == "A" or p.name.en in of_then)
+    of_then_alone = (p for p in result_then.contributions if p.kind == "A" or p.name.en in of_then)
     independent += [(part, part.sensitivity) for part in of_then_alone]
     return [
         gum.UncertaintyComponent(
@@ -378,28 +416,33 @@ def factor_of_largest(
     A; model errors, which each point has alone, through b.
     """
     loadings: list[dict[tuple[str, str, int], float]] = []
-    alone = np.zeros(len(changes))
+    model_variance = np.zeros(len(changes))
     for k, change in enumerate(changes):
         loading: dict[tuple[str, str, int], float] = {}
-        then = earlier.point(earlier.complete(change.at)), change.then
-        now = quantity.point(change.at), change.now
-        for when, (point, result) in (("then", then), ("now", now)):
+        evaluated_then = earlier.point(earlier.complete(change.point)), change.then
+        evaluated_now = quantity.point(change.point), change.now
+        # then and now have errors of their own, models of one name included
+        for run_age, (point, result) in (("then", evaluated_then), ("now", evaluated_now)):
             for model, weights in point.parts:
                 # one standard uncertainty of each independent direction of the coefficients
-                along = gum.square_root(np.array(model.covariance)).T @ weights
-                loading |= {(when, model.name, j): float(x) for j, x in enumerate(along)}
+                coefficient_loadings = gum.square_root(np.array(model.covariance)).T @ weights
+                loading |= {
+                    (run_age, model.name, j): float(x) for j, x in enumerate(coefficient_loadings)
+                }
             for part in result.contributions:
                 if part.kind == "B":
-                    loading[when, part.name.en, -1] = part.sensitivity * part.standard_uncertainty
-            alone[k] += sum(u**2 for _, u, _ in point.more)
+                    loading[run_age, part.name.en, -1] = (
+                        part.sensitivity * part.standard_uncertainty
+                    )
+            model_variance[k] += sum(u**2 for _, u, _ in point.more)
         loadings.append(loading)
     keys = list(dict.fromkeys(key for loading in loadings for key in loading))
     A = np.array([[loading.get(key, 0.0) for key in keys] for loading in loadings])
-    u = np.sqrt((A**2).sum(axis=1) + alone)
+    u = np.sqrt((A**2).sum(axis=1) + model_variance)
     uncertain = u > 0.0
     draw = np.random.default_rng(0).standard_normal
     z = draw((DRAWS, len(keys))) @ (A[uncertain] / u[uncertain, None]).T
-    z += draw(z.shape) * np.sqrt(alone[uncertain]) / u[uncertain]
+    z += draw(z.shape) * np.sqrt(model_variance[uncertain]) / u[uncertain]
     largest = float(np.quantile(np.abs(z).max(axis=1), gum.TWO_SIGMA))
     # few degrees of freedom widen all changes: U over 2 u of the widest
     widest = max((change.expanded or 0.0) / change.u for change in changes if change.u)

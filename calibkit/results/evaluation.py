@@ -1,4 +1,9 @@
-"""Results of a run at points: value ± U, and why the model does not hold where it does not."""
+"""Results of a run at points: value ± U, and why the model does not hold where it does not.
+
+Value and U are those of the certificate (`certificate.quantities.state`): u² = Σ (c_i u_i)² over
+coefficients, model error and type B terms (JCGM 100 eq. 10). Outside the calibrated ranges the
+model is extrapolated, and no U is stated.
+"""
 
 import fnmatch
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -29,7 +34,7 @@ class RunResults:
 
     run: StoredRun
     quantities: tuple[Quantity, ...]
-    stated: Stated
+    basis: Stated
     gravity_mps2: float | None
 
     @classmethod
@@ -39,9 +44,9 @@ class RunResults:
         results = instruments.optional(spec.procedure, "results")
         quantities = () if results is None else results(run.records, spec)
         source = TypeBTerms.merge(type_b.loads(run.document.get("type_b", ())), terms)
-        known = sensitivities.loads(run.document.get("sensitivities", []), run.name)
-        stated = Stated(run.records, source, (), spec.reference_temp_degc, known)
-        return cls(run, quantities, stated, spec.site.local_gravity())
+        known_sensitivities = sensitivities.loads(run.document.get("sensitivities", []), run.name)
+        basis = Stated(run.records, source, (), spec.reference_temp_degc, known_sensitivities)
+        return cls(run, quantities, basis, spec.site.local_gravity())
 
     def require_any(self) -> None:
         """Raise UsageError for a run that exports nothing that could be evaluated."""
@@ -54,12 +59,12 @@ class RunResults:
     @property
     def names(self) -> Names:
         """Inputs as a person may name them."""
-        inputs = {each.column: each for quantity in self.quantities for each in quantity.inputs}
+        inputs = {i.column: i for quantity in self.quantities for i in quantity.inputs}
         return Names(inputs, self.gravity_mps2)
 
-    def state(self, quantity: Quantity, at: At) -> Result:
+    def state(self, quantity: Quantity, point: At) -> Result:
         """Result of one of the quantities at a point."""
-        return state(self.stated, quantity, at)
+        return state(self.basis, quantity, point)
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +72,15 @@ class PointResult:
     """A result at a point; `outside` states why the model does not hold there, else it is empty."""
 
     quantity: Quantity
-    at: At
+    point: At
     result: Result
     outside: str
 
     @property
     def expanded(self) -> float | None:
         """Expanded uncertainty; None where it is not known."""
-        known = None if self.outside else self.result.uncertainty
-        return None if known is None else known.expanded_uncertainty
+        uncertainty = None if self.outside else self.result.uncertainty
+        return None if uncertainty is None else uncertainty.expanded_uncertainty
 
 
 def choose(
@@ -116,17 +121,18 @@ def evaluate(
     """Every result at every point, result by result."""
     for quantity in quantities:
         for point in points:
-            at = quantity.complete(point)
-            yield PointResult(quantity, at, run_results.state(quantity, at), quantity.outside(at))
+            full_point = quantity.complete(point)
+            result = run_results.state(quantity, full_point)
+            yield PointResult(quantity, full_point, result, quantity.outside(full_point))
 
 
 def answer(
     run_results: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
 ) -> tuple[list[PointResult], dict[str, Array]]:
     """Values that a command line asks for, and its ranges."""
-    points, over = parse_inputs(run_results.names, inputs, ranges)
+    points, grids = parse_inputs(run_results.names, inputs, ranges)
     selected = choose(run_results, points[0], only)
-    return list(evaluate(run_results, selected, points)), over
+    return list(evaluate(run_results, selected, points)), grids
 
 
 def list_results(run_results: RunResults) -> Table:
@@ -134,11 +140,12 @@ def list_results(run_results: RunResults) -> Table:
     rows = []
     for quantity in run_results.quantities:
         described = []
-        for one in quantity.inputs:
+        for quantity_input in quantity.inputs:
             # one that need not be given has brackets
-            name = one.column if one.rest is None else f"[{one.column}]"
-            span = f"{one.low:.4g}" if one.low == one.high else f"{one.low:.4g} … {one.high:.4g}"
-            described.append(f"{name} {span} {unit_mark(one.unit)}")
+            column, low, high = quantity_input.column, quantity_input.low, quantity_input.high
+            name = column if quantity_input.rest is None else f"[{column}]"
+            span = f"{low:.4g}" if low == high else f"{low:.4g} … {high:.4g}"
+            described.append(f"{name} {span} {unit_mark(quantity_input.unit)}")
         rows.append((quantity.key, unit_mark(quantity.unit), ", ".join(described)))
     inputs = Column("inputs and where they hold", key="inputs")
     return Table("", (Column("result", key="quantity"), "unit", inputs), tuple(rows))
@@ -152,16 +159,16 @@ def tabulate(values: Sequence[PointResult]) -> Table:
     for value in values:
         # two digits of U, or six of a value without one
         y, U = value.result.value, value.expanded
-        shown = f"{y:.6g}", "-"
+        value_cells = f"{y:.6g}", "-"
         if U is not None and U > 0.0:
-            shown = print_expanded(y, U)
+            value_cells = print_expanded(y, U)
         elif y and not value.outside:
             descriptor = round_descriptor(y)
-            shown = shown if descriptor.exponent else (descriptor.value, "-")
-        inputs = ("" if name not in value.at else f"{value.at[name]:.9g}" for name in columns)
+            value_cells = value_cells if descriptor.exponent else (descriptor.value, "-")
+        inputs = ("" if name not in value.point else f"{value.point[name]:.9g}" for name in columns)
         unit = unit_mark(value.quantity.unit)
         status = ("outside" if value.outside else "",) * flagged
-        rows.append((*inputs, value.quantity.key, *shown, unit, *status))
+        rows.append((*inputs, value.quantity.key, *value_cells, unit, *status))
     heads = (*columns, "result", "value", "U", "unit", *(("",) * flagged))
     return Table("", heads, tuple(rows))
 
@@ -171,16 +178,16 @@ def list_values(values: Sequence[PointResult]) -> Table:
     columns = dict.fromkeys(i.column for value in values for i in value.quantity.inputs)
     rows = []
     for value in values:
-        known = None if value.outside else value.result.uncertainty
+        uncertainty = None if value.outside else value.result.uncertainty
         rows.append(
             (
-                *(value.at.get(name) for name in columns),
+                *(value.point.get(name) for name in columns),
                 value.quantity.key,
                 value.result.value,
                 value.quantity.unit,
-                None if known is None else known.standard_uncertainty,
+                None if uncertainty is None else uncertainty.standard_uncertainty,
                 value.expanded,
-                None if known is None else known.coverage_factor,
+                None if uncertainty is None else uncertainty.coverage_factor,
                 f"{value.outside}: {EXTRAPOLATED}" if value.outside else "",
             )
         )
@@ -190,27 +197,28 @@ def list_values(values: Sequence[PointResult]) -> Table:
 
 def flag_outside(outside: Sequence[str]) -> tuple[str, ...]:
     """What must be known of values of which some state why the model does not hold there."""
-    beyond = [*filter(None, outside)]
-    if not beyond:
+    reasons = [*filter(None, outside)]
+    if not reasons:
         return ()
-    return (f"{len(beyond)} of {len(outside)} values are {EXTRAPOLATED}: {beyond[0]}",)
+    return (f"{len(reasons)} of {len(outside)} values are {EXTRAPOLATED}: {reasons[0]}",)
 
 
 def flag_values(values: Sequence[PointResult]) -> tuple[str, ...]:
     """What must be known of the values: lags, and points outside the ranges."""
     lagged = any(
-        value.quantity.beyond is not None and any(list(value.at.values())[1:]) for value in values
+        value.quantity.beyond is not None and any(list(value.point.values())[1:])
+        for value in values
     )
-    without = {
+    without_uncertainty = {
         value.quantity.key
         for value in values
         if value.result.value and not value.outside and not value.expanded
     }
-    return (
-        *((SETTLED,) if lagged else ()),
-        *flag_outside([value.outside for value in values]),
-        *((f"no uncertainty is known of {', '.join(sorted(without))}",) if without else ()),
-    )
+    flags = [SETTLED] if lagged else []
+    flags += flag_outside([value.outside for value in values])
+    if without_uncertainty:
+        flags.append(f"no uncertainty is known of {', '.join(sorted(without_uncertainty))}")
+    return tuple(flags)
 
 
 def summarise(run_results: RunResults, values: Sequence[PointResult]) -> Summary:

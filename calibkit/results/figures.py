@@ -1,4 +1,4 @@
-"""Figures of results: values over a range, and then and now."""
+"""Figures of results: values ± U over a range of one input, a panel per result."""
 
 from __future__ import annotations
 
@@ -70,25 +70,25 @@ def _draw_values(title: str, values: Sequence[PointResult], ranges: Mapping[str,
     )
     for ax in axes[len(panels) :]:
         ax.set_visible(False)
-    for ax, shown in zip(axes, panels.values(), strict=False):
+    for ax, panel_values in zip(axes, panels.values(), strict=False):
         curves: dict[str, list[PointResult]] = {}
-        for value in shown:
-            others = {name: x for name, x in value.at.items() if name != abscissa}
-            label = ", ".join(f"{name} {x:g}" for name, x in others.items())
+        for value in panel_values:
+            other_inputs = {name: x for name, x in value.point.items() if name != abscissa}
+            label = ", ".join(f"{name} {x:g}" for name, x in other_inputs.items())
             curves.setdefault(label, []).append(value)
         for colour, (label, curve) in zip(COLOURS * 2, curves.items(), strict=False):
-            x = np.array([value.at[abscissa] for value in curve])
+            x = np.array([value.point[abscissa] for value in curve])
             y = np.array([value.result.value for value in curve])
             U = np.array([np.nan if v.expanded is None else v.expanded for v in curve])
             inside = np.where([bool(value.outside) for value in curve], np.nan, y)
             ax.plot(x, y, color=colour, lw=1.0, ls=":")
             draw_band(ax, x, inside, U, colour, "-", label)
-        quantity = shown[0].quantity
+        quantity = panel_values[0].quantity
         truncated = f" (first {len(COLOURS) * 2} of {len(curves)})" * (
             len(curves) > 2 * len(COLOURS)
         )
         ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{truncated}")
-        unit = next((each.unit for each in quantity.inputs if each.column == abscissa), "1")
+        unit = next((i.unit for i in quantity.inputs if i.column == abscissa), "1")
         ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
         ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
         if any(curves) and len(curves) > 1:

@@ -38,24 +38,24 @@ class Names:
         """Column and values [n] in its unit of `name=value[unit]`, or of `name=from:to:step[unit]`
         with both ends; UsageError, and RecipeError for a unit of another kind.
         """
-        name, equals, rest = text.partition("=")
-        parts = _INPUT.fullmatch(rest)
+        name, equals, number_text = text.partition("=")
+        parts = _INPUT.fullmatch(number_text)
         if not equals or parts is None or ranged != bool(parts[2]):
             raise UsageError(f"'{text}' is no input", hint=f"write {EXAMPLES[ranged]}")
         name = name.strip()
         # a column may be named without its unit
-        named = [
-            known
-            for column, known in self.inputs.items()
+        matching_inputs = [
+            quantity_input
+            for column, quantity_input in self.inputs.items()
             if name in (column, column.removesuffix("_min").rpartition("_")[0])
         ]
-        if len(named) != 1:
-            listed = ", ".join(self.inputs) or "none: its results depend on nothing"
+        if len(matching_inputs) != 1:
+            input_names = ", ".join(self.inputs) or "none: its results depend on nothing"
             raise UsageError(
                 f"'{name}' is no input of this run",
-                hint=did_you_mean(name, [*self.inputs], f"its inputs: {listed}"),
+                hint=did_you_mean(name, [*self.inputs], f"its inputs: {input_names}"),
             )
-        column, unit = named[0].column, named[0].unit
+        column, unit = matching_inputs[0].column, matching_inputs[0].unit
         values = np.array([float(parts[1])])
         if ranged:
             low, high, step = map(float, parts.group(1, 2, 3))
@@ -77,12 +77,12 @@ class Names:
                 for number in parts.group(1, 2, 3)
             ]
             values = np.round(low + step * np.arange(count), max(digits))
-        stated = parts[4].strip("[]() ")
-        if stated not in ("", unit):
+        typed_unit = parts[4].strip("[]() ")
+        if typed_unit not in ("", unit):
             if column.startswith("gradient") or unit not in units.TABLE:
-                values = values * units.difference_factor(stated, unit)
+                values = values * units.difference_factor(typed_unit, unit)
             else:
-                values = units.convert(values, stated, unit, gravity_mps2=self.gravity_mps2)
+                values = units.convert(values, typed_unit, unit, gravity_mps2=self.gravity_mps2)
         if not np.isfinite(values).all():
             raise UsageError(f"'{text}': too large for a number", hint="give a finite value")
         return column, values
@@ -95,26 +95,26 @@ def parse_inputs(
     ranges; UsageError for an input that is given twice, and for too many points.
     """
     parsed = [names.parse(text) for text in values]
-    over = [names.parse(text, ranged=True) for text in ranges]
-    columns = [column for column, _ in (*parsed, *over)]
+    parsed_ranges = [names.parse(text, ranged=True) for text in ranges]
+    columns = [column for column, _ in (*parsed, *parsed_ranges)]
     for column in columns:
         if columns.count(column) > 1:
             raise UsageError(f"{column} is given twice", hint="give each input once")
-    count = math.prod(x.size for _, x in over)
+    count = math.prod(x.size for _, x in parsed_ranges)
     if count > MOST_POINTS:
         raise UsageError(f"{count} points, at most {MOST_POINTS}", hint="take larger steps")
     points: list[dict[str, float]] = [{}]
-    for column, given in (*parsed, *over):
-        points = [{**point, column: x} for point in points for x in given.tolist()]
-    return points, dict(over)
+    for column, grid in (*parsed, *parsed_ranges):
+        points = [{**point, column: x} for point in points for x in grid.tolist()]
+    return points, dict(parsed_ranges)
 
 
 def parse_limits(texts: Sequence[str]) -> dict[str, tuple[float, str]]:
     """Result → largest change and its unit, of texts `name<=value unit`; UsageError."""
-    stated: dict[str, tuple[float, str]] = {}
+    limits: dict[str, tuple[float, str]] = {}
     for text in texts:
         name, value, unit = units.parse_limit(text, "--limit")
-        if name in stated:
+        if name in limits:
             raise UsageError(f"--limit: two limits on {name}", hint="state one")
-        stated[name] = value, unit
-    return stated
+        limits[name] = value, unit
+    return limits

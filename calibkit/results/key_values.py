@@ -1,5 +1,8 @@
 """Key values of a device over the years: one value per result with U, limits, and when the limit
 will be reached.
+
+Values of independent determinations have a weighted line y = a + b t (`change.trend`); a limit is
+reached between the years in which y + U and y - U of the line cross it (`change.reach`).
 """
 
 from __future__ import annotations
@@ -68,8 +71,8 @@ class FollowedResult:
             return "cannot tell: the line ± U is at the limit already"
         if reach.expected is None or reach.latest is None:
             return f"not before {_month(reach.earliest)}; cannot tell when"
-        between = f"between {_month(reach.earliest)} and {_month(reach.latest)}"
-        return f"about {_month(reach.expected)}, {between}"
+        span = f"between {_month(reach.earliest)} and {_month(reach.latest)}"
+        return f"about {_month(reach.expected)}, {span}"
 
 
 def _year(run: StoredRun) -> float:
@@ -87,73 +90,74 @@ def follow(runs: Sequence[StoredRun]) -> tuple[tuple[FollowedResult, ...], tuple
     the reference temperature, or of a drift, which is zero there, the end that is farthest. Also
     returns why runs are left out.
     """
-    every: list[RunResults] = []
+    runs_results: list[RunResults] = []
     flags = []
     for run in sorted(runs, key=lambda run: (_year(run), run.document["revision"])):
         try:
-            every.append(RunResults.read(run))
+            runs_results.append(RunResults.read(run))
         except CalibkitError as error:
             flags.append(f"{run.name}: no key values: {error.message}")
     key_values = []
-    for quantity in every[-1].quantities if every else ():
+    for quantity in runs_results[-1].quantities if runs_results else ():
         if not quantity.compared:
             continue
         # the same result of every run of the procedure, the newest last
-        procedure = every[-1].run.document["procedure"]
-        same = []
-        for results in every:
-            alike = [other for other in results.quantities if _is_same(other, quantity)]
-            if alike and results.run.document["procedure"] == procedure:
-                same.append((results, alike[0]))
-        points = _points([other for _, other in same], every[-1].stated.reference_degc)
+        procedure = runs_results[-1].run.document["procedure"]
+        series = []
+        for results in runs_results:
+            same_quantities = [other for other in results.quantities if _is_same(other, quantity)]
+            if same_quantities and results.run.document["procedure"] == procedure:
+                series.append((results, same_quantities[0]))
+        points = _points([other for _, other in series], runs_results[-1].basis.reference_degc)
         if points:
-            key_values.append(_follow(same, points))
+            key_values.append(_follow(series, points))
     return tuple(key_values), tuple(flags)
 
 
 def _is_same(a: Quantity, b: Quantity) -> bool:
     """Whether two runs have a result in common."""
-    columns = [[each.column for each in quantity.inputs[:1]] for quantity in (a, b)]
-    return (a.model, a.name, a.unit) == (b.model, b.name, b.unit) and columns[0] == columns[1]
+    columns_a, columns_b = [i.column for i in a.inputs[:1]], [i.column for i in b.inputs[:1]]
+    return (a.model, a.name, a.unit) == (b.model, b.name, b.unit) and columns_a == columns_b
 
 
-def _points(same: Sequence[Quantity], reference_degc: float) -> list[dict[str, float]]:
+def _points(quantities: Sequence[Quantity], reference_degc: float) -> list[dict[str, float]]:
     """Points at which a result of several runs holds in all, the one to follow first."""
-    newest = same[-1]
+    newest = quantities[-1]
     if not newest.inputs:
         return [{}]
-    low = max(quantity.inputs[0].low for quantity in same)
-    high = min(quantity.inputs[0].high for quantity in same)
+    low = max(quantity.inputs[0].low for quantity in quantities)
+    high = min(quantity.inputs[0].high for quantity in quantities)
     if not low <= high:
         return []
     ends = sorted((low, high), key=lambda x: -abs(x - reference_degc))
-    needed = {each.column for each in newest.inputs[1:] if each.rest is None}
-    case = newest.compared[0][0] if needed <= newest.compared[0][0].keys() else {}
+    required_columns = {i.column for i in newest.inputs[1:] if i.rest is None}
+    case = newest.compared[0][0] if required_columns <= newest.compared[0][0].keys() else {}
     column, middle = newest.inputs[0].column, float(np.clip(reference_degc, low, high))
     points = [newest.complete({column: x, **case}) for x in (middle, *ends)]
-    return [at for at in points if not newest.outside(at)]
+    return [point for point in points if not newest.outside(point)]
 
 
 def _follow(
-    same: Sequence[tuple[RunResults, Quantity]], points: Sequence[Mapping[str, float]]
+    series: Sequence[tuple[RunResults, Quantity]], points: Sequence[Mapping[str, float]]
 ) -> FollowedResult:
     """One result over the years, at the first of some points at which its U is known."""
-    results, quantity = same[-1]
-    at = next((at for at in points if results.state(quantity, at).uncertainty), points[0])
+    results, quantity = series[-1]
+    known_points = [point for point in points if results.state(quantity, point).uncertainty]
+    point = (known_points or points)[0]
     values = [
-        (results.run, results.state(other, other.complete(at)))
-        for results, other in same
-        if not other.outside(other.complete(at))
+        (results.run, results.state(other, other.complete(point)))
+        for results, other in series
+        if not other.outside(other.complete(point))
     ]
-    newest = values[-1][1] if values else results.state(quantity, at)
+    newest = values[-1][1] if values else results.state(quantity, point)
     # the line through independent determinations: year, value, u
     independent = independent_runs([run for run, _ in values])
-    known = [
+    determinations = [
         (_year(run), result.value, result.uncertainty.standard_uncertainty)
         for run, result in values
         if result.uncertainty is not None and run.document["revision"] in independent
     ]
-    years, y, u = np.array(known).reshape(-1, 3).T
+    years, y, u = np.array(determinations).reshape(-1, 3).T
     limits = None if quantity.limit is None else quantity.limit.bounds(newest.value)
     line, reach = change.trend(years, y, u), None
     if line is not None and limits is not None:
@@ -170,21 +174,21 @@ def tabulate(key_values: Sequence[FollowedResult]) -> Table | None:
         return " ± ".join(print_expanded(value, U)) if U > 0.0 else f"{value:.6g}"
 
     rows = []
-    for each in key_values:
-        newest, line = each.values[-1][1], each.line
+    for key_value in key_values:
+        newest, line = key_value.values[-1][1], key_value.line
         slope = ""
         if line is not None:
             slope = printed(line.slope, line.coverage_factor * line.standard_uncertainty)
-        last, unit = printed(newest.value, newest.U), unit_mark(each.quantity.unit)
-        cells = (each.place, len(each.values), last, unit, slope, each.forecast)
-        rows.append((each.quantity.words.en, *cells))
+        last, unit = printed(newest.value, newest.U), unit_mark(key_value.quantity.unit)
+        cells = (key_value.place, len(key_value.values), last, unit, slope, key_value.forecast)
+        rows.append((key_value.quantity.words.en, *cells))
     heads = ("key value", "at", "runs", "last ± U", "unit", "a year ± U", "limit reached")
     return Table("key values", heads, tuple(rows)) if rows else None
 
 
 def documents(key_values: Sequence[FollowedResult]) -> Iterator[dict[str, Any]]:
     """Each key value as a JSON object."""
-    for each in key_values:
+    for key_value in key_values:
         values = [
             {
                 "revision": run.document["revision"],
@@ -192,16 +196,18 @@ def documents(key_values: Sequence[FollowedResult]) -> Iterator[dict[str, Any]]:
                 "value": result.value,
                 "expanded_uncertainty": result.U if result.uncertainty else None,
             }
-            for run, result in each.values
+            for run, result in key_value.values
         ]
-        limits = None if each.limits is None else [number_or_none(end) for end in each.limits]
+        limits = (
+            None if key_value.limits is None else [number_or_none(end) for end in key_value.limits]
+        )
         yield {
-            "quantity": each.quantity.key,
-            "unit": each.quantity.unit,
-            "at": {name: value for name, value, _ in each.at},
+            "quantity": key_value.quantity.key,
+            "unit": key_value.quantity.unit,
+            "at": {name: value for name, value, _ in key_value.at},
             "values": values,
             "limits": limits,
-            "limit_reached": each.forecast,
+            "limit_reached": key_value.forecast,
         }
 
 
@@ -209,15 +215,15 @@ def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
     """A panel for each key value over the years: values ± U, limits, the line ± U as far as it is
     extrapolated.
     """
-    shown = key_values[:MOST_PANELS]
-    columns = min(len(shown), 2)
-    rows = -(-len(shown) // columns)
+    drawn_values = key_values[:MOST_PANELS]
+    columns = min(len(drawn_values), 2)
+    rows = -(-len(drawn_values) // columns)
     title, height = f"{serial}: key values over the years, ± U", 0.8 + 2.9 * rows
     with styled():
         figure, axes = page(rows, columns, title=title, height=height)
-        for ax, each in zip(axes, shown, strict=False):
-            _panel(ax, each)
-        for ax in axes[len(shown) :]:
+        for ax, key_value in zip(axes, drawn_values, strict=False):
+            _panel(ax, key_value)
+        for ax in axes[len(drawn_values) :]:
             ax.set_visible(False)
     return figure
 

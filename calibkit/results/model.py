@@ -47,8 +47,8 @@ class Evaluated:
     outside: tuple[str, ...]
 
     def __repr__(self) -> str:
-        shown = f"{self.value} ± {self.standard_uncertainty}"
-        return f"<{'; '.join((shown, *flag_outside(self.outside)))}>"
+        value_text = f"{self.value} ± {self.standard_uncertainty}"
+        return f"<{'; '.join((value_text, *flag_outside(self.outside)))}>"
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -63,14 +63,15 @@ class RunModel:
         count = len(self.model.coefficients)
         return f"<{self.model.name}: {self.model.form}, {count} coefficients>"
 
-    def evaluate(self, **at: ArrayLike) -> Evaluated:
+    def evaluate(self, **column_values: ArrayLike) -> Evaluated:
         """Result at inputs with its standard uncertainty and covariance.
 
         Parameters
         ----------
-        at : canonical column = values [n] in its unit, one per input of the model's form; rates and
-            gradients of a drift model on levels that are not given are 0, as at rest. Beyond the
-            valid ranges the form is extrapolated, which the result states in `outside`.
+        column_values : canonical column = values [n] in its unit, one per input of the model's
+            form; rates and gradients of a drift model on levels that are not given are 0, as at
+            rest. Beyond the valid ranges the form is extrapolated, which the result states in
+            `outside`.
 
         Returns
         -------
@@ -82,12 +83,13 @@ class RunModel:
         CalibkitError : an input that is missing, unknown, or not finite real numbers.
 
         """
-        form, model, asked = self.form, self.model, _Inputs()
+        form, model, inputs_read = self.form, self.model, _Inputs()
         try:
-            columns = [_read_input(model, name, values) for name, values in at.items()]
-            asked.update(zip(at, np.broadcast_arrays(*columns), strict=True))
-            value, u = form.evaluate(model, asked), form.standard_uncertainty(model, asked)
-            gradient = form.gradient(model, asked)
+            columns = [_read_input(model, name, values) for name, values in column_values.items()]
+            inputs_read.update(zip(column_values, np.broadcast_arrays(*columns), strict=True))
+            value = form.evaluate(model, inputs_read)
+            u = form.standard_uncertainty(model, inputs_read)
+            gradient = form.gradient(model, inputs_read)
         except KeyError as error:
             raise UsageError(
                 f"model '{model.name}' needs {error}", hint="give it by name"
@@ -96,44 +98,46 @@ class RunModel:
             raise UsageError(
                 f"model '{model.name}': {error}", hint="give real numbers, as many of each"
             ) from None
-        if unknown := at.keys() - asked.asked:
+        if unknown := column_values.keys() - inputs_read.asked:
             raise UsageError(
                 f"model '{model.name}' has no input {', '.join(sorted(unknown))}",
-                hint=f"its inputs are {', '.join(sorted(asked.asked))}",
+                hint=f"its inputs are {', '.join(sorted(inputs_read.asked))}",
             )
         flat = gradient.reshape(-1, gradient.shape[-1])
         covariance = flat @ np.array(model.covariance) @ flat.T
         np.fill_diagonal(covariance, u.ravel() ** 2)
         dof = np.array([dof_along(model, weights) for weights in flat]).reshape(u.shape)
-        inputs = [ranged(model, name) for name in asked]
-        points = zip(*(values.tolist() for values in asked.values()), strict=True)
-        outside = [outside_ranges(inputs, dict(zip(asked, x, strict=True))) for x in points]
+        inputs = [ranged(model, name) for name in inputs_read]
+        points = zip(*(values.tolist() for values in inputs_read.values()), strict=True)
+        outside = [outside_ranges(inputs, dict(zip(inputs_read, x, strict=True))) for x in points]
         expanded = Value(value, u, np.maximum(dof, 1.0)).expanded
         return Evaluated(value, u, expanded, covariance.reshape(u.shape * 2), tuple(outside))
 
 
-def _read_input(model: Model, name: str, given: ArrayLike) -> Array:
+def _read_input(model: Model, name: str, input_values: ArrayLike) -> Array:
     """Values [n] of an input; UsageError for one that is no finite real number."""
-    values = np.atleast_1d(np.asarray(given))
+    values = np.atleast_1d(np.asarray(input_values))
     if values.dtype.kind in "iuf":
         good = np.isfinite(values)
     else:
         # True and False are no numbers here
         good = np.array(
             [
-                isinstance(one, numbers.Real) and not isinstance(one, bool) and math.isfinite(one)
-                for one in values.flat
+                isinstance(number, numbers.Real)
+                and not isinstance(number, bool)
+                and math.isfinite(number)
+                for number in values.flat
             ],
             dtype=bool,
         ).reshape(values.shape)
     if values.ndim == 1 and good.all():
         return values.astype(np.float64)
-    found = f"numbers of shape {values.shape}"
+    fault = f"numbers of shape {values.shape}"
     if not good.all():
         wrong = values[~good][0]
-        found = f"{wrong} ({type(wrong).__name__})"
+        fault = f"{wrong} ({type(wrong).__name__})"
     raise UsageError(
-        f"model '{model.name}': {name} holds {found}, expected finite real numbers",
+        f"model '{model.name}': {name} holds {fault}, expected finite real numbers",
         hint=f"give a number, or a list, array or Series of them, in {ranged(model, name).unit}",
     )
 

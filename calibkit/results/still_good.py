@@ -50,10 +50,12 @@ def _scale(quantity: Quantity, reference: float) -> tuple[float, str]:
 def _state_change(change: ResultChange, quantity: Quantity) -> str:
     """A change ± U with its unit."""
     factor, unit = _scale(quantity, change.then.value)
-    shown = f"{change.difference * factor:.3g}"
+    change_text = f"{change.difference * factor:.3g}"
     if change.expanded:
-        shown = " ± ".join(print_expanded(change.difference * factor, change.expanded * factor))
-    return f"{shown} {unit}".strip()
+        change_text = " ± ".join(
+            print_expanded(change.difference * factor, change.expanded * factor)
+        )
+    return f"{change_text} {unit}".strip()
 
 
 def _state_limit(compared: ComparedResult) -> str:
@@ -75,30 +77,31 @@ def state_place(result: Result) -> str:
     parts = []
     for k, (name, value, unit) in enumerate(result.at):
         stem = name.removesuffix("_min").rpartition("_")[0] or name
-        shown = f"{value:.4g} {unit_mark(unit)}".strip()
+        value_text = f"{value:.4g} {unit_mark(unit)}".strip()
         if k == 0:
-            parts.append(shown)
+            parts.append(value_text)
         elif value:
-            parts.append(f"{stem} {shown}")
+            parts.append(f"{stem} {value_text}")
     return ", ".join(parts)
 
 
 def sentence(answered: StillGood) -> str:
     """The answer in one sentence, with the result that decides."""
-    before, after, said = answered.before.name, answered.after.name, SENTENCES[answered.answer]
+    before, after = answered.before.name, answered.after.name
+    answer_text = SENTENCES[answered.answer]
     if answered.repeated:
         return f"Cannot tell: {after} was fitted to logs of {before} alone"
     if answered.rejected:
-        listed = ", ".join(criterion.name for criterion in answered.rejected)
-        return f"{said}: {after} itself failed its limits: {listed}"
+        criterion_names = ", ".join(criterion.name for criterion in answered.rejected)
+        return f"{answer_text}: {after} itself failed its limits: {criterion_names}"
     deciding = answered.deciding
     if deciding is None:
-        return f"{said}: the two runs have no result in common"
+        return f"{answer_text}: the two runs have no result in common"
     quantity, worst, limit = deciding.quantity, deciding.worst, deciding.limit
     if worst is None or worst.expanded is None:
-        return f"{said}: {quantity.words.en}: {deciding.reason}"
+        return f"{answer_text}: {quantity.words.en}: {deciding.reason}"
     place = state_place(worst.now)
-    changed = f"{said}: {quantity.words.en} changed by {_state_change(worst, quantity)}"
+    changed = f"{answer_text}: {quantity.words.en} changed by {_state_change(worst, quantity)}"
     changed += f" at {place}" if place else ""
     if limit is None:
         return f"{changed}; {deciding.reason}"
@@ -119,9 +122,9 @@ def summarise(answered: StillGood) -> Summary:
             change, place = _state_change(worst, quantity), state_place(worst.now)
         limit = _state_limit(compared) or "none"
         rows.append((quantity.words.en, change, place, limit, compared.answer))
-    more = len(answered.compared) - MOST_ROWS
+    undisplayed = len(answered.compared) - MOST_ROWS
     heads = ("result", "largest change ± U", "at", "limit", "still good")
-    tables = [Table(f"{more} more: --json" if more > 0 else "", heads, tuple(rows))]
+    tables = [Table(f"{undisplayed} more: --json" if undisplayed > 0 else "", heads, tuple(rows))]
     chances = tuple(
         (name, count, "< 1e-9" if joint.probability < 1e-9 else f"{joint.probability:.2g}")
         for name, count, joint in answered.joints[:MOST_JOINTS]
@@ -129,8 +132,8 @@ def summarise(answered: StillGood) -> Summary:
     if chances:
         names = ("all coefficients together", "of them", "chance of as much by type A alone")
         tables.append(Table("", names, chances))
-    both = (answered.before, answered.after)
-    dates = " → ".join(f"{run.name} ({run.document['effective_from']})" for run in both)
+    both_runs = (answered.before, answered.after)
+    dates = " → ".join(f"{run.name} ({run.document['effective_from']})" for run in both_runs)
     reasons = dict.fromkeys(
         f"{compared.quantity.words.en}: {compared.reason}"
         for compared in answered.compared
@@ -144,7 +147,7 @@ def document(answered: StillGood) -> dict[str, Any]:
 
     def change_document(change: ResultChange) -> dict[str, Any]:
         return {
-            "at": dict(change.at),
+            "at": dict(change.point),
             "before": change.then.value,
             "after": change.now.value,
             "change": change.difference,
@@ -186,16 +189,16 @@ def draw(answered: StillGood) -> Figure:
     """Each result then and now over its range, and beside it the change with U and limit."""
     drawable = [compared for compared in answered.compared if compared.changes]
     drawable.sort(key=lambda compared: -compared.nearness)
-    shown = drawable[:MOST_PANELS]
-    rows = max(len(shown), 1)
-    left_out = len(drawable) - len(shown)
-    more = f" ({left_out} more results in --json)" * (left_out > 0)
+    panel_results = drawable[:MOST_PANELS]
+    rows = max(len(panel_results), 1)
+    left_out = len(drawable) - len(panel_results)
+    left_out_text = f" ({left_out} more results in --json)" * (left_out > 0)
     with styled():
-        title = "\n".join(textwrap.wrap(sentence(answered) + more, 105))
+        title = "\n".join(textwrap.wrap(sentence(answered) + left_out_text, 105))
         figure, axes = page(rows, 2, title=title, height=1.1 + 3.0 * rows)
-        for k, compared in enumerate(shown):
+        for k, compared in enumerate(panel_results):
             _draw_result(compared, axes[2 * k], axes[2 * k + 1])
-        for ax in axes[2 * len(shown) :]:
+        for ax in axes[2 * len(panel_results) :]:
             ax.set_visible(False)
     return figure
 
@@ -207,26 +210,27 @@ def _draw_result(compared: ComparedResult, left: Axes, right: Axes) -> None:
     quantity, limit = compared.quantity, compared.limit
     cases: dict[str, list[ResultChange]] = {}
     for change in compared.changes:
-        others = [entry for entry in change.now.at[1:] if entry[1]]
-        case = ", ".join(f"{value:+g} {unit_mark(unit)}" for _, value, unit in others) or "at rest"
+        other_inputs = [entry for entry in change.now.at[1:] if entry[1]]
+        settings = [f"{value:+g} {unit_mark(unit)}" for _, value, unit in other_inputs]
+        case = ", ".join(settings) or "at rest"
         cases.setdefault(case if any(quantity.inputs[1:]) else "", []).append(change)
     middle = compared.changes[len(compared.changes) // 2].then.value
     factor, unit = _scale(quantity, middle)
     origin = middle if unit == "ppm" else 0.0
     for colour, (case, changes) in zip(COLOURS, cases.items(), strict=False):
-        x = np.array([next(iter(change.at.values()), 0.0) for change in changes])
-        for when, style in (("then", "--"), ("now", "-")):
-            results: list[Result] = [getattr(change, when) for change in changes]
+        x = np.array([next(iter(change.point.values()), 0.0) for change in changes])
+        for run_age, style in (("then", "--"), ("now", "-")):
+            results: list[Result] = [getattr(change, run_age) for change in changes]
             y = factor * (np.array([result.value for result in results]) - origin)
             U = factor * np.array(
                 [result.U if result.uncertainty else np.nan for result in results]
             )
-            label = f"{when}{f', {case}' if case else ''}"
-            shade = colour if when == "now" or len(cases) > 1 else MUTED
+            label = f"{run_age}{f', {case}' if case else ''}"
+            shade = colour if run_age == "now" or len(cases) > 1 else MUTED
             draw_band(left, x, y, U, shade, style, label)
-        moved = factor * np.array([change.difference for change in changes])
+        difference = factor * np.array([change.difference for change in changes])
         U = factor * np.array([np.nan if c.expanded is None else c.expanded for c in changes])
-        draw_band(right, x, moved, U, colour, "-", case)
+        draw_band(right, x, difference, U, colour, "-", case)
     right.axhline(0.0, color=MUTED, lw=0.8)
     if limit is not None:
         ax, middle = (left, origin) if limit.change is None else (right, 0.0)
@@ -234,8 +238,8 @@ def _draw_result(compared: ComparedResult, left: Axes, right: Axes) -> None:
             if np.isfinite(end):
                 colour = GOOD if compared.answer == "yes" else ALERT
                 ax.axhline(factor * (end - middle), color=colour, lw=1.2, ls=":")
-    for ax, what in ((left, quantity.words.en), (right, "change, now − then, ± U")):
-        ax.set_title(what, fontsize=9)
+    for ax, panel_title in ((left, quantity.words.en), (right, "change, now − then, ± U")):
+        ax.set_title(panel_title, fontsize=9)
         ax.set_ylabel(f"[{unit or 1}]")
         if quantity.inputs:
             column = quantity.inputs[0]

@@ -116,10 +116,10 @@ class TriadBench(TourBench):
         assumed (of lengths those alone), and noise [n] of the residuals.
         """
         gravity, t = dwells.indication, self.assumed.mapped(dwells.temperature)
-        along = np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
+        residual_axes = np.broadcast_to(np.eye(3), (len(gravity), 3, 3))
         if self.lengths:
-            along = gravity[:, None]
-        shared = shared_errors.state_errors(dwells, gravity, along, self.spec)
+            residual_axes = gravity[:, None]
+        shared = shared_errors.state_errors(dwells, gravity, residual_axes, self.spec)
         if self.lengths:
             shared = [error for error in shared if error.size is not None]
         residual = partial(
@@ -149,8 +149,11 @@ class TriadBench(TourBench):
             vector = k_design(self.k, gravity, t)
         else:
             vector = self.terms.slopes(self.terms.nominal, gravity, t)
-        up, across = shared_errors.angle_slopes(*np.radians(spots).T)
-        angles = [np.degrees(np.einsum("ni,nip->np", along, vector)) for along in (up, across)]
+        tilt_slope, toolface_slope = shared_errors.angle_slopes(*np.radians(spots).T)
+        angles = [
+            np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
+            for angle_slope in (tilt_slope, toolface_slope)
+        ]
         return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
 
     def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
@@ -214,8 +217,8 @@ class TriadBench(TourBench):
             if not np.isfinite(pool.criterion(range(number))):
                 continue
             if number < FEW:
-                pool = replace(pool, most=-(-FEW // number))
-            sizes = [size for size in self.counts if size <= number * pool.most]
+                pool = replace(pool, most_uses=-(-FEW // number))
+            sizes = [size for size in self.counts if size <= number * pool.most_uses]
             for size in sizes or [number]:
                 yield pool.search(size, rng)[0]
 
@@ -326,8 +329,8 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         records = read_earlier(task, name, *(f"{stage}.json" for stage in COMPENSATIONS.values()))
         models = [model for record in records for model in record.models]
         # residuals hold the errors that dwells share, which are assumed beside the noise
-        known = [p.value for model in models for p in model.parameters if p.name in NOISES]
-        noises = known or [model.residual_rms for model in models]
+        stated_noises = [p.value for model in models for p in model.parameters if p.name in NOISES]
+        noises = stated_noises or [model.residual_rms for model in models]
         assumed = assume(
             spec,
             task,
@@ -361,13 +364,17 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         grid = ((0, 0), *product(range(step, 180, step), turns), (180, 0))
         spots = np.array(fixture.spots or grid, dtype=np.float64)
     else:
-        along = [(90, roll) for roll in turns]
-        across = [(turn, 0) if turn <= 180 else (360 - turn, 180) for turn in turns]
-        quarter_on = [(tilt, roll + 90) for tilt, roll in across]
-        spots = np.array([*along, *across, *quarter_on], dtype=np.float64)
+        along_tool = [(90, roll) for roll in turns]
+        across_tool = [(turn, 0) if turn <= 180 else (360 - turn, 180) for turn in turns]
+        quarter_on = [(tilt, roll + 90) for tilt, roll in across_tool]
+        spots = np.array([*along_tool, *across_tool, *quarter_on], dtype=np.float64)
 
     # dwells need not have the errors that are assumed, as those that earlier runs had
-    stated = {"component": tuple(assumed.errors.values()), "source": "history", "groups": "auto"}
+    error_tables = {
+        "component": tuple(assumed.errors.values()),
+        "source": "history",
+        "groups": "auto",
+    }
     terms, orders = asked_terms(spec), [0]
     if not lengths:
         orders = [terms.order]
@@ -375,7 +382,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
     bench = LengthBench if lengths else TriadBench
     return bench(
-        spec=spec.model_copy(update={"errors": spec.errors.model_copy(update=stated)}),
+        spec=spec.model_copy(update={"errors": spec.errors.model_copy(update=error_tables)}),
         task=task,
         assumed=assumed,
         results=OF_LENGTHS if lengths else RESULTS,
@@ -490,8 +497,8 @@ def _simulate_lengths(
         planned = planned_dwells(actions, noise).reference
         gravity = planned + rng.normal(0.0, BY_HAND, planned.shape)
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
-        along = simulate_magnitude.path(rng, gravity, actions[0].duration_s) @ axes.T
-        indication = (1.0 + k) * (along + second * along**2) + b + zero
+        axis_components = simulate_magnitude.path(rng, gravity, actions[0].duration_s) @ axes.T
+        indication = (1.0 + k) * (axis_components + second * axis_components**2) + b + zero
         indication += rng.normal(0.0, noise, indication.shape)
         time_s = simulate_magnitude.INTERVAL_S * np.arange(float(len(indication)))
         by_axis = zip(forms.COMPONENTS, sign * indication.T, strict=True)

@@ -194,7 +194,9 @@ def result(
                 interval_s,
                 channel.unit,
                 components=channel.components,
-                more=tuple(Parameter(name, value, "degC") for name, value in range_of_case),
+                extra_parameters=tuple(
+                    Parameter(name, value, "degC") for name, value in range_of_case
+                ),
             )
         )
         rms_of = {f"rms_before.{channel.name}": channel.before}

@@ -1,5 +1,8 @@
 """Campaigns of a static instrument: soaks at which temperatures, how long, and how often it is
 switched on.
+
+What they will tell is predicted by the equation of the fit, y = Σ_k p_k x^k + b of the log + e,
+with the assumed sizes of the turn-on bias b and of the noise e.
 """
 
 from collections.abc import Iterator
@@ -60,8 +63,8 @@ class BiasBench(TourBench):
 
     def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
-        every = np.ones(rows.log.size)
-        turn_on = blocks.turn_on_bias(self.assumed.device.noise_unit, rows.log, every)
+        unit_loading = np.ones(rows.log.size)
+        turn_on = blocks.turn_on_bias(self.assumed.device.noise_unit, rows.log, unit_loading)
         powers, shared = self.powers(rows.temperature), self.assumed.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)

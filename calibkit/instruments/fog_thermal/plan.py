@@ -1,4 +1,8 @@
-"""Campaigns of a gyro in a chamber: which ramps with which soaks."""
+"""Campaigns of a gyro in a chamber: which ramps with which soaks.
+
+The information of each ramp on the `bank` model of the drift is found once, by the columns of the
+fit on a planned log; that of a campaign is their sum (`RampBench`).
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -165,12 +169,12 @@ class RampBench(Bench):
         ramps, or at rest relative to 25 °C.
         """
         problem, columns = self.columns([self.log(ramp) for ramp in USED])
-        along = [columns[rows, :SHARED] for rows in problem.stacked.log_rows]
+        columns_of_ramps = [columns[rows, :SHARED] for rows in problem.stacked.log_rows]
         z = np.linspace(*self.assumed.range_degc, LEVELS) - forward.ORIGIN_DEGC
         at_rest = np.zeros((LEVELS, SHARED))
         powers = np.arange(1, forward.POWERS + 1)
         at_rest[:, BANK.part("s")] = (z[:, None] / forward.SCALE_DEGC) ** powers
-        of_drift = np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in along])
+        of_drift = np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in columns_of_ramps])
         return {"drift": of_drift, "drift at rest": at_rest}
 
     def variances(self, design: Design) -> dict[str, Sources]:
@@ -181,9 +185,10 @@ class RampBench(Bench):
         by_result, p = dict[str, Sources](), len(BANK.terms)
         for name, slopes in self.slopes.items():
             pull = covariance @ slopes.T
-            known = self.precision[:SHARED, None] * pull**2
+            prior_variances = self.precision[:SHARED, None] * pull**2
             by_log = np.sum(pull * (information @ pull), axis=1)
-            of_drift, of_static_lag = known[:p].sum(axis=0), known[p:].sum(axis=0)
+            of_drift = prior_variances[:p].sum(axis=0)
+            of_static_lag = prior_variances[p:].sum(axis=0)
             parts = (*by_log, of_drift, of_static_lag)
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
@@ -211,10 +216,10 @@ class RampBench(Bench):
         """Every campaign of up to four rates of each direction; where something is measured already
         and withheld, also those of one heating ramp more.
         """
-        sets = [chosen for size in range(1, MOST + 1) for chosen in combinations(self.rates, size)]
-        more = (0, 1) if self.have and self.task.withheld else (0,)
+        sets = [rates for size in range(1, MOST + 1) for rates in combinations(self.rates, size)]
+        heating_surplus = (0, 1) if self.have and self.task.withheld else (0,)
         for heating, cooling in product(sets, [(), *sets]):
-            if len(heating) - len(cooling) in more:
+            if len(heating) - len(cooling) in heating_surplus:
                 for after_s in self.assumed.device.dwell_s:
                     yield self.design(heating, cooling, after_s)
 
@@ -300,7 +305,7 @@ def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[
             " turn-on biases",
             hint="name another run, or state the sizes in [device] of the equipment file",
         )
-    stated = {parameter.name: parameter.value for parameter in model.parameters}
+    parameters = {parameter.name: parameter.value for parameter in model.parameters}
     figures = {figure.name: figure.value for figure in record.figures}
     names = [name.removeprefix(BEFORE) for name in figures if name.startswith(BEFORE)]
     squares = [figures[BEFORE + name] ** 2 - figures[NOISE + name] ** 2 for name in names]
@@ -308,10 +313,10 @@ def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[
     spread = float(np.std(turn_on, ddof=1)) if len(turn_on) > 1 else 0.0
     sizes = {
         ("coil", "drift"): max(float(np.mean(squares)), 0.0) ** 0.5 if squares else 0.0,
-        ("log", "turn-on"): stated.get("turn_on", spread),
-        ("log", "flicker"): stated["flicker"],
+        ("log", "turn-on"): parameters.get("turn_on", spread),
+        ("log", "flicker"): parameters["flicker"],
     }
-    white = float(np.sqrt(stated["white_variance"] * stated["interval"] / noise_s))
+    white = float(np.sqrt(parameters["white_variance"] * parameters["interval"] / noise_s))
     dof = float(max(len(names) - 1, 1))
     return white, [
         ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=dof)

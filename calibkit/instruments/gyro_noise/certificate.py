@@ -1,4 +1,6 @@
-"""Results of a sensor at rest: mean, noise terms, bias stability, Allan and wavelet deviation."""
+"""Certificate of a sensor at rest: mean, noise terms, bias stability, and the Allan and wavelet
+deviation over averaging time with chi-square limits (`ALLAN` is the equation of the terms).
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -39,9 +41,9 @@ ALLAN = Equation(
 TAU = Words("τ [s]")
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Block of gyro_noise.json."""
-    record = stated.records.get("gyro_noise.json")
+    record = basis.records.get("gyro_noise.json")
     if record is None:
         return ()
     curves: dict[str, dict[Deviation, Found]] = {}
@@ -53,12 +55,12 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     tables: list[ListTable | GridTable] = [
         ListTable(
             Words("Noise and bias stability", "噪声与零偏稳定性"),
-            tuple(state(stated, term, {}) for term in terms),
+            tuple(state(basis, term, {}) for term in terms),
         )
     ]
     figures = []
     for name, curve in curves.items():
-        table = _deviations(stated, record, name, curve)
+        table = _deviations(basis, record, name, curve)
         tables.append(table)
         label = Words(f"σ [{unit_mark(table.units[0])}]")
         figures.append(plot(table, label, x_label=TAU, log=True))
@@ -83,11 +85,11 @@ def _not_observable(terms: Sequence[Quantity]) -> tuple[Words, ...]:
     )
 
 
-def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words) -> Result:
+def _state_deviation(basis: Stated, record: Record, figure: Found, words: Words) -> Result:
     """A deviation within the chi-square limits that the report prints; type B terms take away
     degrees of freedom, as many as give σ/√(2 dof) the combined uncertainty.
     """
-    result = state(stated, of_figure(record, figure, words), {})
+    result = state(basis, of_figure(record, figure, words), {})
     if result.uncertainty is None:
         return result
     conditions = {condition.name: condition.value for condition in record.conditions}
@@ -102,20 +104,20 @@ def _state_deviation(stated: Stated, record: Record, figure: Found, words: Words
 
 
 def _deviations(
-    stated: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
+    basis: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
 ) -> GridTable:
     """Allan and wavelet deviation over τ of one record."""
     words = {
         "allan": Words("Allan deviation", "Allan 偏差"),
         "wavelet": Words("wavelet deviation", "小波偏差"),
     }
-    stated_at = {
-        (point.kind, point.tau_s): _state_deviation(stated, record, figure, words[point.kind])
+    results_at = {
+        (point.kind, point.tau_s): _state_deviation(basis, record, figure, words[point.kind])
         for point, figure in curve.items()
     }
     kinds = [kind for kind in KINDS if any(point.kind == kind for point in curve)]
     taus = sorted({point.tau_s for point in curve})
-    cells = tuple(tuple(stated_at.get((kind, tau)) for kind in kinds) for tau in taus)
+    cells = tuple(tuple(results_at.get((kind, tau)) for kind in kinds) for tau in taus)
     return GridTable(
         Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
         TAU,

@@ -71,7 +71,7 @@ def record_page(title: str, noise: NoiseFigures) -> Figure:
 
 def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
     """Allan and wavelet deviation with their limits over averaging time, and what each noise term
-    makes alnoise.
+    makes alone.
     """
     curves = ((noise.curve, "o", INK, INK), (noise.wavelet, "s", ALERT, "none"))
     for curve, mark, colour, face in curves:
@@ -96,11 +96,9 @@ def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
         labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")
     ax.set_xscale("log")
     ax.set_yscale("log")
-    least, most = (
-        min(float(np.min(curve.lower)) for curve, *_ in curves),
-        max(float(np.max(curve.upper)) for curve, *_ in curves),
-    )
-    ax.set_ylim(0.3 * least, 3.0 * most)
+    lowest_limit = min(float(np.min(curve.lower)) for curve, *_ in curves)
+    highest_limit = max(float(np.max(curve.upper)) for curve, *_ in curves)
+    ax.set_ylim(0.3 * lowest_limit, 3.0 * highest_limit)
     ax.set(
         xlabel="averaging time τ [s]",
         ylabel=f"deviation [{unit}]",

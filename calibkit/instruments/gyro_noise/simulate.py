@@ -1,5 +1,7 @@
 """A gyro at rest for hours: angle random walk, flicker, rate random walk, whole pulses, and a
 recorder that lost some rows.
+
+    y = ω_e sin α + bias + N + B + K noise, rounded to whole pulses                   at 1 Hz
 """
 
 from __future__ import annotations

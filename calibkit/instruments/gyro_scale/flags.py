@@ -395,9 +395,11 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     contradicting = tuple(left_out_run.find(temp_degc, K, u))
     size = float(np.median(np.abs(K)))
     # of several that may each explain the others, the one that is least off
-    smallest_difference = min((abs(left_out.off) for left_out in contradicting), default=0.0) / size
+    smallest_difference = (
+        min((abs(left_out.departure) for left_out in contradicting), default=0.0) / size
+    )
     for left_out in contradicting:
-        off_ppm = f"{PPM * left_out.off / size:+.3g} ppm"
+        off_ppm = f"{PPM * left_out.departure / size:+.3g} ppm"
         run_label = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
         why = (
             f"K of {run_label} is {off_ppm} off what the other runs let expect: see its thermometer"

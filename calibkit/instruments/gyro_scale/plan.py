@@ -200,7 +200,7 @@ class GyroBench(TourBench):
         it lacks, or none but what was measured about other axes.
         """
         has_earlier, span = bool(self.task.have), self.assumed.range_degc
-        tours = list_tours(self.order, span, some=has_earlier, reference=self.reference_degc)
+        tours = list_tours(self.order, span, subsets=has_earlier, reference=self.reference_degc)
         return [degc for degc in ((), *tours) if self.by_axis(degc)]
 
     def by_axis(self, degc: Tour) -> dict[str, Tour]:

@@ -77,7 +77,7 @@ class StationBench(TourBench):
     """[n, 2], inclination and azimuth [°] that the fixture has."""
 
     @cached_property
-    def known(self) -> dict[float, tuple[Array, Array]]:
+    def roots_by_dwell_s(self) -> dict[float, tuple[Array, Array]]:
         """Time in a position [s] → `judge_roots` of s = 1 at each place, u infinite where a fit
         would use its root by the history of s alone.
         """
@@ -87,16 +87,16 @@ class StationBench(TourBench):
         north_east_down = earth.north_east_down(self.spec.site.latitude_deg)
         rate_dph = simulated.rotated(attitudes, north_east_down)
         (accel_x, accel_y, _), (gyro_x, gyro_y, _) = gravity.T, rate_dph.T
-        known = {}
+        by_dwell_s = {}
         for dwell_s in self.assumed.device.dwell_s:
             # half differences of two positions; the bias walks over both steps between them
             gyro = (self.assumed.noise_of(dwell_s) ** 2 + self.assumed.size(*WALK) ** 2) / 2.0
             accel = self.assumed.size(*ACCEL) ** 2 / 2.0
             covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(tilt), 1, 1))
             parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
-            u, by_turn, alone = self.judge_roots(parts)
-            known[dwell_s] = np.where(alone, u, np.inf), by_turn
-        return known
+            u, by_turn, unambiguous = self.judge_roots(parts)
+            by_dwell_s[dwell_s] = np.where(unambiguous, u, np.inf), by_turn
+        return by_dwell_s
 
     def judge_roots(
         self, parts: Components, refused: Sequence[str] = ()
@@ -141,10 +141,10 @@ class StationBench(TourBench):
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
         have to tell, leave.
         """
-        roots, known = self.rows(design), np.eye(self.order + 2)
+        roots, unit_vectors = self.rows(design), np.eye(self.order + 2)
         x = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
-        by_s = derivative(lambda p: scale_fit.scale(p, x), known[0])
-        slopes = azimuth_slope(self.spec.site.latitude_deg) * by_s + known[-1]
+        by_s = derivative(lambda p: scale_fit.scale(p, x), unit_vectors[0])
+        slopes = azimuth_slope(self.spec.site.latitude_deg) * by_s + unit_vectors[-1]
         of_azimuth = split_variance(self.fit(roots, turn_known=False), slopes)
         mounted = {OF_TURN: np.full(LEVELS, self.assumed.size(*TURN) ** 2)}
         of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
@@ -169,10 +169,10 @@ class StationBench(TourBench):
         """
         fixture, clock = self.task.equipment.fixture(FIXTURE), Clock(self.task.equipment)
         log = self.task.name_log(LOG)
-        u, by_turn = self.known[dwell_s]
+        u, by_turn = self.roots_by_dwell_s[dwell_s]
         # the best of those that the design has not
-        rest = [k for k in np.argsort(u).tolist() if k not in choice and np.isfinite(u[k])]
-        withheld = rest[:: max(len(rest) // LEFT_OUT, 1)][:LEFT_OUT]
+        spare_places = [k for k in np.argsort(u).tolist() if k not in choice and np.isfinite(u[k])]
+        withheld = spare_places[:: max(len(spare_places) // LEFT_OUT, 1)][:LEFT_OUT]
         for number, level in enumerate(degc):
             clock.settle(self.assumed.device, level)
             recorded = [(place, log) for place in choice]
@@ -187,8 +187,8 @@ class StationBench(TourBench):
             f" {count(len({*degc}), 'temperature')}, {dwell_s:g} s in a position"
         )
         x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(choice)))
-        one_log, chosen = np.zeros(len(x), dtype=np.int64), list(choice)
-        u, by_turn = (np.tile(of_place[chosen], len(degc)) for of_place in (u, by_turn))
+        one_log, station_places = np.zeros(len(x), dtype=np.int64), list(choice)
+        u, by_turn = (np.tile(of_place[station_places], len(degc)) for of_place in (u, by_turn))
         roots = StationRoots(np.ones(len(x)), u, x, by_turn, one_log)
         return Design(label, clock.schedule(), (log,), roots)
 
@@ -196,19 +196,19 @@ class StationBench(TourBench):
         """Best places of each number at one temperature: of s beside a turn of the gyro of known
         size, and of the azimuth with a turn that is measured.
         """
-        u, by_turn = self.known[max(self.known)]
+        u, by_turn = self.roots_by_dwell_s[max(self.roots_by_dwell_s)]
         able, rng = np.flatnonzero(np.isfinite(u)), np.random.default_rng(SEED)
         rows = np.column_stack([np.ones(able.size), by_turn[able]])
         rows /= np.hypot(u[able], self.assumed.size(*SCATTER))[:, None]
         parts = rows[:, :, None] * rows[:, None, :]
         turn = self.assumed.size(*TURN) or 1.0
         of_azimuth = np.array([azimuth_slope(self.spec.site.latitude_deg), 1.0])
-        for prior, wanted in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
-            pool = Pool(np.diag([1e-6, prior]), parts, np.outer(wanted, wanted))
+        for prior, combination in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
+            pool = Pool(np.diag([1e-6, prior]), parts, np.outer(combination, combination))
             for number in STATIONS:
                 if number <= able.size:
-                    chosen, _ = pool.search(number, rng, restarts=1)
-                    yield able[chosen].tolist()
+                    selection, _ = pool.search(number, rng, restarts=1)
+                    yield able[selection].tolist()
 
 
 def azimuth_slope(latitude_deg: float) -> float:
@@ -231,18 +231,18 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     if not task.have:
         return bench
     admitted, _ = stations.admit_logs(list(task.have), spec)
-    seen = stations.solve_components(stations.Rows.gather(admitted, spec.on_site()), spec)
-    if not np.isfinite(seen.temperature).all():
+    measured = stations.solve_components(stations.Rows.gather(admitted, spec.on_site()), spec)
+    if not np.isfinite(measured.temperature).all():
         raise FitError(
             f"{task.have[0].file}: no case temperature, expected one to plan what is missing",
             hint="map it under [columns.temp_case_degc], or plan without --have",
         )
     pairs = []
     for axis in spec.axes:
-        u, by_turn, _ = bench.judge_roots(seen.components[axis], seen.status[axis])
+        u, by_turn, _ = bench.judge_roots(measured.components[axis], measured.status[axis])
         used = np.isfinite(u)
-        x = assumed.mapped(seen.temperature[used])
-        pairs.append(StationRoots(np.ones(len(x)), u[used], x, by_turn[used], seen.log[used]))
+        x = assumed.mapped(measured.temperature[used])
+        pairs.append(StationRoots(np.ones(len(x)), u[used], x, by_turn[used], measured.log[used]))
     scatter = assumed.size(*SCATTER)
     weight = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
     return replace(bench, have=pairs[int(np.argmin(weight))])

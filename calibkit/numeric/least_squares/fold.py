@@ -61,10 +61,10 @@ def linear(
         chunks.release(indication)
         return np.column_stack([design(part), indication[part]])
 
-    whole = triangle(stacked, rows)
-    columns = whole.shape[1] - 1
-    solved = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
-    R, residuals = whole[:columns, :columns], allocate(rows)
+    R_of_all = triangle(stacked, rows)
+    columns = R_of_all.shape[1] - 1
+    solved = least_squares.linear(R_of_all[:, :columns], R_of_all[:, columns], names=names)
+    R, residuals = R_of_all[:columns, :columns], allocate(rows)
     coefficients = solved.coefficients
     for _ in range(REFINEMENTS):
         gradient = _subtract(design, indication, coefficients, residuals)

@@ -90,5 +90,5 @@ def to_raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdoub
 def space_levels(low: float, high: float, count: int) -> list[int]:
     """Whole temperatures [°C] where polynomials are best determined: Chebyshev extremes."""
     turn = np.cos(np.pi * np.arange(count) / (count - 1)) if count > 1 else np.zeros(1)
-    found = np.rint((low + high) / 2.0 - (high - low) / 2.0 * turn).astype(int).tolist()
-    return list(found)
+    levels = np.rint((low + high) / 2.0 - (high - low) / 2.0 * turn).astype(int).tolist()
+    return list(levels)

@@ -103,13 +103,13 @@ def regress(
 
     def values(p: Array) -> Array:
         """Model [n]."""
-        found = np.asarray(model(abscissa, *p), dtype=np.float64)
-        if found.shape != response.shape:
+        predicted = np.asarray(model(abscissa, *p), dtype=np.float64)
+        if predicted.shape != response.shape:
             raise FitError(
-                f"the model gives {found.shape} for a response of {response.shape}",
+                f"the model gives {predicted.shape} for a response of {response.shape}",
                 hint="model(x, *parameters) gives one value for each of the response",
             )
-        return found
+        return predicted
 
     def left(p: Array) -> Array:
         """Model less response [n], huge where the model is not finite."""
@@ -137,7 +137,7 @@ def regress(
         return float(np.sum(left(end) ** 2)), end
 
     with np.errstate(all="ignore"):
-        ends = [attempt(*each) for each in _starts(begin)]
+        ends = [attempt(*attempt_start) for attempt_start in _starts(begin)]
         squares = np.array([square for square, _ in ends])
         # of equals the first: terms that change places fit as well, and the given start names them
         equal = squares <= squares.min() * (1.0 + EQUAL) + (ROUNDING * rms(response)) ** 2
@@ -168,8 +168,8 @@ def _starts(begin: Array) -> Iterator[tuple[Array, Literal["lm", "trf"]]]:
     rng = np.random.default_rng(0)
     for number in range(RESTARTS):
         factor = np.exp(SPREAD * rng.normal(size=begin.size))
-        moved = np.where(begin == 0.0, rng.normal(size=begin.size), begin * factor)
-        yield moved, METHODS[number % len(METHODS)]
+        start = np.where(begin == 0.0, rng.normal(size=begin.size), begin * factor)
+        yield start, METHODS[number % len(METHODS)]
 
 
 def _prove(p: Array, left: Array, slopes: Array, size: float, names: tuple[str, ...]) -> Regression:

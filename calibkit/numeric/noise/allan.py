@@ -120,8 +120,7 @@ def overlapping(
         whole are used.
     interval_s : sampling interval [s].
     tau_s : averaging times [s], each rounded to whole samples (the curve carries the rounded ones);
-        without them
-        `points` an octave or a decade, from one sample to a third of the record.
+        without them `points` an octave or a decade, from one sample to a third of the record.
     probability : of the two-sided limits, which are chi-square's.
     allocate : makes the array [n + 1] of the running sum, in memory or on disk.
 
@@ -249,11 +248,11 @@ def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> 
     return BiasStability(length * interval_s, float(np.std(means, ddof=1)), int(means.size))
 
 
-def require_record(given: ArrayLike, interval_s: float) -> Array:
+def require_record(record: ArrayLike, interval_s: float) -> Array:
     """Rate [n] of a record; FitError for what has no deviation: too few samples, infinite ones, no
     interval.
     """
-    rate = np.asarray(given, dtype=np.float64)
+    rate = np.asarray(record, dtype=np.float64)
     finite = rate.ndim == 1 and chunks.all_finite(rate)
     if rate.ndim != 1 or rate.size - (0 if finite else chunks.count(rate, np.isnan)) < 3:
         raise FitError(

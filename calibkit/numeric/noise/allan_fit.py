@@ -1,5 +1,6 @@
 """Quantization, angle random walk, bias instability, rate random walk and rate ramp from an Allan
-deviation curve, by non-negative weighted least squares; `fit_noise` says how, and what is shown.
+deviation curve, by non-negative weighted least squares; `fit_noise` states how, and which terms are
+reported.
 
     σ²(τ) = 3 Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2 = Σ_j c_j τ^exponent_j
 """

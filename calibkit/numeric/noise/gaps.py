@@ -50,13 +50,13 @@ class Gaps:
         a gap, by the window's first sample.
         """
         first, stop = self.runs[:, 0] - length + 1, self.runs[:, 1]
-        alone = np.ones(len(self.runs) + 1, dtype=np.bool_)
-        alone[1:-1] = first[1:] > stop[:-1]
-        return np.column_stack([first[alone[:-1]], stop[alone[1:]]])
+        begins_range = np.ones(len(self.runs) + 1, dtype=np.bool_)
+        begins_range[1:-1] = first[1:] > stop[:-1]
+        return np.column_stack([first[begins_range[:-1]], stop[begins_range[1:]]])
 
 
 def filtered(values: Array, taps: Sequence[float], tap_spacing: int) -> Iterator[tuple[int, Array]]:
-    """First place i and Σ_k taps_k values[i + k · apart] of consecutive blocks of places; the
+    """First place i and Σ_k taps_k values[i + k · tap_spacing] of consecutive blocks of places; the
     memory pages of `values` are released after some.
     """
     size = values.size - (len(taps) - 1) * tap_spacing

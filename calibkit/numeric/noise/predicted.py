@@ -1,4 +1,8 @@
-"""What a record of a length will tell of its noise terms."""
+"""What a record of a length will tell of its noise terms.
+
+Allan variances are drawn about σ²(τ) = Σ_j c_j τ^exponent_j with the covariance that the noise
+gives them, and fitted as those of a record are (`allan_fit`).
+"""
 
 from collections.abc import Sequence
 

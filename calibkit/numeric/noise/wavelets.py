@@ -28,11 +28,11 @@ def wavelet_deviation(
 
     Parameters
     ----------
-    rate : [n], evenly sampled; a coefficient that touches a gap (NaN) or an end of the
-        record is left out.
+    rate : [n], evenly sampled; a coefficient that touches a gap (NaN) or an end of the record is
+        left out.
     wavelet : an orthogonal PyWavelets name with p vanishing moments, blind to drift of degree p −
-        1: "haar" (p = 1) is
-        the Allan deviation itself, "db2" ignores a linear drift, "db3" a quadratic one.
+        1: "haar" (p = 1) is the Allan deviation itself, "db2" ignores a linear drift, "db3" a
+        quadratic one.
     allocate : makes the array [n] that is filtered, in memory or on disk.
 
     Raises
