@@ -133,7 +133,7 @@ def judged(
             np.std(means(measured - model, GROUP)),
             np.std(own[:size]),
         )
-        chosen = choice.chosen.name if choice.chosen else "none"
+        chosen = choice.chosen_errors.name if choice.chosen_errors else "none"
         found.append(Ramp(kind, seed, name, chosen, *map(float, figures)))
     return found
 

@@ -178,7 +178,8 @@ def judge(
     start = time.process_time()
     found = choice.choose(fitted)
     taken = time.process_time() - start
-    model, name = widened(found.model, fitted), found.chosen.name if found.chosen else ""
+    model = widened(found.model, fitted)
+    name = found.chosen_errors.name if found.chosen_errors else ""
     others = choice.choose(fitted, [one for one in choice.CANDIDATES if one.form != "bank"]).model
     without = np.array([reduction(others, *one) for one in unseen])
     if model is None:

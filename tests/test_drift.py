@@ -108,7 +108,7 @@ def test_drift_is_held_in_soaks():
     rate = np.array([0.0, 0.49, 0.51, 1.0, -3.0, 20.0])
     steps = drift.increments([polynomial()], np.zeros(6), rate)
     assert steps.delta.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0, 0.0]
-    assert steps.held.tolist() == [True, True, True, False, False, True]
+    assert steps.drift_held.tolist() == [True, True, True, False, False, True]
 
 
 def test_each_side_is_served_by_its_own_polynomial():
@@ -123,7 +123,7 @@ def test_one_polynomial_over_both_sides_serves_both():
     steps = drift.increments(
         [polynomial((-10.0, 8.0), "both")], np.zeros(4), np.array([5.0, -5.0, 0.4, 0.0])
     )
-    assert steps.held.tolist() == [True, False, False, True]
+    assert steps.drift_held.tolist() == [True, False, False, True]
 
 
 def test_rates_and_gradients_beyond_the_fit_are_clamped_and_marked():

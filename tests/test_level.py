@@ -268,7 +268,7 @@ def test_a_lasting_misfit_keeps_its_say():
     stacked = pooled_fit.Stack.of_logs(logs)
     basis = fits.level_basis(stacked)
     trust = pooled_fit.sound_blocks(basis.design(np.zeros(0))[:, 1:4], stacked)
-    missed = np.abs(basis.shown.rate) > 3.0
+    missed = np.abs(basis.log_drivers.rate) > 3.0
     assert np.mean(trust[missed]) > 0.8
 
 
@@ -374,7 +374,7 @@ def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
     assert hot.temperature_clamped.all()
     assert not hot.rate_clamped.any()
     assert not hot.gradient_clamped.any()
-    assert np.all(np.abs(hot.beyond) > 0.05)  # °/h
+    assert np.all(np.abs(hot.extrapolated_drift) > 0.05)  # °/h
     away = evaluate.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
     assert away.gradient_clamped.all()
     assert not away.temperature_clamped.any()

@@ -36,7 +36,7 @@ def test_a_spike_does_not_move_the_mean_of_its_block():
     dirty = clean.copy()
     dirty[123] += 50.0
     held = blocks_of(10, 100)
-    means = occupancy.means(dirty, held, without=occupancy.spikes(dirty, held))
+    means = occupancy.means(dirty, held, excluded=occupancy.spikes(dirty, held))
     expected = clean.reshape(100, 10).mean(axis=1)
     expected[12] = np.delete(clean[120:130], 3).mean()
     assert means == pytest.approx(expected, abs=1e-12)  # °/h
@@ -86,5 +86,5 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
 
 def test_a_block_of_spikes_alone_keeps_its_mean():
     """A block of which nothing would be kept is not lost."""
-    means = occupancy.means(np.arange(30.0), blocks_of(10, 3), without=np.arange(10, 20))
+    means = occupancy.means(np.arange(30.0), blocks_of(10, 3), excluded=np.arange(10, 20))
     assert means == pytest.approx([4.5, 14.5, 24.5])

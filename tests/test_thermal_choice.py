@@ -144,9 +144,9 @@ def test_every_candidate_is_in_the_table_with_every_ramp(choice):
     for result in choice.tested:
         assert len(result.errors) == len(result.raw) == 8
         assert result.raw_squares == pytest.approx(choice.tested[0].raw_squares)
-    assert choice.chosen.name in choice.reason
+    assert choice.chosen_errors.name in choice.reason
     best = min(choice.tested, key=lambda result: result.pooled)
-    assert choose_simplest({0: choice.chosen.squares, 1: best.squares}) == 0
+    assert choose_simplest({0: choice.chosen_errors.squares, 1: best.squares}) == 0
 
 
 def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):
@@ -161,7 +161,7 @@ def test_a_gyro_without_drift_gets_no_drift_term(seed):
     """Noise alone is never worth a model."""
     found = choose(fitted(simulated(seed, drift_scale=0.0)))
     assert found.model is None
-    assert found.chosen is None
+    assert found.chosen_errors is None
     assert "no drift term" in found.reason
     assert {one.name for one in found.tested} >= {one.name for one in CANDIDATES}
 
@@ -394,8 +394,8 @@ def test_what_is_clamped_is_uncertain_by_what_clamping_took_off(choice):
     hot = evaluate.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
     stated = drift_uncertainty(choice.model, hot)
     assert hot.temperature_clamped.all()
-    assert np.all(stated >= np.abs(hot.beyond) / np.sqrt(3.0))
-    assert np.all(np.abs(hot.beyond) > 0.0)
+    assert np.all(stated >= np.abs(hot.extrapolated_drift) / np.sqrt(3.0))
+    assert np.all(np.abs(hot.extrapolated_drift) > 0.0)
 
 
 def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):

@@ -1,5 +1,5 @@
 """Bias of each channel of a static instrument as a polynomial of a temperature, or of any other
-abscissa: logs → bias.json.
+abscissa: logs → bias.json (equation and fit in `polynomials`).
 """
 
 from __future__ import annotations
@@ -53,25 +53,28 @@ def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log."""
 
     def examine(log: Log) -> list[Finding]:
-        found = [
+        findings = [
             *checks.find_too_few_rows(log, spec.polynomials.min_rows),
             *checks.find_missing_values(log, list(log.frame.columns)),
         ]
-        if any(finding.refused for finding in found):
-            return found
+        if any(finding.refused for finding in findings):
+            return findings
         timed = "time_s" in log.frame.columns
         if timed:
-            found += checks.find_unordered_times(log)
-            found += checks.find_gaps(log, spec.polynomials.max_gap_s)
-        found += checks.find_constant_columns(log, [spec.polynomials.abscissa])
-        if any(finding.refused for finding in found):
-            return found
+            findings += checks.find_unordered_times(log)
+            findings += checks.find_gaps(log, spec.polynomials.max_gap_s)
+        findings += checks.find_constant_columns(log, [spec.polynomials.abscissa])
+        if any(finding.refused for finding in findings):
+            return findings
         for column in spec.still_columns():
-            found += checks.series.check_indication(log, column, units.column_unit(column))
+            findings += checks.series.check_indication(log, column, units.column_unit(column))
         if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
-            found += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
-            found += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
-        return [*found, *checks.magnitude.find_compensated_names(log, spec, spec.still_columns())]
+            findings += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
+            findings += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
+        return [
+            *findings,
+            *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
+        ]
 
     return chunked.find_faults(spec, log, spec.polynomials.min_rows, examine)
 
@@ -89,32 +92,34 @@ def fit(
     for log in copies.refuse_copies(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
-        found = _find_faults(spec, log)
-        refuse(found)
+        findings = _find_faults(spec, log)
+        refuse(findings)
         logs.append(log)
         flags += [f"{log.file}: {note}" for note in log.notes]
-        flags += [str(finding) for finding in found if finding.flagged]
+        flags += [str(finding) for finding in findings if finding.flagged]
     channels = polynomials.fit(logs, spec.polynomials, spec.errors)
     flags += [flag for channel in channels for flag in channel.flags]
     result = polynomials.result(channels, flags)
     influences = sensitivities.find(result)
-    listed = tabulate_fit([result], spec, influences, _list_coefficients)
+    result_tables = tabulate_fit([result], spec, influences, _list_coefficients)
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        polynomials.summary(spec, channels, flags, listed),
+        polynomials.summary(spec, channels, flags, result_tables),
         figures.BiasReport(spec.polynomials.abscissa, tuple(channel.curve for channel in channels)),
         sensitivities=influences,
     )
 
 
-def _list_coefficients(stated: Stated) -> tuple[Block, ...]:
+def _list_coefficients(basis: Stated) -> tuple[Block, ...]:
     """Blocks of the certificate without biases over temperature, which the figure shows: the page
     of one of many small devices stays small.
     """
     return tuple(
-        replace(block, tables=tuple(one for one in block.tables if isinstance(one, ListTable)))
-        for block in certificate.blocks(stated)
+        replace(
+            block, tables=tuple(table for table in block.tables if isinstance(table, ListTable))
+        )
+        for block in certificate.blocks(basis)
     )
 
 
@@ -151,7 +156,9 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     """Recipe for a static instrument with times and one temperature: all that it measures."""
 
     def keys_of(channels: Sequence[str]) -> dict[str, str]:
-        listed = ", ".join(f'{{ indication = "{name}", order = 3 }}' for name in channels)
-        return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{listed}]"}
+        polynomial_entries = ", ".join(
+            f'{{ indication = "{name}", order = 3 }}' for name in channels
+        )
+        return {} if list(channels) == ["gyro_dph"] else {"bias": f"[{polynomial_entries}]"}
 
     return evidence.choose_at_rest("bias_temperature", keys_of)

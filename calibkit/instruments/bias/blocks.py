@@ -58,25 +58,25 @@ class BiasBlocks:
         """
         means, counts = [], []
         for design, (abscissa, indication) in zip(designs, rows, strict=True):
-            own, count = _means(design, indication)
+            block_means, count = _means(design, indication)
             lowest, highest = chunks.extremes(abscissa)
             if highest - lowest < STILL * (valid[1] - valid[0]):
-                own[:, :-1] = np.average(own[:, :-1], axis=0, weights=count)
-            means.append(own)
+                block_means[:, :-1] = np.average(block_means[:, :-1], axis=0, weights=count)
+            means.append(block_means)
             counts.append(count)
-        whole = np.concatenate(means)
-        log = np.repeat(np.arange(len(rows)), [len(own) for own in means])
-        return cls(whole[:, :-1], whole[:, -1], np.concatenate(counts), log)
+        all_means = np.concatenate(means)
+        log = np.repeat(np.arange(len(rows)), [len(block_means) for block_means in means])
+        return cls(all_means[:, :-1], all_means[:, -1], np.concatenate(counts), log)
 
     @property
     def place(self) -> Integers:
         """[m], number of each block in its log."""
         return np.concatenate([np.arange(n) for n in np.bincount(self.log)])
 
-    def wander(self, turned: Turned, unit: str) -> list[Shared]:
+    def wander(self, rotation: Turned, unit: str) -> list[Shared]:
         """Courses of the bias in time of each log, where the likelihood asks for them."""
         time = np.concatenate([np.linspace(-1.0, 1.0, n) for n in np.bincount(self.log)])
-        courses = turned.rows(np.polynomial.legendre.legvander(time, len(COURSES)))
+        courses = rotation.rows(np.polynomial.legendre.legvander(time, len(COURSES)))
         return [
             Shared(
                 group=GROUP,
@@ -96,7 +96,7 @@ def turn_on_bias(unit: str, log: Integers, loading: Array) -> Shared:
 
 
 def fit(
-    blocks: BiasBlocks, turned: Turned, unit: str, shared: Sequence[Shared], names: Sequence[str]
+    blocks: BiasBlocks, rotation: Turned, unit: str, shared: Sequence[Shared], names: Sequence[str]
 ) -> Fit:
     """Generalised least squares of turned rows with errors of logs and flicker noise.
 
@@ -104,12 +104,12 @@ def fit(
     waves would make the degrees of freedom of a level those of one value; held, 95 % intervals of
     level and slope of one log cover 90 to 100 % at white, autoregressive and flicker noise.
     """
-    J, y = turned.rows(blocks.design), turned.rows(blocks.indication)
+    J, y = rotation.rows(blocks.design), rotation.rows(blocks.indication)
     flicker = Shared(
         group=GROUP,
         effect="flicker",
         level=np.arange(y.size),
-        loading=np.sqrt(turned.flicker)[:, None],
+        loading=np.sqrt(rotation.flicker)[:, None],
         unit=unit,
     )
 
@@ -117,7 +117,11 @@ def fit(
         start = np.zeros(J.shape[1])
         return solve(lambda p: J @ p - y, start, [*shared, noise], names=names)
 
-    (size,) = (one.value for one in fit_with(flicker).shared if one.error is flicker)
+    (size,) = (
+        shared_size.value
+        for shared_size in fit_with(flicker).shared
+        if shared_size.error is flicker
+    )
     return fit_with(replace(flicker, size=size))
 
 
@@ -137,7 +141,7 @@ def _means(design: Callable[[slice], Array], indication: Array) -> tuple[Array, 
     return np.concatenate(parts) / count[:, None], count
 
 
-def between_logs(fitted: Fit, J: Array, log: Integers, along: Array) -> tuple[Array, Array]:
+def between_logs(fitted: Fit, J: Array, log: Integers, combinations: Array) -> tuple[Array, Array]:
     """Covariance [p, p] by what the residuals of each log move the coefficients by, whatever their
     course, and degrees of freedom of combinations [k, p] of them.
 
@@ -150,17 +154,17 @@ def between_logs(fitted: Fit, J: Array, log: Integers, along: Array) -> tuple[Ar
     rows = np.arange(len(log))
     effects = [size.error.design(rows) * size.value for size in fitted.mixed]
     errors = np.column_stack([*effects, np.diag(fitted.noise)])
-    wanted = G @ errors
+    coefficient_errors = G @ errors
     # what an error of each kind moves the part of each log by
-    kinds = parts @ (errors - J @ wanted)
+    kinds = parts @ (errors - J @ coefficient_errors)
     # F with F · expected · Fᵀ = G Σ Gᵀ, the same whatever the columns' units
-    values, vectors = np.linalg.eigh(wanted @ wanted.T)
+    values, vectors = np.linalg.eigh(coefficient_errors @ coefficient_errors.T)
     root, inverse = vectors * np.sqrt(values) @ vectors.T, vectors / np.sqrt(values) @ vectors.T
     expected = np.einsum("pqr,sqr->ps", kinds, kinds)
     shares, axes = np.linalg.eigh(inverse @ expected @ inverse)
     factor = root @ (axes / np.sqrt(np.maximum(shares, LEAST_SHARE)) @ axes.T) @ inverse
-    moved = factor @ (parts @ fitted.residual)
-    products = np.einsum("kp,pqr->kqr", along @ factor, kinds)
+    log_effects = factor @ (parts @ fitted.residual)
+    products = np.einsum("kp,pqr->kqr", combinations @ factor, kinds)
     products = products @ np.swapaxes(products, 1, 2)
     dof = np.trace(products, axis1=1, axis2=2) ** 2 / np.sum(products**2, axis=(1, 2))
-    return moved @ moved.T, np.maximum(dof, 1.0)
+    return log_effects @ log_effects.T, np.maximum(dof, 1.0)

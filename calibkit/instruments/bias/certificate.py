@@ -37,12 +37,12 @@ EQUATIONS = (
 )
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Block of bias.json or thermal.json."""
     title, laid_out = Words("Bias over temperature", "零偏随温度"), []
-    for record in stated.records.values():
+    for record in basis.records.values():
         used = {model.form for model in record.models}
         equations = [equation for equation in EQUATIONS if equation.form in used]
         biases = [quantities.bias(record.stage, model) for model in record.models]
-        laid_out.append(lay_out_models(stated, record, title, equations, biases))
+        laid_out.append(lay_out_models(basis, record, title, equations, biases))
     return tuple(laid_out)

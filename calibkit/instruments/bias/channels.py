@@ -1,4 +1,11 @@
-"""Power-ons → chosen model of each channel, and thermal.json."""
+"""Power-ons → chosen model of each channel, and thermal.json.
+
+    y = b_j + Σ_k c_k x_k(T, dT/dt, lags of T)
+
+b_j is the level of power-on j with its turn-on bias, x_k are the terms of a level or lagged model
+(`numeric.thermal.terms`), of which `choice` takes as many as left-out stretches ask for. Where a
+temperature leaves the fitted range, the terms go on for a third of it (`REACH`).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -67,7 +74,7 @@ class FittedChannel:
     @property
     def varies(self) -> bool:
         """Whether the model has a term beside the constant."""
-        return self.choice.chosen is not self.choice.constant
+        return self.choice.chosen_errors is not self.choice.constant
 
 
 def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -> Evaluation:
@@ -77,14 +84,19 @@ def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -
     wide = Valid(
         *((low - REACH * (high - low), high + REACH * (high - low)) for low, high in model.valid)
     )
-    still = model.nearest_fitted(reference_degc)
-    within = evaluate_terms(model, log.time, log.case, log.env, still, log.starts)
-    found = evaluate_terms(
-        replace(model, valid=wide), log.time, log.case, log.env, still, log.starts
+    reference = model.nearest_fitted(reference_degc)
+    clamped = evaluate_terms(model, log.time, log.case, log.env, reference, log.starts)
+    carried = evaluate_terms(
+        replace(model, valid=wide), log.time, log.case, log.env, reference, log.starts
     )
     # what the terms add beyond the fitted ranges, which enters the uncertainty; -0 is 0
-    beyond = found.drift + found.beyond - within.drift + 0.0
-    return replace(within, drift=found.drift, sensitivities=found.sensitivities, beyond=beyond)
+    extrapolated_drift = carried.drift + carried.extrapolated_drift - clamped.drift + 0.0
+    return replace(
+        clamped,
+        drift=carried.drift,
+        sensitivities=carried.sensitivities,
+        extrapolated_drift=extrapolated_drift,
+    )
 
 
 def fit_channel(
@@ -93,76 +105,92 @@ def fit_channel(
     """Choose and fit the terms of one channel; raises FitError that names it."""
     stacked = Stack.of_logs([power_on.of_channel(name) for power_on in power_ons])
     family = spec.thermal.model
-    candidates = [one for one in choice.CANDIDATES if family in ("auto", one.form)]
+    candidates = [
+        candidate for candidate in choice.CANDIDATES if family in ("auto", candidate.form)
+    ]
     try:
-        chosen = choice.choose(stacked, candidates, figure_blocks=blocks_per_figure(interval_s))
+        channel_choice = choice.choose(
+            stacked, candidates, figure_blocks=blocks_per_figure(interval_s)
+        )
     except FitError as error:
         raise FitError(f"{name}: {error.message}", hint=error.hint) from None
-    chosen, components = _share_turn_on(chosen, name, power_ons, spec)
+    channel_choice, components = _share_turn_on(channel_choice, name, power_ons, spec)
     # what a turn-on changes is the level of a power-on: all is shown about that of its fitted rows
     raw: list[Array] = []
     left: list[Array] = []
-    within = []
+    variances = []
     for power_on, log in zip(power_ons, stacked.logs, strict=True):
-        drift = evaluate_wide(chosen.model, log, spec.reference_temp_degc).drift
+        drift = evaluate_wide(channel_choice.model, log, spec.reference_temp_degc).drift
         for curve, indication in ((raw, log.indication), (left, log.indication - drift)):
             curve.append(np.asarray(indication - indication[power_on.fitted].mean()))
         corrected = (log.indication - drift)[power_on.fitted]
-        within.append(dispersion.variances_within(corrected, corrected))
+        variances.append(dispersion.variances_within(corrected, corrected))
     fitted = np.concatenate([power_on.fitted for power_on in power_ons])
-    both = np.concatenate(raw), np.concatenate(left)
-    before, after = (rms(indication[fitted]) for indication in both)
+    before_and_after = np.concatenate(raw), np.concatenate(left)
+    before, after = (rms(indication[fitted]) for indication in before_and_after)
     withheld = None
     if not fitted.all():
-        withheld = rms(both[0][~fitted]), rms(both[1][~fitted])
-    no_term = (NO_TERM,) if chosen.chosen is chosen.constant else ()
-    flags = (*chosen.model.flags, *no_term, *_flag_turn_on_drift(name, chosen, power_ons))
+        withheld = rms(before_and_after[0][~fitted]), rms(before_and_after[1][~fitted])
+    no_term = (NO_TERM,) if channel_choice.chosen_errors is channel_choice.constant else ()
+    flags = (
+        *channel_choice.model.flags,
+        *no_term,
+        *_flag_turn_on_drift(name, channel_choice, power_ons),
+    )
     return FittedChannel(
-        chosen,
+        channel_choice,
         ChannelCurves(name, units.column_unit(name), tuple(raw), tuple(left)),
         before,
         after,
-        dispersion.over_noise(after, within),
+        dispersion.over_noise(after, variances),
         withheld,
-        chunks.extremes(np.concatenate([one.blocks.case[one.fitted] for one in power_ons])),
+        chunks.extremes(
+            np.concatenate([power_on.blocks.case[power_on.fitted] for power_on in power_ons])
+        ),
         components,
         tuple(f"{name}: {flag}" for flag in flags),
     )
 
 
 def _share_turn_on(
-    found: Choice, name: str, power_ons: Sequence[PowerOn], spec: ThermalRecipe
+    channel_choice: Choice, name: str, power_ons: Sequence[PowerOn], spec: ThermalRecipe
 ) -> tuple[Choice, tuple[Component, ...]]:
     """The choice, and the standard deviation of turn-on biases as a component of its model: that
     which the recipe states, whose uncertainty the constant then has, else that of the power-ons;
     none of one power-on.
     """
-    unit, model, count = units.column_unit(name), found.model, len(power_ons)
-    stated = next((entry for entry in spec.errors.component if entry.effect == EFFECT), None)
-    if stated is not None:
+    unit, model, count = units.column_unit(name), channel_choice.model, len(power_ons)
+    stated_component = next(
+        (entry for entry in spec.errors.component if entry.effect == EFFECT), None
+    )
+    if stated_component is not None:
         # the stated size replaces what the few power-ons show, it is not added to it
-        value = stated.value_in(unit)
+        value = stated_component.value_in(unit)
         covariance = model.covariance.copy()
         covariance[0, 0] += value**2 / count - model.turn_on_variance
-        dof = min(stated.dof, float(model.dof))
+        dof = min(stated_component.dof, float(model.dof))
         model = replace(model, covariance=covariance, constant_dof=dof)
         component = Component(GROUP, EFFECT, value, unit, 0.0, count)
-        return replace(found, model=model), (component,)
+        return replace(channel_choice, model=model), (component,)
     if count < 2:
-        return found, ()
+        return channel_choice, ()
     value = float(np.std(model.turn_on, ddof=1))
     u = value / np.sqrt(2.0 * (count - 1))
-    return found, (Component(GROUP, EFFECT, value, unit, float(u), count),)
+    return channel_choice, (Component(GROUP, EFFECT, value, unit, float(u), count),)
 
 
-def _flag_turn_on_drift(name: str, found: Choice, power_ons: Sequence[PowerOn]) -> tuple[str, ...]:
+def _flag_turn_on_drift(
+    name: str, channel_choice: Choice, power_ons: Sequence[PowerOn]
+) -> tuple[str, ...]:
     """Flag that turn-on biases follow the temperatures of the power-ons."""
     from scipy.special import stdtrit
 
-    case = np.array([one.blocks.case[one.fitted].mean() for one in power_ons])
+    case = np.array([power_on.blocks.case[power_on.fitted].mean() for power_on in power_ons])
     if case.size < 3 or not np.ptp(case):
         return ()
-    line = linear(np.column_stack([case - case.mean(), np.ones_like(case)]), found.model.turn_on)
+    line = linear(
+        np.column_stack([case - case.mean(), np.ones_like(case)]), channel_choice.model.turn_on
+    )
     slope, u = float(line.coefficients[0]), float(line.standard_uncertainty[0])
     if abs(slope) <= stdtrit(line.dof, 1.0 - BY_CHANCE / 2.0) * u:
         return ()
@@ -204,7 +232,7 @@ def result(
         for tested in channel.choice.tested:
             rms_of[f"left_out_rms.{channel.name}.{tested.name}"] = tested.pooled
         if channel.withheld is not None:
-            for when, value in zip(("before", "after"), channel.withheld, strict=True):
-                rms_of[f"withheld_rms_{when}.{channel.name}"] = value
+            for stage, value in zip(("before", "after"), channel.withheld, strict=True):
+                rms_of[f"withheld_rms_{stage}.{channel.name}"] = value
         figures += [Figure(name, value, channel.unit, 0.0) for name, value in rms_of.items()]
     return StageResult("thermal", tuple(models), tuple(figures), flags=tuple(flags))

@@ -1,5 +1,8 @@
 """Choice of the terms of one channel's bias by its errors on stretches that were left out of the
-fit.
+fit, each CANDIDATE a set of terms x_k of y = b + Σ_k c_k x_k (`numeric.thermal.terms`).
+
+What lasts in the errors of the chosen one, beyond the noise and the uncertainty of c_k, is its
+model error: e² = mean product of neighbouring errors − what these explain of it.
 """
 
 from collections.abc import Sequence
@@ -56,7 +59,7 @@ class Choice:
 
     tested: tuple[LeftOutErrors, ...]
     refused: tuple[str, ...]
-    chosen: LeftOutErrors
+    chosen_errors: LeftOutErrors
     model: ThermalModel
 
     @property
@@ -79,20 +82,20 @@ def choose(
     cuts = [(cut, leave_out(cut, basis.rows)) for cut in (stacked, pairs)]
     errors = [_left_out(fit, cuts, figure_blocks) for _, fit in solved]
     tested = [
-        LeftOutErrors(one.name, left, errors[0], fit.parameters, fit.endless)
-        for (one, fit), left in zip(solved, errors, strict=True)
+        LeftOutErrors(candidate.name, left, errors[0], fit.parameters, fit.endless)
+        for (candidate, fit), left in zip(solved, errors, strict=True)
     ]
     if len(tested) == 1:
         raise FitError(
             f"no model can be fitted: {'; '.join(refused)}",
             hint="log the instrument while its temperature changes",
         )
-    helping = (k for k, one in enumerate(tested) if k and one.pooled <= CLEARLY * one.pooled_raw)
-    chosen = simplest(tested, (0, *helping))
-    model = fits.finish(solved[chosen][1])
-    of_pairs = errors[chosen][len(stacked.ramps) :]
+    helping = (k for k, test in enumerate(tested) if k and test.pooled <= CLEARLY * test.pooled_raw)
+    chosen_number = simplest(tested, (0, *helping))
+    model = fits.finish(solved[chosen_number][1])
+    of_pairs = errors[chosen_number][len(stacked.ramps) :]
     model = _with_model_error(model, of_pairs, pairs, figure_blocks)
-    return Choice(tuple(tested), tuple(refused), tested[chosen], model)
+    return Choice(tuple(tested), tuple(refused), tested[chosen_number], model)
 
 
 def _left_out(
@@ -106,8 +109,8 @@ def _left_out(
     sound = solution.rows.sound
     return tuple(
         _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
-        for stacked, without in cuts
-        for number, drift in enumerate(solution.leave_out(without))
+        for stacked, remaining_rows in cuts
+        for number, drift in enumerate(solution.leave_out(remaining_rows))
     )
 
 
@@ -115,12 +118,14 @@ def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks
     """Figure means of indication less prediction [n] over one stretch, less the level of the other
     stretches of its power-on.
     """
-    own = stacked.ramps[number]
+    stretch = stacked.ramps[number]
     log = stacked.log_rows[stacked.ramp_log[number]]
-    others = sound[log].copy()
-    others[own.start - log.start : own.stop - log.start] = False
-    means = figure_means(left[own], sound[own], figure_blocks)
-    level = np.average(left[log], weights=others) if others.any() else means.mean()
+    rest_of_power_on = sound[log].copy()
+    rest_of_power_on[stretch.start - log.start : stretch.stop - log.start] = False
+    means = figure_means(left[stretch], sound[stretch], figure_blocks)
+    level = (
+        np.average(left[log], weights=rest_of_power_on) if rest_of_power_on.any() else means.mean()
+    )
     return np.asarray(means - level, dtype=np.float64)
 
 
@@ -130,12 +135,14 @@ def _with_model_error(
     """Model with what lasts in its errors on left-out stretches beyond noise and coefficients: at
     rest or while the temperature changes, whichever is larger.
     """
-    still = model.nearest_fitted(0.0)
+    rest_degc = model.nearest_fitted(0.0)
     stretches: list[tuple[Array, list[Array], Mask]] = []
     errors = iter(of_pairs)
     for log in stacked.logs:
-        along = evaluate_terms(model, log.time, log.case, log.env, still, log.starts).sensitivities
-        parts = uncertainty.explain_parts(model, log, along, figure_blocks, of_rest=True)
+        sensitivities = evaluate_terms(
+            model, log.time, log.case, log.env, rest_degc, log.starts
+        ).sensitivities
+        parts = uncertainty.explain_parts(model, log, sensitivities, figure_blocks, of_rest=True)
         for rows, covariances in parts:
             error = next(errors)
             if error.size == len(rows):
@@ -146,7 +153,7 @@ def _with_model_error(
     for moving in (True, False):
         runs = [(e[run], c, run) for e, c, m in stretches for run in _runs(m == moving)]
         if runs:
-            known = np.concatenate(
+            expected_products = np.concatenate(
                 [
                     at_lag[run.start : max(run.stop - k, run.start)]
                     for _, c, run in runs
@@ -154,7 +161,11 @@ def _with_model_error(
                 ]
             )
             errors_of = [e for e, *_ in runs]
-            sizes.append(uncertainty.model_error(errors_of, known.sum() / max(known.size, 1)))
+            sizes.append(
+                uncertainty.model_error(
+                    errors_of, expected_products.sum() / max(expected_products.size, 1)
+                )
+            )
     return replace(
         model, model_error=max(sizes), model_error_dof=float(max(len(stacked.ramps) - 1, 1))
     )

@@ -49,7 +49,7 @@ class ChannelBias:
 
     power_on: PowerOn
     evaluation: Evaluation
-    along: uncertainty.Along
+    bias_uncertainty: uncertainty.Along
     about_mean: uncertainty.Along
 
 
@@ -64,17 +64,17 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
         blocks = power_on.of_channel(name)
 
         def warmer_by(step: float, blocks: ThermalLog = blocks) -> Evaluation:
-            moved = replace(blocks, case=blocks.case + step, env=blocks.env + step)
-            return channels.evaluate_wide(fitted, moved, spec.reference_temp_degc)
+            warmer_blocks = replace(blocks, case=blocks.case + step, env=blocks.env + step)
+            return channels.evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
 
         case = {power_ons.CASE: lambda step: warmer_by(step).drift}
         effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
         evaluation = warmer_by(0.0)
-        along, about_mean = (
-            uncertainty.combine_along(fitted, evaluation, effects, about_mean=apart)
-            for apart in (False, True)
+        bias_uncertainty, about_mean = (
+            uncertainty.combine_along(fitted, evaluation, effects, about_mean=less_mean)
+            for less_mean in (False, True)
         )
-        drifts.append(ChannelBias(power_on, evaluation, along, about_mean))
+        drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty, about_mean))
     return drifts
 
 
@@ -94,17 +94,17 @@ def compensate_log(
         if spec.output.drift:
             added[f"{stem}_drift_{unit}"] = bias
         if spec.output.rate_uncertainty:
-            standard = [drift.along.standard for drift in drifts]
+            standard = [drift.bias_uncertainty.standard for drift in drifts]
             added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(log, drifts, standard)
         flags += _flag_ranges(log.file, model, drifts)
     return columns, added, tuple(dict.fromkeys(flags))
 
 
-def _to_rows(log: Log, drifts: Sequence[ChannelBias], along: Sequence[Array]) -> Array:
+def _to_rows(log: Log, drifts: Sequence[ChannelBias], block_values: Sequence[Array]) -> Array:
     """Values of blocks interpolated to the rows [n] of one log."""
     time = values(log.frame, "time_s")
     rows = log.allocate(time.size)
-    for drift, of_blocks in zip(drifts, along, strict=True):
+    for drift, of_blocks in zip(drifts, block_values, strict=True):
         instants = drift.power_on.blocks.time
         for _, first, stop, begins in drift.power_on.spans:
             passed, target, origin = time[first:stop], rows[first:stop], float(time[first])
@@ -117,20 +117,24 @@ def _flag_ranges(file: str, model: Model, drifts: Sequence[ChannelBias]) -> list
     """Flags of temperatures and rates outside the fitted ranges, with the share of the log, where
     the model has a term beside the constant; then the notes on the power-ons.
     """
-    along = [drift.evaluation for drift in drifts]
+    evaluations = [drift.evaluation for drift in drifts]
     outside = {
-        "temperature outside the fitted range": [one.temperature_clamped for one in along],
-        "temperature rate outside the fitted range": [
-            one.rate_clamped | one.gradient_clamped for one in along
+        "temperature outside the fitted range": [
+            evaluation.temperature_clamped for evaluation in evaluations
         ],
-        "temperature changes in a direction that was not fitted": [one.unmeasured for one in along],
+        "temperature rate outside the fitted range": [
+            evaluation.rate_clamped | evaluation.gradient_clamped for evaluation in evaluations
+        ],
+        "temperature changes in a direction that was not fitted": [
+            evaluation.unmeasured for evaluation in evaluations
+        ],
     }
     flags = []
     if any(thermal_forms.read_terms(model).coefficients[1:]):
-        for what, masks in outside.items():
+        for excess, masks in outside.items():
             share = float(np.mean(np.concatenate(masks)))
             if share > FLAGGED_SHARE:
-                flags.append(f"{file}: {model.name}: {what} over {100.0 * share:.0f} %")
+                flags.append(f"{file}: {model.name}: {excess} over {100.0 * share:.0f} %")
     return [*flags, *(note for drift in drifts for note in drift.power_on.notes)]
 
 
@@ -152,7 +156,7 @@ def validation_entry(
         longest = int(np.argmax([y.size for y in left]))
         compared, _, _ = thermal_forms.compare_means(
             left[longest],
-            drifts[longest].along,
+            drifts[longest].bias_uncertainty,
             drifts[longest].about_mean,
             thermal_forms.read_terms(model).noise,
             blocks_per_figure(model.value("interval")),

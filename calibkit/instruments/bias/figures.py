@@ -56,8 +56,8 @@ class BiasReport:
             "indication": [curve.indication for curve in self.curves],
             "residual": [curve.indication - curve.polynomial for curve in self.curves],
         }
-        stated = (column_unit(curve.name) for curve in self.curves)
-        units = share_unit(("indication", "residual"), stated)
+        channel_units = (column_unit(curve.name) for curve in self.curves)
+        units = share_unit(("indication", "residual"), channel_units)
         return {name: np.concatenate(columns) for name, columns in parts.items()} | {"units": units}
 
     def pages(self, title: str) -> list[Figure]:
@@ -110,14 +110,18 @@ class ThermalReport:
         """Columns of a tidy table, one row per model interval: what the model leaves of each
         channel, about the turn-on bias.
         """
-        numbers = [np.full(one.minutes.size, k) for k, one in enumerate(self.courses, start=1)]
+        numbers = [
+            np.full(course.minutes.size, k) for k, course in enumerate(self.courses, start=1)
+        ]
         columns = {
             "power_on": np.concatenate(numbers),
-            "time_s": np.concatenate([60.0 * one.minutes for one in self.courses]),
-            "temp_case_degc": np.concatenate([one.temperature for one in self.courses]),
-            "withheld": np.concatenate([one.withheld for one in self.courses]),
+            "time_s": np.concatenate([60.0 * course.minutes for course in self.courses]),
+            "temp_case_degc": np.concatenate([course.temperature for course in self.courses]),
+            "withheld": np.concatenate([course.withheld for course in self.courses]),
         }
-        left = {f"residual_{one.name}": np.concatenate(one.left) for one in self.channels}
+        left = {
+            f"residual_{channel.name}": np.concatenate(channel.left) for channel in self.channels
+        }
         return {**columns, **left}
 
     def pages(self, title: str) -> list[Figure]:
@@ -138,16 +142,16 @@ class ThermalReport:
         for k, channel in enumerate(channels):
             over_time, over_temperature = axes[2 * k], axes[2 * k + 1]
             for number, course in enumerate(self.courses):
-                shown = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
-                minutes = course.minutes[shown] + starts[number]
-                raw, left = channel.raw[number][shown], channel.left[number][shown]
+                plotted_rows = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
+                minutes = course.minutes[plotted_rows] + starts[number]
+                raw, left = channel.raw[number][plotted_rows], channel.left[number][plotted_rows]
                 before, after = ("before", "after") if number == 0 else (None, None)
                 for values, colour, label in ((raw, RAW, before), (left, GOOD, after)):
                     over_time.plot(minutes, values, color=colour, lw=0.8, label=label)
                     over_temperature.plot(
-                        course.temperature[shown], values, ".", ms=2, color=colour
+                        course.temperature[plotted_rows], values, ".", ms=2, color=colour
                     )
-                withheld = course.withheld[shown]
+                withheld = course.withheld[plotted_rows]
                 if withheld.any():
                     over_time.plot(
                         minutes[withheld], left[withheld], ".", ms=2, color=ALERT, label="withheld"
@@ -157,11 +161,13 @@ class ThermalReport:
                 title=channel.name, xlabel="time [min]", ylabel=f"less turn-on bias {unit}"
             )
             over_temperature.set(title=channel.name, xlabel="temperature [°C]")
-        below = axes[2 * len(channels)]
+        temperature_axes = axes[2 * len(channels)]
         for course, start in zip(self.courses, starts, strict=False):
-            shown = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
-            below.plot(course.minutes[shown] + start, course.temperature[shown], color=INK)
-        below.set(title="temperature", xlabel="time [min]", ylabel="temperature [°C]")
+            plotted_rows = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
+            temperature_axes.plot(
+                course.minutes[plotted_rows] + start, course.temperature[plotted_rows], color=INK
+            )
+        temperature_axes.set(title="temperature", xlabel="time [min]", ylabel="temperature [°C]")
         axes[-1].set_visible(False)
         axes[0].legend(loc="best", ncols=3)
         return figure

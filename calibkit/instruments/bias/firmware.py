@@ -82,9 +82,9 @@ def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> 
         reference = (
             Fraction(spec.reference_temp_degc) if column.endswith("_degc") else (low + high) / 2
         )
-        found = exact.mapped(powers(model, "p"), middle, half)
-        at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
-        bias = exact.add(found, (-at_rest,))
+        mapped_powers = exact.mapped(powers(model, "p"), middle, half)
+        at_rest = exact.value(mapped_powers, (min(max(reference, low), high) - middle) / half)
+        bias = exact.add(mapped_powers, (-at_rest,))
         if not exact.trimmed(bias):
             raise OutputError(
                 f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
@@ -121,12 +121,14 @@ def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach)
     paces = []
     for model in models:
-        own, name = Draft(), f"bias_{model.name}"
+        channel_draft, name = Draft(), f"bias_{model.name}"
         low, high = (model.value(end) for end in CASE_RANGE)
         followed = thermal_steps.followed(model)
-        mapped = own.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
-        source = thermal_steps.follow_terms(own, model, h, spec.reference_temp_degc, mapped)
-        draft.include(own, f"_{model.name}")
+        mapped = channel_draft.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
+        source = thermal_steps.follow_terms(
+            channel_draft, model, h, spec.reference_temp_degc, mapped
+        )
+        draft.include(channel_draft, f"_{model.name}")
         source, unit = f"{source}_{model.name}", model.residual_unit
         meaning = f"bias of {model.name}, to be subtracted from it"
         draft.output(name, unit, source, meaning, corrects=model.name)
@@ -134,15 +136,15 @@ def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
         draft.ranges.append(thermal_steps.say_followed(followed))
         paces.append(pace.FASTEST * thermal_steps.largest(model, RATE))
     highest = exact.round_to(float(min(paces)), 3, up=False)
-    found = draft.chain(
+    followed_chain = draft.chain(
         [model.form for model in models],
         FORMULA + "at rest " + AT_REFERENCE.format(spec.reference_temp_degc),
         interval_s=float(h),
         condition=f"the case moves by no more than {highest:.3g} degC/min",
     )
     rate = min(paces) / pace.FASTEST
-    found = pace.keep_time(found, CASE, rate, spec.thermal.max_gap_s)
-    return replace(found, trials=_thermal_history(found))
+    followed_chain = pace.keep_time(followed_chain, CASE, rate, spec.thermal.max_gap_s)
+    return replace(followed_chain, trials=_thermal_history(followed_chain))
 
 
 def _thermal_history(chain: Chain) -> Trials:
@@ -150,6 +152,6 @@ def _thermal_history(chain: Chain) -> Trials:
     low, high = (float(limit) for limit in chain.tables[chain.structure.inputs[0].table])
     # the input's word reaches beyond what is followed
     half = (high - low) / 2.0 / float(1 + 2 * thermal_steps.WIDER)
-    away, updates = zip(*HISTORY, strict=True)
-    case = (low + high) / 2.0 + half * np.array(away)
+    positions, updates = zip(*HISTORY, strict=True)
+    case = (low + high) / 2.0 + half * np.array(positions)
     return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))

@@ -101,16 +101,16 @@ def _fit_channel(
     designs = [polynomial.mapped_powers(x, entry.order, valid) for x, _ in rows]
     to_raw = designs[0][1]
     blocks = BiasBlocks.of([design for design, _ in designs], rows, valid)
-    turned = Turned.of_logs(blocks.log, blocks.place, blocks.count)
-    offered = [turn_on_bias(unit, blocks.log, turned.rows(np.ones(blocks.count.size)))]
+    rotation = Turned.of_logs(blocks.log, blocks.place, blocks.count)
+    log_errors = [turn_on_bias(unit, blocks.log, rotation.rows(np.ones(blocks.count.size)))]
     many_logs = len(rows) > 1
     if many_logs:
-        offered += blocks.wander(turned, unit)
-    stated = state_sizes(errors, offered)
-    shared = stated if many_logs else []
+        log_errors += blocks.wander(rotation, unit)
+    sized_errors = state_sizes(errors, log_errors)
+    shared = sized_errors if many_logs else []
     if shared and shared[0].size is None:
-        _require_levels_apart(shared[0], turned.rows(blocks.design), names)
-    estimate = bias_blocks.fit(blocks, turned, unit, shared, names)
+        _require_levels_apart(shared[0], rotation.rows(blocks.design), names)
+    estimate = bias_blocks.fit(blocks, rotation, unit, shared, names)
     coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows)), estimate.mixed
     if shared:
         turn_on = estimate.mixed[0].errors[:, 0]
@@ -122,17 +122,19 @@ def _fit_channel(
         # turned ones it makes P (Uᵀ D^½)⁻¹ · turned y, log by log
         weighted = blocks.design * blocks.count[:, None]
         P = np.linalg.solve(weighted.T @ blocks.design, weighted.T)
-        of_turned = [np.linalg.solve(turn.T, P[:, part].T).T for part, turn in turned.parts]
-        estimate = estimate.linear(np.hstack(of_turned), turned.rows(blocks.indication))
-        estimate = estimate.widened_by([error for error in stated if error.size is not None])
+        of_turned = [np.linalg.solve(turn.T, P[:, part].T).T for part, turn in rotation.parts]
+        estimate = estimate.linear(np.hstack(of_turned), rotation.rows(blocks.indication))
+        estimate = estimate.widened_by([error for error in sized_errors if error.size is not None])
     if not many_logs:  # the rows of one log show nothing of its turn-on bias: it is as stated
-        sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in stated)
-    at = np.vander(np.linspace(*valid, POINTS), count, increasing=True)
-    along = np.vstack([np.eye(count), at]) @ np.asarray(to_raw, dtype=np.float64)
-    covariance, dof = estimate.covariance, estimate.dof_along(along)
+        sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in sized_errors)
+    powers = np.vander(np.linspace(*valid, POINTS), count, increasing=True)
+    combinations = np.vstack([np.eye(count), powers]) @ np.asarray(to_raw, dtype=np.float64)
+    covariance, dof = estimate.covariance, estimate.dof_along(combinations)
     wanders = any(size.error.effect in COURSES for size in estimate.mixed)
     if wanders and len(rows) >= LEAST_LOGS:
-        covariance, dof = between_logs(estimate, turned.rows(blocks.design), blocks.log, along)
+        covariance, dof = between_logs(
+            estimate, rotation.rows(blocks.design), blocks.log, combinations
+        )
     raw, covariance = polynomial.in_raw_powers(coefficients, covariance, to_raw)
     dof[0] = dof[np.r_[0, count : dof.size]].min()  # p0 is in every value, itself beyond the logs
     means, residual_rms, over_noise = _bin_means(rows, valid, turn_on, raw)
@@ -159,8 +161,8 @@ def _fit_channel(
 
 def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
     """Refuse turn-on biases that rows of a design [m, p] do not separate from its coefficients."""
-    own = error.design(np.arange(len(design)))
-    if rank(np.hstack([design, own])) == len(names):
+    turn_on_columns = error.design(np.arange(len(design)))
+    if rank(np.hstack([design, turn_on_columns])) == len(names):
         raise FitError(
             f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
             f" {error.levels} of them, each at one value of the abscissa, expected more"
@@ -223,10 +225,10 @@ def compensate(
         reference = reference_of(model, spec.reference_temp_degc)
         x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
         zero = POLYNOMIAL.evaluate(model, {abscissa: np.array([reference])})
-        columns[entry.indication] = made = log.allocate(x.size)
-        for a, b in chunks.ranges_along(x, y, made):
+        columns[entry.indication] = corrected = log.allocate(x.size)
+        for a, b in chunks.ranges_along(x, y, corrected):
             bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x[a:b], low, high)})
-            made[a:b] = y[a:b] - (bias - zero)
+            corrected[a:b] = y[a:b] - (bias - zero)
             outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
         if outside:
             share = 100.0 * outside / x.size
@@ -279,15 +281,15 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     of_log = _fit_channel(entry, abscissa, rows, Errors(), log.allocate).model
     # the rows that it corrects, about their mean: of all powers but the level, which cancels
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
-    along = powers - powers.mean(axis=0)
-    both = np.array(of_log.covariance) + np.array(model.covariance)
-    both += _type_b(model, abscissa, spec.type_b)
-    judged = unseen(
-        along @ (POLYNOMIAL.read(of_log) - POLYNOMIAL.read(model))[1:],
-        along @ gum.square_root(both[1:, 1:]),
+    centred_powers = powers - powers.mean(axis=0)
+    covariance = np.array(of_log.covariance) + np.array(model.covariance)
+    covariance += _type_b(model, abscissa, spec.type_b)
+    comparison = unseen(
+        centred_powers @ (POLYNOMIAL.read(of_log) - POLYNOMIAL.read(model))[1:],
+        centred_powers @ gum.square_root(covariance[1:, 1:]),
         dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
     )
-    return judged.to_object()
+    return comparison.to_object()
 
 
 def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:
@@ -324,7 +326,7 @@ def _bin_means(
     """
     edges = np.linspace(*valid, BINS + 1)
     count, sums, square = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS)), 0.0
-    within = []
+    variances = []
     for (x_of, y_of), shift in zip(rows, level, strict=True):
         for start, stop in chunks.ranges_along(x_of, y_of):
             x, y = x_of[start:stop], y_of[start:stop] - shift
@@ -333,8 +335,8 @@ def _bin_means(
             sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
             residual = y - np.polynomial.polynomial.polyval(x, raw)
             square += float(np.sum(residual**2))
-            within.append(dispersion.variances_within(residual, y))
+            variances.append(dispersion.variances_within(residual, y))
     full = count > 0
     means = sums[0][full] / count[full], sums[1][full] / count[full]
     rms = float(np.sqrt(square / count.sum()))
-    return means, rms, dispersion.over_noise(rms, within)
+    return means, rms, dispersion.over_noise(rms, variances)

@@ -1,4 +1,9 @@
-"""Logs → power-ons: spans of rows between which the instrument stayed on, as block means."""
+"""Logs → power-ons: spans of rows between which the instrument stayed on, as block means.
+
+Each power-on has a turn-on bias of its own, and lags of the temperature go on within it: so a log
+is cut where its clock begins anew, at gaps and at stated instants, and logs are joined where one
+goes on when the other ends. Power-ons are cut into stretches, which `choice` leaves out in turn.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -155,9 +160,9 @@ def cut_stretches(
     total = sum(count for count in counts if count >= LEAST_BLOCKS)
     if total < 4 * LEAST_BLOCKS:
         raise FitError(
-            f"{', '.join(one.name for one in power_ons)}: {total} intervals of {interval_s:g} s in"
-            f" power-ons of at least {LEAST_BLOCKS}, expected at least {4 * LEAST_BLOCKS} to leave"
-            " stretches out",
+            f"{', '.join(entry.name for entry in power_ons)}: {total} intervals of {interval_s:g} s"
+            f" in power-ons of at least {LEAST_BLOCKS}, expected at least {4 * LEAST_BLOCKS} to"
+            " leave stretches out",
             hint="log longer, or shorten [thermal] interval_s",
         )
     size = max(total / STRETCHES, LEAST_BLOCKS)
@@ -186,12 +191,12 @@ def _cut(log: Log, raw: Log, spec: ThermalTable, interval_s: float) -> Iterator[
     # the recipe excludes, or that lack a value. The instrument was logged, so it stayed on.
     skipped = log.frame.index[gaps + 1].to_numpy() - log.frame.index[gaps].to_numpy()
     logged_gaps = gaps[skipped > 1]
-    stated = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
-    again = {int(row) for row in np.searchsorted(time, stated) if 0 < row < time.size}
-    again |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
-    unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, logged_gaps)} - again
-    again |= unexplained
-    edges = sorted({0, time.size} | again | {int(row) + 1 for row in gaps})
+    power_on_times = [entry.at_s for entry in spec.power_on if entry.log in (log.file, log.name)]
+    switched_on = {int(row) for row in np.searchsorted(time, power_on_times) if 0 < row < time.size}
+    switched_on |= {int(row) for row in _restarted_rows(values(raw.frame, "time_s"))}
+    unexplained = {int(row) + 1 for row in np.setdiff1d(gaps, logged_gaps)} - switched_on
+    switched_on |= unexplained
+    edges = sorted({0, time.size} | switched_on | {int(row) + 1 for row in gaps})
     zero, clock = 0.0, log.file
     if log.origin is not None:
         zero, clock = log.origin.nanoseconds / 1e9, log.origin.kind
@@ -204,7 +209,7 @@ def _cut(log: Log, raw: Log, spec: ThermalTable, interval_s: float) -> Iterator[
                 " max_gap_s"
             )
         begins, lasts = zero + float(time[first]), float(time[stop - 1] - time[first])
-        yield _Span(log, first, stop, begins, lasts, clock, first in again, first > 0, note)
+        yield _Span(log, first, stop, begins, lasts, clock, first in switched_on, first > 0, note)
 
 
 def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
@@ -216,7 +221,10 @@ def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
     if before.log is span.log:
         return True
     for session in spec.sessions:
-        inside = [one.log.file in session or one.log.name in session for one in (before, span)]
+        inside = [
+            neighbour.log.file in session or neighbour.log.name in session
+            for neighbour in (before, span)
+        ]
         if any(inside):
             return all(inside)
     return _adjoins(before, span, spec)
@@ -224,8 +232,8 @@ def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
 
 def _adjoins(before: _Span, span: _Span, spec: ThermalTable) -> bool:
     """Whether a span begins on the same clock after another one has ended, without a long gap."""
-    apart = span.begins - (before.begins + before.lasts)
-    return before.clock == span.clock and 0.0 < apart <= spec.max_gap_s
+    gap_s = span.begins - (before.begins + before.lasts)
+    return before.clock == span.clock and 0.0 < gap_s <= spec.max_gap_s
 
 
 def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name: str) -> PowerOn:
@@ -238,8 +246,11 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
     for k, span in enumerate(group):
         rows, log = slice(span.first, span.stop), span.log
         time, case = (values(log.frame, column)[rows] for column in COLUMNS)
-        held = intervals.Intervals.find(time, interval_s, log.steps.usual)
-        means, temperature = held.means(time, origin=float(time[0])), held.means(case)
+        model_intervals = intervals.Intervals.find(time, interval_s, log.steps.usual)
+        means, temperature = (
+            model_intervals.means(time, origin=float(time[0])),
+            model_intervals.means(case),
+        )
         before = group[k - 1]
         joined = k > 0 and not span.after_gap and _adjoins(before, span, spec)
         if k:
@@ -255,7 +266,11 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
                 )
         for channel, blocks in channels.items():
             column = values(log.frame, channel)[rows]
-            blocks.append(occupancy.means(column, held, without=occupancy.spikes(column, held)))
+            blocks.append(
+                occupancy.means(
+                    column, model_intervals, excluded=occupancy.spikes(column, model_intervals)
+                )
+            )
         fitted, instants = np.ones(means.size, dtype=bool), means + time[0]
         for entry in spec.withheld:
             if entry.log in (log.file, log.name):
@@ -264,10 +279,10 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
         spans.append((log.file, span.first, span.stop, begins))
         row += means.size
     time, case, fitted = (np.concatenate(part) for part in zip(*parts, strict=True))
-    still, part = np.zeros_like(time), np.zeros(time.size, dtype=np.int64)
+    no_indication, part = np.zeros_like(time), np.zeros(time.size, dtype=np.int64)
     return PowerOn(
         name,
-        ThermalLog(name, time, case, case, still, part, fitted, tuple(starts)),
+        ThermalLog(name, time, case, case, no_indication, part, fitted, tuple(starts)),
         {channel: np.concatenate(blocks) for channel, blocks in channels.items()},
         fitted,
         tuple(spans),
@@ -279,7 +294,7 @@ def _starting_rate(time: Array, case: Array) -> float:
     """Rate [°C/min] at which the temperature came to the first of blocks [n], 0 unless it goes on
     steadily: a warm-up slows down, and a ramp that begins in the log speeds up.
     """
-    both = []
+    rates = []
     for start in (0.0, STARTING_S):
         inside = (time >= start) & (time < start + STARTING_S)
         if np.count_nonzero(inside) < 5:
@@ -288,8 +303,8 @@ def _starting_rate(time: Array, case: Array) -> float:
         rate = float(t @ y / (t @ t))
         left = y - y.mean() - rate * t
         u = float(np.sqrt(left @ left / (t.size - 2) / (t @ t)))
-        both.append((60.0 * rate, 60.0 * u))
-    (first, u_first), (second, u_second) = both
+        rates.append((60.0 * rate, 60.0 * u))
+    (first, u_first), (second, u_second) = rates
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
     return 0.5 * (first + second) if steady and sure and abs(first) >= MOVING_DEGC_MIN else 0.0

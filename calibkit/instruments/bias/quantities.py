@@ -32,8 +32,8 @@ def reference_of(model: Model, reference_degc: float) -> float:
     fitted range, of an abscissa in another unit the middle of the range.
     """
     column, (low, high) = next(iter(model.valid.items()))
-    wanted = reference_degc if column.endswith("_degc") else (low + high) / 2.0
-    return float(np.clip(wanted, low, high))
+    reference = reference_degc if column.endswith("_degc") else (low + high) / 2.0
+    return float(np.clip(reference, low, high))
 
 
 def bias(stage: str, model: Model) -> Quantity:
@@ -53,14 +53,14 @@ def bias(stage: str, model: Model) -> Quantity:
             principal=True,
         )
 
-    def point(at: At) -> Point:
-        columns = {column: np.array([value]) for column, value in at.items()}
+    def point(operating_point: At) -> Point:
+        columns = {column: np.array([value]) for column, value in operating_point.items()}
         form = forms.FORMS[model.form]
         slope = float(thermal_forms.slope_over_case(model, columns)[0])
         return Point(
             float(form.evaluate(model, columns)[0]),
             ((model, form.gradient(model, columns)[0]),),
-            {CASE: (at[CASE], slope)},
+            {CASE: (operating_point[CASE], slope)},
             ((MODEL_ERROR, *thermal_forms.model_error(model)),),
         )
 

@@ -170,9 +170,9 @@ class ThermalRecipe(Recipe):
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
         """Sessions, power-ons and withheld stretches, with the logs that they name."""
-        own = self.thermal
+        table = self.thermal
         return (
-            (("thermal", "sessions"), tuple(log for logs in own.sessions for log in logs)),
-            (("thermal", "power_on"), tuple(entry.log for entry in own.power_on)),
-            (("thermal", "withheld"), tuple(entry.log for entry in own.withheld)),
+            (("thermal", "sessions"), tuple(log for logs in table.sessions for log in logs)),
+            (("thermal", "power_on"), tuple(entry.log for entry in table.power_on)),
+            (("thermal", "withheld"), tuple(entry.log for entry in table.withheld)),
         )

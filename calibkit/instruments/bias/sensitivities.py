@@ -17,7 +17,7 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
     """Sensitivities of every coefficient to an offset, a scale and a span of the abscissa, and to
     an offset and a scale of the channel's own indication.
     """
-    listed = []
+    sensitivities = []
     for model in result.models:
         abscissa, (low, high) = next(iter(model.valid.items()))
         middle, half = (high + low) / 2.0, (high - low) / 2.0 or 1.0
@@ -40,7 +40,9 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
             (model.name, "scale", value),
         )
         for column, kind, derivatives in errors:
-            named = {f"{result.stage}.{model.name}.{n}": d for n, d in derivatives.items() if d}
-            listed.append(Sensitivity(column, kind, named))
-        listed += list_time_errors(result.stage, model)
-    return tuple(listed)
+            by_coefficient = {
+                f"{result.stage}.{model.name}.{n}": d for n, d in derivatives.items() if d
+            }
+            sensitivities.append(Sensitivity(column, kind, by_coefficient))
+        sensitivities += list_time_errors(result.stage, model)
+    return tuple(sensitivities)

@@ -80,8 +80,8 @@ def _layers(board: Array, diffusion_s: float) -> Array:
         a, b, *_ = cont2discrete(
             (np.array([[value]]), np.array([[share]]), np.eye(1), np.zeros((1, 1))), 1.0
         )
-        above = lfilter([0.0, float(b[0, 0])], [1.0, -float(a[0, 0])], board - board[0])
-        modes[:, m] = above
+        mode_response = lfilter([0.0, float(b[0, 0])], [1.0, -float(a[0, 0])], board - board[0])
+        modes[:, m] = mode_response
     return np.asarray(modes @ vectors.T + board[0])
 
 
@@ -107,8 +107,8 @@ def true_drift(channel: _Channel, layers: Array) -> Array:
     rate = np.gradient(inner) * SECONDS_PER_MINUTE
     first, second, third = channel.powers
     static = first * z + second * z**2 + third * z**3
-    moved = (channel.rate + channel.rate_by_temperature * z) * rate
-    return np.asarray(static + channel.stress * (layers[:, 0] - inner) + moved)
+    rate_drift = (channel.rate + channel.rate_by_temperature * z) * rate
+    return np.asarray(static + channel.stress * (layers[:, 0] - inner) + rate_drift)
 
 
 def campaign(seed: int) -> Campaign:

@@ -25,11 +25,11 @@ def fit_summary(
     for k, channel in enumerate(channels):
         factor, unit = (1e6, "µg") if channel.unit == "g" else (1.0, unit_mark(channel.unit))
         before, after = factor * channel.before, factor * channel.after
-        chosen, model = channel.choice.chosen, channel.choice.model
+        chosen_errors, model = channel.choice.chosen_errors, channel.choice.model
         models.append(
             (
                 channel.name,
-                chosen.name,
+                chosen_errors.name,
                 ", ".join(f"{lag:.0f}" for lag in model.lags),
                 number(before),
                 number(after),
@@ -39,8 +39,8 @@ def fit_summary(
         )
         for tested in channel.choice.tested:
             row = errors.setdefault(tested.name, [""] * len(channels))
-            row[k] = f"{number(tested.pooled, 3)}{' *' if tested is chosen else ''}"
-        terms = chosen.name if channel.varies else "no drift term needed"
+            row[k] = f"{number(tested.pooled, 3)}{' *' if tested is chosen_errors else ''}"
+        terms = chosen_errors.name if channel.varies else "no drift term needed"
         drifts.append(
             f"{channel.name}: drift in a power-on (rms) {before:.3g} {unit} before,"
             f" {after:.3g} {unit} after ({terms})."
@@ -51,7 +51,7 @@ def fit_summary(
             withheld.append((channel.name, *cells, channel.unit))
         if limits.min_reduction is not None and channel.varies:
             name = f"{channel.name}: reduction on left-out stretches"
-            reduction = channel.choice.constant.pooled / chosen.pooled
+            reduction = channel.choice.constant.pooled / chosen_errors.pooled
             criteria.append(at_least(name, reduction, limits.min_reduction, "1"))
         if limits.max_residual_over_noise is not None:
             name, limit = f"{channel.name}: residual over noise", limits.max_residual_over_noise
@@ -78,13 +78,13 @@ def fit_summary(
 def validation_summary(
     entries: Sequence[Mapping[str, Any]],
     title: str,
-    judged: str,
+    error_name: str,
     *,
     min_reduction: float | None = None,
     max_residual_over_noise: float | None = None,
 ) -> Summary:
-    """Summary of a validation: each channel before and after, what of it is `judged` by its
-    uncertainty, and criteria of the limits that are stated.
+    """Summary of a validation: each channel before and after, the error that its uncertainty is
+    compared with, by its name, and criteria of the limits that are stated.
     """
     rows: list[tuple[str, ...]] = []
     errors, criteria = [], []
@@ -95,13 +95,16 @@ def validation_summary(
             if "share_within_expanded_uncertainty" in channel:
                 cells.append(f"{channel['share_within_expanded_uncertainty']:.0%}")
             rows.append((entry["name"], channel["name"], *cells))
-            errors.append((f"{name}: {judged}", channel))
+            errors.append((f"{name}: {error_name}", channel))
             if min_reduction is not None and channel["reduction"] is not None:
-                what, ratio = f"{name}: reduction", channel["reduction"]
-                criteria.append(at_least(what, ratio, min_reduction, "1"))
+                criterion_name, ratio = f"{name}: reduction", channel["reduction"]
+                criteria.append(at_least(criterion_name, ratio, min_reduction, "1"))
             if max_residual_over_noise is not None:
-                what, ratio = f"{name}: residual over noise", channel["residual_over_noise"]
-                criteria.append(at_most(what, ratio, max_residual_over_noise, "1"))
+                criterion_name, ratio = (
+                    f"{name}: residual over noise",
+                    channel["residual_over_noise"],
+                )
+                criteria.append(at_most(criterion_name, ratio, max_residual_over_noise, "1"))
     heads = ("log", "channel", "before", "after", "unit", "within")
     width = max(map(len, rows), default=5)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)

@@ -1,4 +1,10 @@
-"""Bias of the channels of a static instrument against one thermometer: logs → thermal.json."""
+"""Bias of the channels of a static instrument against one thermometer: logs → thermal.json.
+
+    y = b_0 + b_1 T + b_2 T² + b_3 T³ + s_r dT/dt + s_G G + s_Tr T dT/dt + turn-on bias
+
+T is the thermometer's temperature or one that lags behind it, G its excess over a second lag. Logs
+become `power_ons`, these a model of each `channels`, whose terms `choice` takes.
+"""
 
 from __future__ import annotations
 
@@ -48,36 +54,36 @@ def read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.rea
 
 def _find_unusable(spec: ThermalRecipe, log: Log, min_rows: int) -> list[Finding]:
     """What is wrong with a log whose clock was mended, for compensation."""
-    found = [
+    findings = [
         *checks.find_too_few_rows(log, min_rows),
         *checks.find_missing_values(log, list(log.frame.columns)),
     ]
-    if any(finding.refused for finding in found):
-        return found
-    found += checks.find_unordered_times(log)
-    found += checks.find_implausible_temperatures(log, [power_ons.CASE])
+    if any(finding.refused for finding in findings):
+        return findings
+    findings += checks.find_unordered_times(log)
+    findings += checks.find_implausible_temperatures(log, [power_ons.CASE])
     for name in spec.thermal.channels:
         if name.endswith("_dph"):
-            found += checks.find_implausible_rates(log, name)
-    return found
+            findings += checks.find_implausible_rates(log, name)
+    return findings
 
 
 def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log whose clock was mended, for a fit."""
-    found = _find_unusable(spec, log, spec.thermal.min_rows)
-    if any(finding.refused for finding in found):
-        return found
-    found += checks.find_constant_columns(log, [power_ons.CASE, *spec.thermal.channels])
-    if any(finding.refused for finding in found):
-        return found
-    found += checks.series.check_temperature(log, power_ons.CASE)
-    found += checks.thermometers.find_lost_sign(log, power_ons.CASE)
+    findings = _find_unusable(spec, log, spec.thermal.min_rows)
+    if any(finding.refused for finding in findings):
+        return findings
+    findings += checks.find_constant_columns(log, [power_ons.CASE, *spec.thermal.channels])
+    if any(finding.refused for finding in findings):
+        return findings
+    findings += checks.series.check_temperature(log, power_ons.CASE)
+    findings += checks.thermometers.find_lost_sign(log, power_ons.CASE)
     for column in spec.still_columns():
-        found += checks.series.check_indication(log, column, units.column_unit(column))
+        findings += checks.series.check_indication(log, column, units.column_unit(column))
     # an instrument that is left alone may warm as slowly as it likes
-    found += checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0)
-    found += checks.magnitude.find_compensated_names(log, spec, spec.still_columns())
-    return found
+    findings += checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0)
+    findings += checks.magnitude.find_compensated_names(log, spec, spec.still_columns())
+    return findings
 
 
 def faults(spec: ThermalRecipe, log: Log) -> Examined:
@@ -96,23 +102,23 @@ def fit(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         mended = power_ons.mend_clock(log, spec.thermal)
-        found = _find_faults(spec, mended)
-        refuse(found)
+        findings = _find_faults(spec, mended)
+        refuse(findings)
         raw.append(log)
         logs.append(mended)
         flags += [f"{log.file}: {note}" for note in mended.notes]
-        flags += [str(finding) for finding in found if finding.flagged]
+        flags += [str(finding) for finding in findings if finding.flagged]
     power_ons.refuse_little_change(logs, spec.thermal)
     interval_s = power_ons.choose_interval(logs, spec.thermal)
-    together = power_ons.find_power_ons(logs, raw, spec.thermal, interval_s)
-    together, notes = power_ons.cut_stretches(together, interval_s)
-    flags += [*notes, *(note for one in together for note in one.notes)]
+    found_power_ons = power_ons.find_power_ons(logs, raw, spec.thermal, interval_s)
+    found_power_ons, notes = power_ons.cut_stretches(found_power_ons, interval_s)
+    flags += [*notes, *(note for power_on in found_power_ons for note in power_on.notes)]
     fitted = [
-        channels.fit_channel(name, together, spec, interval_s)
+        channels.fit_channel(name, found_power_ons, spec, interval_s)
         for name in progress(spec.thermal.channels, "fitting")
     ]
     flags += [flag for channel in fitted for flag in channel.flags]
-    if len(together) == 1 and not spec.errors.component:
+    if len(found_power_ons) == 1 and not spec.errors.component:
         flags.append(
             f"{EFFECT} of the {GROUP}: one {GROUP} cannot show how another differs, so it is in no"
             " uncertainty; log more of them, or state the size in [[errors.component]]"
@@ -120,8 +126,12 @@ def fit(
     flags = list(dict.fromkeys(flags))
     result = channels.result(fitted, interval_s, flags)
     courses = tuple(
-        Course((one.blocks.time - one.blocks.time[0]) / 60.0, one.blocks.case, ~one.fitted)
-        for one in together
+        Course(
+            (power_on.blocks.time - power_on.blocks.time[0]) / 60.0,
+            power_on.blocks.case,
+            ~power_on.fitted,
+        )
+        for power_on in found_power_ons
     )
     return Fitted(
         (result,),
@@ -167,8 +177,8 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     if not (evidence.cycles("temp_case_degc") or evidence.cycles("temp_env_degc")):
         return None
 
-    def keys_of(listed: Sequence[str]) -> dict[str, str]:
-        same = sorted(listed) == sorted(SHIPPED)
-        return {} if same else {"channels": json.dumps(list(listed))}
+    def keys_of(channel_names: Sequence[str]) -> dict[str, str]:
+        as_shipped = sorted(channel_names) == sorted(SHIPPED)
+        return {} if as_shipped else {"channels": json.dumps(list(channel_names))}
 
     return evidence.choose_at_rest("thermal", keys_of)

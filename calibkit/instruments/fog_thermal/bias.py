@@ -64,23 +64,23 @@ def state_bias(
     """Bias at rest at the reference temperature and hysteresis, if the logs determine them; a rate
     at rest needs a level or lagged model or a bank, which separates rate and drift.
     """
-    stated = StatedBias()
+    statement = StatedBias()
     if model.thermal is None:
-        stated.flags.append(NO_BIAS)
+        statement.flags.append(NO_BIAS)
     else:
-        _state_at_rest(stated, model.thermal, logs, recipe)
-        stated.flags += [*_flag_hysteresis(model.thermal), *_say_where_observed(logs)]
-    _state_hysteresis(stated, model, logs)
-    return stated
+        _state_at_rest(statement, model.thermal, logs, recipe)
+        statement.flags += [*_flag_hysteresis(model.thermal), *_say_where_observed(logs)]
+    _state_hysteresis(statement, model, logs)
+    return statement
 
 
 def _state_at_rest(
-    stated: StatedBias, thermal: OnLevels, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
+    statement: StatedBias, thermal: OnLevels, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
 ) -> None:
     """State rate at rest, earth's rate and bias, and the turn-on bias of each log."""
     degc = thermal.nearest_fitted(recipe.reference_temp_degc)
     if degc != recipe.reference_temp_degc:
-        stated.flags.append(
+        statement.flags.append(
             f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
             f" temperatures: rate and bias are those at {degc:.1f} °C"
         )
@@ -99,36 +99,36 @@ def _state_at_rest(
     u, dof = combined.standard_uncertainty, number_or_none(combined.effective_dof)
 
     axis, latitude = recipe.input_axis, recipe.site.latitude_deg
-    stated.figures.append(Figure("mean_rate_at_reference", rate, "deg/h", u, dof))
+    statement.figures.append(Figure("mean_rate_at_reference", rate, "deg/h", u, dof))
     name, bias = f"rate at rest, earth's rate in it, at {degc:g} °C", rate
     if axis is None or latitude is None:
         unknown = "the earth's rate in the rate at rest is not known without [site] latitude_deg"
-        stated.flags.append(Remark(f"{unknown} and [input_axis]"))
+        statement.flags.append(Remark(f"{unknown} and [input_axis]"))
     else:
-        where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
-        earth_rate = float(earth.along_axis(*where))
+        axis_angles = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
+        earth_rate = float(earth.along_axis(*axis_angles))
         name, bias = f"bias at {degc:g} °C", rate - earth_rate
-        stated.figures.append(Figure("earth_rate_along_input_axis", earth_rate, "deg/h", 0.0))
-        stated.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
-        by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*where).tolist()
+        statement.figures.append(Figure("earth_rate_along_input_axis", earth_rate, "deg/h", 0.0))
+        statement.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
+        by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*axis_angles).tolist()
         written = forms.write_thermal(thermal, recipe.drift.interval_s)
         by_case = float(forms.slope_over_case(written, {CASE: np.array([degc])})[0])
-        known = {
+        inputs = {
             "latitude_deg": (latitude, -by_latitude),
             "gyro_dph": (rate, 1.0),
             "temp_case_degc": (degc, by_case),
             "input_axis_elevation_deg": (axis.elevation_deg, -by_elevation),
             "input_axis_azimuth_deg": (axis.azimuth_deg or 0.0, -by_azimuth),
         }
-        of_equipment = type_b.terms_of(recipe.type_b, RESULT, bias, known).components
+        of_equipment = type_b.terms_of(recipe.type_b, RESULT, bias, inputs).components
         if of_equipment:
             of_bias = [replace(part, estimate=bias) for part in parts]
-            stated.uncertainty.append(
+            statement.uncertainty.append(
                 budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *of_equipment])
             )
-    stated.at_rest = KeyValue(name, bias, "°/h", u)
+    statement.at_rest = KeyValue(name, bias, "°/h", u)
     for log, value in zip(logs, thermal.turn_on.tolist(), strict=True):
-        stated.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
+        statement.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
 
 
 def _half_spread(model: OnLevels) -> float:
@@ -168,26 +168,30 @@ def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
     widest = max(np.diff(observed), default=0.0)
     if widest <= DENSE_SOAKS_DEGC:
         return []
-    listed = ", ".join(f"{degc:.0f}" for degc in observed)
+    observed_text = ", ".join(f"{degc:.0f}" for degc in observed)
     return [
         Remark(
-            f"the drift at rest was observed at {listed} °C; between them it is inferred from logs"
-            f" in motion, and an anomaly narrower than {widest:.0f} °C is not in its uncertainty:"
-            f" where that matters, soak every {DENSE_SOAKS_DEGC:g} °C, up and down"
+            f"the drift at rest was observed at {observed_text} °C; between them it is inferred"
+            f" from logs in motion, and an anomaly narrower than {widest:.0f} °C is not in its"
+            f" uncertainty: where that matters, soak every {DENSE_SOAKS_DEGC:g} °C, up and down"
         )
     ]
 
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     """Latitude [°], and elevation and azimuth of the input axis [°], if given."""
-    known = {"latitude": recipe.site.latitude_deg}
+    angles = {"latitude": recipe.site.latitude_deg}
     if recipe.input_axis is not None:
-        known["input_axis_elevation"] = recipe.input_axis.elevation_deg
-        known["input_axis_azimuth"] = recipe.input_axis.azimuth_deg
-    return tuple(Condition(name, at, "deg") for name, at in known.items() if at is not None)
+        angles["input_axis_elevation"] = recipe.input_axis.elevation_deg
+        angles["input_axis_azimuth"] = recipe.input_axis.azimuth_deg
+    return tuple(
+        Condition(name, angle, "deg") for name, angle in angles.items() if angle is not None
+    )
 
 
-def _state_hysteresis(stated: StatedBias, model: DriftModel, logs: Sequence[PreparedLog]) -> None:
+def _state_hysteresis(
+    statement: StatedBias, model: DriftModel, logs: Sequence[PreparedLog]
+) -> None:
     """State the hysteresis (cooling less heating at equal case temperature) of the indication and
     of the residual drift of the model, if there is one; nothing without ramps both ways.
 
@@ -203,19 +207,19 @@ def _state_hysteresis(stated: StatedBias, model: DriftModel, logs: Sequence[Prep
     if model.thermal is not None:
         after = hysteresis.compare_directions(model.thermal, thermal)
         of_turn_on = decision.compare_turn_on(model.thermal, logs)
-    shown = (
+    curves = (
         ("hysteresis_before", "indication", before),
         ("hysteresis", "left by the model", after),
     )
-    for name, words, side in shown:
+    for name, words, side in curves:
         if side is None:
             continue
-        stated.hysteresis.append((words, side))
-        stated.figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
-        each = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
-        for degc, value, u in each:
-            at = f"{name}_at_{degc:g}_degc"
-            stated.figures.append(Figure(at, float(value), "deg/h", float(u)))
+        statement.hysteresis.append((words, side))
+        statement.figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
+        points = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
+        for degc, value, u in points:
+            figure_name = f"{name}_at_{degc:g}_degc"
+            statement.figures.append(Figure(figure_name, float(value), "deg/h", float(u)))
     if of_turn_on is not None:
         name = "turn_on_bias_cooling_less_heating"
-        stated.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))
+        statement.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))

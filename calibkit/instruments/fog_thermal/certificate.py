@@ -1,4 +1,6 @@
-"""Certificate of the thermal drift: exported model, drift at rest and on ramps, hysteresis."""
+"""Certificate of the thermal drift: exported model, drift at rest and on ramps, hysteresis; the
+equations of each model form stand beside its tables.
+"""
 
 from dataclasses import replace
 
@@ -94,41 +96,41 @@ BANK = Equation(
 EXPORTED = (OVER_RATES, LEVEL, LAGGED, BANK)
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Blocks of the exported drift model and of the coefficients of each ramp."""
     laid_out: list[Block] = []
-    if forms.FILE in stated.records:
-        laid_out.append(_exported(stated, stated.records[forms.FILE]))
-    if "drift.json" in stated.records and stated.records["drift.json"].models:
-        laid_out.append(_ramps(stated, stated.records["drift.json"]))
+    if forms.FILE in basis.records:
+        laid_out.append(_exported(basis, basis.records[forms.FILE]))
+    if "drift.json" in basis.records and basis.records["drift.json"].models:
+        laid_out.append(_ramps(basis, basis.records["drift.json"]))
     return tuple(laid_out)
 
 
-def _exported(stated: Stated, record: Record) -> Block:
+def _exported(basis: Stated, record: Record) -> Block:
     """Block of the exported drift model, or of the statement that none was exported."""
     tables: list[Table | None] = []
     figures = []
-    notes = note_models(stated, record.models)
+    notes = note_models(basis, record.models)
     for model in record.models:
         title = Words(f"Coefficients of {model.name}", f"{model.name} 系数")
         if model.form in forms.ON_LEVELS:
-            levels = OnLevels(model, stated.reference_degc)
+            levels = OnLevels(model, basis.reference_degc)
             _, rate = on_levels(record.stage, levels)
             # b0 is the rate at rest at the model's origin, and as uncertain as one
             origin = {CASE: ORIGIN_DEGC if model.form == forms.BANK.name else 0.0}
-            drift = _tabulate_drift(stated, record, levels)
+            drift = _tabulate_drift(basis, record, levels)
             tables += [
-                list_coefficients(stated, record, model, title, [rate], origin),
-                _list_bias(stated, record, levels),
+                list_coefficients(basis, record, model, title, [rate], origin),
+                _list_bias(basis, record, levels),
                 drift,
             ]
             if drift is not None:
                 label = Words("drift [°/h]", "漂移 [°/h]")
                 figures.append(plot(drift, label, labels=drift.heads[:3]))
         else:
-            tables.append(list_coefficients(stated, record, model, title))
+            tables.append(list_coefficients(basis, record, model, title))
             if model.form == forms.OVER_RATES.name:
-                tables.append(_tabulate_rates(stated, record, model))
+                tables.append(_tabulate_rates(basis, record, model))
     if not record.models:
         notes.append(
             Words(
@@ -139,33 +141,33 @@ def _exported(stated: Stated, record: Record) -> Block:
     used = {model.form for model in record.models}
     exported = [equation for equation in EXPORTED if equation.form in used]
     title = Words("Thermal drift: the exported model", "热致漂移：输出模型")
-    tables.append(_before_after(stated, record))
+    tables.append(_before_after(basis, record))
     return make_block(record, title, exported, tables, figures, notes)
 
 
-def _list_bias(stated: Stated, record: Record, levels: OnLevels) -> ListTable:
+def _list_bias(basis: Stated, record: Record, levels: OnLevels) -> ListTable:
     """Bias at the reference including the earth's rate, and without it if latitude and attitude of
     the input axis are known.
     """
     _, rate = on_levels(record.stage, levels)
-    at = {CASE: levels.reference}
+    reference_point = {CASE: levels.reference}
     words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
-    bias = state(stated, replace(rate, words=words, inputs=rate.inputs[:1]), at)
+    bias = state(basis, replace(rate, words=words, inputs=rate.inputs[:1]), reference_point)
     results = [bias]
     figures = {figure.name: figure for figure in record.figures}
-    where = {condition.name: condition.value for condition in record.conditions}
-    if BIAS in figures and {"latitude", "input_axis_elevation"} <= where.keys():
-        latitude, elevation = where["latitude"], where["input_axis_elevation"]
-        azimuth = where.get("input_axis_azimuth", 0.0)
+    condition_values = {condition.name: condition.value for condition in record.conditions}
+    if BIAS in figures and {"latitude", "input_axis_elevation"} <= condition_values.keys():
+        latitude, elevation = condition_values["latitude"], condition_values["input_axis_elevation"]
+        azimuth = condition_values.get("input_axis_azimuth", 0.0)
         axis = latitude, elevation, azimuth
         by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*axis).tolist()
-        rest = levels.rate(at)
-        without = Quantity(
+        rate_at_rest = levels.rate(reference_point)
+        bias_alone = Quantity(
             *(BIAS, record.stage, ""),
             Words("bias at rest without the earth's rate", "稳态零偏（不含地球自转分量）"),
             *("deg/h", ()),
             lambda _: replace(
-                rest,
+                rate_at_rest,
                 value=figures[BIAS].value,
                 influences={
                     "latitude_deg": (latitude, -by_latitude),
@@ -176,17 +178,17 @@ def _list_bias(stated: Stated, record: Record, levels: OnLevels) -> ListTable:
             called=(bias.quantity, "bias"),
             symbol="B",
         )
-        results.append(replace(state(stated, without, {}), at=bias.at))
+        results.append(replace(state(basis, bias_alone, {}), at=bias.at))
     place = f"{levels.reference:g} °C"
     return ListTable(Words(f"Bias at {place}", f"{place} 零偏"), tuple(results))
 
 
-def _tabulate_drift(stated: Stated, record: Record, levels: OnLevels) -> GridTable | None:
+def _tabulate_drift(basis: Stated, record: Record, levels: OnLevels) -> GridTable | None:
     """Drift over temperature: at rest, on ramps in both directions, and between the two."""
     reference, case = f"{levels.reference:g} °C", levels.inputs[:1]
-    temperatures = stated.grid(CASE, case[0].low, case[0].high)
+    temperatures = basis.grid(CASE, case[0].low, case[0].high)
     drift, _ = on_levels(record.stage, levels)
-    rest = replace(
+    drift_at_rest = replace(
         drift,
         words=Words("thermal drift at rest", "稳态热致漂移"),
         inputs=case,
@@ -199,16 +201,16 @@ def _tabulate_drift(stated: Stated, record: Record, levels: OnLevels) -> GridTab
         f"ref.：按定义，{reference} 稳态漂移为零。",
     )
     return tabulate(
-        stated,
+        basis,
         title,
-        [(AT_REST, rest), *_on_ramps(rest, levels)],
+        [(AT_REST, drift_at_rest), *_on_ramps(drift_at_rest, levels)],
         temperatures,
         note=note if levels.reference in temperatures else None,
         principal_at=temperatures[-1] if temperatures else None,
     )
 
 
-def _on_ramps(rest: Quantity, levels: OnLevels) -> list[tuple[Words, Quantity]]:
+def _on_ramps(drift_at_rest: Quantity, levels: OnLevels) -> list[tuple[Words, Quantity]]:
     """Drift of a model with lags on its fastest ramp in both directions, and what lies between the
     two; it holds where the coil is within its range.
     """
@@ -219,32 +221,34 @@ def _on_ramps(rest: Quantity, levels: OnLevels) -> list[tuple[Words, Quantity]]:
 
     def on_ramp(way: float) -> Quantity:
         return replace(
-            rest,
+            drift_at_rest,
             name=f"drift_{way:+g}",
             words=Words("thermal drift on a ramp", "温变热致漂移"),
-            inputs=(*rest.inputs, QuantityInput(RATE, low, high, way)),
+            inputs=(*drift_at_rest.inputs, QuantityInput(RATE, low, high, way)),
             beyond=levels.beyond,
             principal=False,
         )
 
-    def between(at: At) -> Point:
-        return less(levels.rate(at), levels.rate({**at, RATE: -rate}))
+    def between(operating_point: At) -> Point:
+        return less(levels.rate(operating_point), levels.rate({**operating_point, RATE: -rate}))
 
-    apart = replace(
+    difference = replace(
         on_ramp(rate),
         name=f"hysteresis_{rate:g}",
         words=Words("hysteresis", "滞回"),
         point=between,
-        beyond=lambda at: levels.beyond(at) or levels.beyond({**at, RATE: -rate}),
+        beyond=lambda operating_point: (
+            levels.beyond(operating_point) or levels.beyond({**operating_point, RATE: -rate})
+        ),
     )
     return [
         (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), on_ramp(rate)),
         (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), on_ramp(-rate)),
-        (Words("heating − cooling", "升温 − 降温"), apart),
+        (Words("heating − cooling", "升温 − 降温"), difference),
     ]
 
 
-def _tabulate_rates(stated: Stated, record: Record, model: Model) -> GridTable | None:
+def _tabulate_rates(basis: Stated, record: Record, model: Model) -> GridTable | None:
     """Table of a_j at temperature rates within the fitted range."""
     rates = ranged(model, RATE)
     points = [rate for rate in COEFFICIENT_RATES if rates.low <= rate <= rates.high]
@@ -260,14 +264,14 @@ def _tabulate_rates(stated: Stated, record: Record, model: Model) -> GridTable |
         f"漂移系数随温变速率（{model.name}）",
     )
     points = points or [rates.low, rates.high]
-    return tabulate(stated, title, columns, points, row_head=Words("r [°C/min]"))
+    return tabulate(basis, title, columns, points, row_head=Words("r [°C/min]"))
 
 
-def _before_after(stated: Stated, record: Record) -> GridTable:
+def _before_after(basis: Stated, record: Record) -> GridTable:
     """Table of the fitted logs' drift rms before and after compensation, with the rate gain."""
     figures = {figure.name: figure for figure in record.figures}
     logs = [name.partition(".")[2] for name in figures if name.startswith("drift_rms_before.")]
-    named = (
+    figure_kinds = (
         ("drift_rms_before", Words("before", "补偿前"), "deg/h"),
         ("drift_rms_after", Words("after", "补偿后"), "deg/h"),
         ("noise_rms", Words("noise alone", "仅噪声"), "deg/h"),
@@ -275,11 +279,11 @@ def _before_after(stated: Stated, record: Record) -> GridTable:
         ("rate_gain_recursive", Words("rate gain", "速率增益"), "1"),
     )
     # files of before do not state the noise
-    kinds = [kind for kind in named if all(f"{kind[0]}.{log}" in figures for log in logs)]
+    kinds = [kind for kind in figure_kinds if all(f"{kind[0]}.{log}" in figures for log in logs)]
 
     def cell(kind: str, words: Words, log: str) -> Result:
         figure = of_figure(record, figures[f"{kind}.{log}"], words)
-        return state(stated, replace(figure, magnitude=kind == "drift_left_rms"), {})
+        return state(basis, replace(figure, magnitude=kind == "drift_left_rms"), {})
 
     cells = tuple(tuple(cell(kind, words, log) for kind, words, _ in kinds) for log in logs)
     return GridTable(
@@ -297,11 +301,11 @@ def _before_after(stated: Stated, record: Record) -> GridTable:
     )
 
 
-def _ramps(stated: Stated, record: Record) -> Block:
+def _ramps(basis: Stated, record: Record) -> Block:
     """Block of a0, a1, a2 of every ramp, per interval."""
     cells = tuple(
         tuple(
-            state(stated, coefficient(record, model, c.name, Words(c.name)), {})
+            state(basis, coefficient(record, model, c.name, Words(c.name)), {})
             for c in model.coefficients
         )
         for model in record.models

@@ -1,4 +1,11 @@
-"""Drift model of a run and a log → compensated indication, and drift figures before and after."""
+"""Drift model of a run and a log → compensated indication, and drift figures before and after.
+
+    model on levels              ω − D,  D(t) by the temperatures at t and before (`evaluate`)
+    published, recursive         ω_k − D_k,  D_k = D_(k−1) + Δ_k (`published.increments`)
+    published, one_step          ω_k − (ω_(k−1) + Δ_k), which removes the true rate too
+
+D is evaluated on block means at the model interval and interpolated to the rows of the log.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -40,8 +47,8 @@ class _Drift:
     def flags(self, name: str) -> tuple[str, ...]:
         """Flags of held or clamped quantities along the log `name`, with the share of blocks."""
         return tuple(
-            f"{name}: {what} over {100.0 * share:.0f} %"
-            for what, share in self.bounds.items()
+            f"{name}: {bound} over {100.0 * share:.0f} %"
+            for bound, share in self.bounds.items()
             if share > FLAGGED_SHARE
         )
 
@@ -119,7 +126,7 @@ class DriftModel:
         A level or lagged model needs no integration, so that no error accumulates in soaks.
         """
         if self.thermal is not None:
-            found = evaluate.evaluate(
+            evaluation = evaluate.evaluate(
                 self.thermal,
                 blocks.time,
                 blocks.case,
@@ -127,19 +134,21 @@ class DriftModel:
                 self.reference_temp_degc,
             )
             clamped = {
-                "temperature": found.temperature_clamped,
-                "temperature rate": found.rate_clamped,
-                "gradient": found.gradient_clamped,
+                "temperature": evaluation.temperature_clamped,
+                "temperature rate": evaluation.rate_clamped,
+                "gradient": evaluation.gradient_clamped,
             }
             bounds = {
-                f"{name} clamped to the fitted range": float(where.mean())
-                for name, where in clamped.items()
+                f"{name} clamped to the fitted range": float(mask.mean())
+                for name, mask in clamped.items()
             } | {
                 "temperature changes in a direction in which no ramp was fitted": float(
-                    found.unmeasured.mean()
+                    evaluation.unmeasured.mean()
                 )
             }
-            return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
+            return _Drift(
+                evaluation.drift, np.diff(evaluation.drift, prepend=evaluation.drift[:1]), bounds
+            )
         steps = published.increments(self.polynomials, blocks.gradient, blocks.rate)
         if not self.polynomials:
             return _Drift(np.zeros_like(steps.delta), steps.delta, {})
@@ -151,7 +160,9 @@ class DriftModel:
             (float(cases[:, 0].min()), float(cases[:, 1].max())),
         )
         bounds = {
-            "drift held in soaks or on a side that was not fitted": float(steps.held[1:].mean()),
+            "drift held in soaks or on a side that was not fitted": float(
+                steps.drift_held[1:].mean()
+            ),
             "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
             "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
         }
@@ -212,15 +223,15 @@ def compensate_log(
     time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))
     if not model.exported:
         return gyro, ("no drift term: the indication is returned as it is",)
-    held, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
+    model_intervals, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
     drift = model.drift_along(blocks)
     flags, output = drift.flags(log.file), log.allocate(gyro.size)
     if model.mode == "recursive":
         for a, b in chunks.ranges_along(time, gyro, output):
             output[a:b] = gyro[a:b] - np.interp(time[a:b], blocks.time, drift.level)
         return output, flags
-    for part, rows in held.groups():
-        index = np.repeat(held.number[part], held.count[part])
+    for part, rows in model_intervals.groups():
+        index = np.repeat(model_intervals.number[part], model_intervals.count[part])
         output[rows] = gyro[rows] - (
             blocks.indication[np.maximum(index - 1, 0)] + drift.delta[index]
         )

@@ -1,4 +1,10 @@
-"""Choice of the exported drift term (or none) by tests on left-out ramps, and drift_rate.json."""
+"""Choice of the exported drift term (or none) by tests on left-out ramps, and drift_rate.json.
+
+Each family has its share √(Σ s_compensated/Σ s_raw) of the raw drift on the ramps or rates that
+were left out of its fit, s the mean squares of 100 s means; that of the smaller share is exported.
+Turn-on biases that differ between cooling and heating logs by more than chance add half of the
+difference to the model error: e² ← e² + (Δ/2)².
+"""
 
 import math
 from collections.abc import Sequence
@@ -65,8 +71,8 @@ class Export:
         for tested in levels.tested:
             name = f"leave_one_ramp_out_rms.{tested.name}"
             figures.append(Figure(name, tested.pooled, "deg/h", 0.0))
-        if levels.chosen is not None:
-            left_out = split_noise(levels.chosen.errors)
+        if levels.chosen_errors is not None:
+            left_out = split_noise(levels.chosen_errors.errors)
             figures += [
                 Figure("left_out_noise_rms", left_out.noise, "deg/h", 0.0),
                 Figure("left_out_drift_rms", left_out.left, "deg/h", left_out.left_uncertainty),
@@ -106,10 +112,10 @@ def decide(
     helps. Raises FitError where no scheme could be tested.
     """
     spec, thermal = recipe.drift, levels.model
-    rates = tuple(choice.chosen for choice in choices if choice.chosen is not None)
+    rates = tuple(choice.polynomial for choice in choices if choice.polynomial is not None)
     share_rates, share_levels = _share_of_rates(choices), None
-    if levels.chosen is not None:
-        share_levels = levels.chosen.pooled / levels.chosen.pooled_raw
+    if levels.chosen_errors is not None:
+        share_levels = levels.chosen_errors.pooled / levels.chosen_errors.pooled_raw
     if spec.model in ("level", "lagged", "bank"):
         rates = ()
     if rates and thermal is not None:
@@ -120,14 +126,14 @@ def decide(
     model = DriftModel(
         rates, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
     )
-    if thermal is not None and levels.chosen is not None:
+    if thermal is not None and levels.chosen_errors is not None:
         flags = [*thermal.flags, Remark(f"exported: {levels.reason}")]
         if thermal.entangled:
             flags.append(
                 f"uncertainties of {', '.join(thermal.entangled)} hold together, through the"
                 " covariance, not singly"
             )
-        return Export(model, levels.chosen.name, share_levels, tuple(flags))
+        return Export(model, levels.chosen_errors.name, share_levels, tuple(flags))
     reasons = [flag for side in choices for flag in side.flags]
     if rates:
         return Export(model, "gradient_rate", share_rates, tuple(reasons))
@@ -155,7 +161,11 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     sides.
     """
     tested = [
-        r for c in choices if c.chosen is not None for r in c.tested if r.order == c.chosen.order
+        r
+        for c in choices
+        if c.polynomial is not None
+        for r in c.tested
+        if r.order == c.polynomial.order
     ]
     if not tested:
         return None
@@ -191,10 +201,10 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
     thermal = export.model.thermal
     if thermal is None:
         return export
-    found, short = compare_turn_on(thermal, logs), _flag_short_soaks(thermal, logs)
-    if found is None or abs(found[0]) <= CHANCE * found[1]:
+    turn_on_difference, short = compare_turn_on(thermal, logs), _flag_short_soaks(thermal, logs)
+    if turn_on_difference is None or abs(turn_on_difference[0]) <= CHANCE * turn_on_difference[1]:
         return replace(export, flags=(*export.flags, *short[1:]))
-    difference, u = found
+    difference, u = turn_on_difference
     cause = "the gyro has a hysteresis that the model does not follow"
     cause = f"{short[0]}, or {cause}" if short else cause
     wider = replace(thermal, model_error=math.hypot(thermal.model_error, 0.5 * difference))
@@ -214,10 +224,10 @@ def _flag_short_soaks(thermal: OnLevels, logs: Sequence[PreparedLog]) -> tuple[s
     else:
         lag_s = max(thermal.lags, default=0.0)
     soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
-    shortest, needed = float(min(soaks)), SETTLED_LAGS * lag_s
-    if shortest >= needed:
+    shortest, settling_s = float(min(soaks)), SETTLED_LAGS * lag_s
+    if shortest >= settling_s:
         return ()
-    minutes, would_do = shortest / SECONDS_PER_MINUTE, needed / SECONDS_PER_MINUTE
+    minutes, would_do = shortest / SECONDS_PER_MINUTE, settling_s / SECONDS_PER_MINUTE
     left = math.exp(-shortest / lag_s)
     flag = (
         f"soaks of {minutes:.0f} min leave {left:.0%} of a change of temperature in this coil"
@@ -237,8 +247,8 @@ def flag_one_way(logs: Sequence[PreparedLog], model: DriftModel) -> list[str]:
         return []
     measured, other = ("heats", "cooling") if ways == {True} else ("cools", "heating")
     if isinstance(model.thermal, BankModel):
-        held = "follows from the heat flow in the coil, and its uncertainty grows"
+        consequence = "follows from the heat flow in the coil, and its uncertainty grows"
     else:
-        held = "is not known: it may come out worse than uncorrected"
-    found = f"every ramp {measured}: {other} was not measured; there the drift {held}"
-    return [f"{found}. Measure a ramp each way"]
+        consequence = "is not known: it may come out worse than uncorrected"
+    statement = f"every ramp {measured}: {other} was not measured; there the drift {consequence}"
+    return [f"{statement}. Measure a ramp each way"]

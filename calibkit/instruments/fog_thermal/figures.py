@@ -99,22 +99,24 @@ def before_after_page(report: DriftReport) -> Figure:
     """Drift of the first logs before and after compensation and denoised, one log after the other,
     with what noise alone gives, above the case temperature.
     """
-    shown = report.logs[:SHOWN]
-    more = f" (the first {SHOWN} of {len(report.logs)} logs)" if len(report.logs) > SHOWN else ""
+    first_logs = report.logs[:SHOWN]
+    truncation = (
+        f" (the first {SHOWN} of {len(report.logs)} logs)" if len(report.logs) > SHOWN else ""
+    )
     figure, axes = page(
-        2, 1, title=f"{report.title}: drift before and after compensation{more}", height=6.0
+        2, 1, title=f"{report.title}: drift before and after compensation{truncation}", height=6.0
     )
     group, start = max(1, round(100.0 / report.interval_s)), 0.0
-    for number, log in enumerate(shown):
+    for number, log in enumerate(first_logs):
         passed = start + (log.time - log.time[0]) / SECONDS_PER_HOUR
         smooth, hours = log.denoised - log.denoised.mean(), _means(passed, group)
-        named = "denoised" if number == 0 else "_nolegend_"
-        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, zorder=3, label=named)
+        legend = "denoised" if number == 0 else "_nolegend_"
+        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, zorder=3, label=legend)
         curves = ((log.raw, RAW, 2.0, "before"), (log.compensated, GOOD, 1.2, "after"))
         for values, colour, width, label in curves:
             drift = _means(values - values.mean(), group)
-            named = label if number == 0 else "_nolegend_"
-            axes[0].plot(hours, drift, color=colour, lw=width, label=named)
+            legend = label if number == 0 else "_nolegend_"
+            axes[0].plot(hours, drift, color=colour, lw=width, label=legend)
         axes[1].plot(hours, _means(log.temperature, group), color=INK)
         start = float(hours[-1]) + GAP_H
     band = 2.0 * report.noise
@@ -160,14 +162,14 @@ def _coefficients_page(report: DriftReport) -> Figure:
         )
     # each tested model's share of the raw drift on left-out ramps; raw is 1
     ax = axes[3]
-    shown = sorted(report.tested, key=lambda entry: -entry.share)
+    ordered = sorted(report.tested, key=lambda entry: -entry.share)
     ax.barh(
-        [entry.name for entry in shown],
-        [min(entry.share, 3.0) for entry in shown],
-        color=[GOOD if entry.exported else RAW for entry in shown],
+        [entry.name for entry in ordered],
+        [min(entry.share, 3.0) for entry in ordered],
+        color=[GOOD if entry.exported else RAW for entry in ordered],
         height=0.7,
     )
-    for row, entry in enumerate(shown):
+    for row, entry in enumerate(ordered):
         ax.text(
             min(entry.share, 3.0) + 0.03,
             row,

@@ -103,19 +103,19 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
                 hint="fit with drift.compensation = 'recursive'",
             )
         source = _recursive(draft, models, spec.segments.slope_window_s)
-        formula, condition, beyond = RECURSIVE, "", []
+        formula, condition, followed_ranges = RECURSIVE, "", []
     else:
         source, condition = _on_levels(draft, models[0], spec.reference_temp_degc)
         formula = FORMULA.format(reference=spec.reference_temp_degc)
-        beyond = [thermal_steps.say_followed(thermal_steps.followed(models[0]))]
+        followed_ranges = [thermal_steps.say_followed(thermal_steps.followed(models[0]))]
     meaning = "drift, to be subtracted from the indication"
     draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
     for model in models:
-        whose = WHOSE.get(model.form, f"{model.name} side")
+        owner = WHOSE.get(model.form, f"{model.name} side")
         for column, (low, high) in model.valid.items():
             unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
-            draft.ranges.append(f"{column} of the {whose} {exact.limits_text(low, high)} {unit}")
-    draft.ranges += beyond
+            draft.ranges.append(f"{column} of the {owner} {exact.limits_text(low, high)} {unit}")
+    draft.ranges += followed_ranges
     interval_s = float(models[0].value("interval"))
     forms = [model.form for model in models]
     drift = draft.chain(forms, formula, interval_s=interval_s, condition=condition)
@@ -237,8 +237,8 @@ def _thermal_history(chain: Chain) -> Trials:
         half = float(BEYOND) / reciprocal
         low, high = (middle + end / reciprocal for end in ends)
     case, ahead, climb, updates = (np.array(column) for column in zip(*HISTORY, strict=True))
-    beyond = [high + (case - 1.0) * half, low + (case + 1.0) * half]
-    physical = {CASE: np.select([case > 1.0, case < -1.0], beyond, middle + half * case)}
+    outer_cases = [high + (case - 1.0) * half, low + (case + 1.0) * half]
+    physical = {CASE: np.select([case > 1.0, case < -1.0], outer_cases, middle + half * case)}
     gradients = [
         abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]
         for step in chain.structure.maps

@@ -136,19 +136,19 @@ def _hysteresis(
     if bank.widths:
         draft.sum("swing", factor("coil"), draft.polynomial("origin", (origin,), ""))
     for k, width in enumerate((Fraction(width) / half for width in bank.widths), start=1):
-        name, kept, away = f"play_{k}", f"play_{k}_before", f"behind_play_{k}"
+        name, name_before, distance = f"play_{k}", f"play_{k}_before", f"behind_play_{k}"
         for bounds in (draft.limits, draft.usual):
             coil = max(map(abs, draft.tables["x_map"][2:])) + sum(
                 part * bounds[lag] for lag, part in shares.items()
             )
-            bounds[name] = bounds[kept] = coil + abs(origin) + width
-            bounds[away] = width * ROUNDED
-        draft.steps.append(Memory(kept, name, "zero"))
+            bounds[name] = bounds[name_before] = coil + abs(origin) + width
+            bounds[distance] = width * ROUNDED
+        draft.steps.append(Memory(name_before, name, "zero"))
         table = draft.table(f"{name}_distances", (-width, width))
-        draft.steps.append(Play(name, "swing", kept, table))
-        draft.sum(away, factor(name), factor("swing", -1))
+        draft.steps.append(Play(name, "swing", name_before, table))
+        draft.sum(distance, factor(name), factor("swing", -1))
         weight = number_or_zero(model, f"h{k}")
-        terms += draft.polynomial(f"hysteresis_{k}", (weight / width,), "", away)
+        terms += draft.polynomial(f"hysteresis_{k}", (weight / width,), "", distance)
     return terms
 
 

@@ -38,14 +38,14 @@ def rate_names(order: int) -> list[list[str]]:
     return [[f"c{j}{m}" for m in range(order + 1)] for j in range(3)]
 
 
-def _rate_products(model: Model, at: Inputs) -> Array:
+def _rate_products(model: Model, inputs: Inputs) -> Array:
     """Products G^j r^m [n, 3 (M + 1)] of gradient [K] and temperature rate [°C/min]; of one ramp,
     M = 0, the powers of the gradient.
     """
     powers = len(model.coefficients) // 3
-    rate = at[RATE] if powers > 1 else np.ones_like(at[GRADIENT])
+    rate = inputs[RATE] if powers > 1 else np.ones_like(inputs[GRADIENT])
     by_rate = np.vander(rate, powers, increasing=True)
-    by_gradient = np.vander(at[GRADIENT], 3, increasing=True)
+    by_gradient = np.vander(inputs[GRADIENT], 3, increasing=True)
     return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
 
 
@@ -73,33 +73,35 @@ units.
 
 def read_bank(model: Model) -> Bank:
     """Terms of a bank of lags."""
-    stated = {parameter.name: parameter.value for parameter in model.parameters}
+    parameters = {parameter.name: parameter.value for parameter in model.parameters}
     parts = []
     for name in _NUMBERED:
-        numbered = (f"{name}_{k}" for k in range(1, len(stated) + 1))
-        parts.append(tuple(stated[parameter] for parameter in numbered if parameter in stated))
+        numbered = (f"{name}_{k}" for k in range(1, len(parameters) + 1))
+        parts.append(
+            tuple(parameters[parameter] for parameter in numbered if parameter in parameters)
+        )
     return Bank(*parts)
 
 
-def _steady(at: Inputs) -> tuple[Array, Array]:
+def _steady(inputs: Inputs) -> tuple[Array, Array]:
     """Case temperature [n, °C] and its rate [n, °C/min]; a rate that is not given is 0."""
-    return at[CASE], at.get(RATE, np.zeros_like(at[CASE]))
+    return inputs[CASE], inputs.get(RATE, np.zeros_like(inputs[CASE]))
 
 
-def _bank_columns(model: Model, at: Inputs) -> Array:
+def _bank_columns(model: Model, inputs: Inputs) -> Array:
     """Derivatives [n, p + 3] of the indicated rate [°/h] by the coefficients and the static lag."""
-    return _read_bank_model(model).columns_settled(*_steady(at))
+    return _read_bank_model(model).columns_settled(*_steady(inputs))
 
 
-def _bank_rate(model: Model, at: Inputs) -> Array:
+def _bank_rate(model: Model, inputs: Inputs) -> Array:
     """Indicated rate [n, °/h]."""
     fitted = _read_bank_model(model)
-    return fitted.bank.columns(fitted.settled(*_steady(at))) @ fitted.coefficients
+    return fitted.bank.columns(fitted.settled(*_steady(inputs))) @ fitted.coefficients
 
 
-def _bank_extra(model: Model, at: Inputs) -> Array:
+def _bank_extra(model: Model, inputs: Inputs) -> Array:
     """Standard uncertainty [n, °/h] by the model error and, at rest, by a hysteresis."""
-    spread = np.where(_steady(at)[1] == 0.0, hysteresis(model), 0.0)
+    spread = np.where(_steady(inputs)[1] == 0.0, hysteresis(model), 0.0)
     return np.asarray(np.hypot(thermal_forms.model_error(model)[0], spread / np.sqrt(3.0)))
 
 
@@ -115,19 +117,19 @@ def hysteresis(model: Model) -> float:
     return read_bank(model).hysteresis(BANK.read(model)) if model.form == BANK.name else 0.0
 
 
-def coil_temperature(model: Model, at: Inputs) -> Array:
+def coil_temperature(model: Model, inputs: Inputs) -> Array:
     """Temperature [n, °C] that a model on levels refers to, with its lags settled."""
     if model.form == BANK.name:
-        return _read_bank_model(model).settled(*_steady(at)).temperature
-    return drivers_at(model, at).temperature
+        return _read_bank_model(model).settled(*_steady(inputs)).temperature
+    return drivers_at(model, inputs).temperature
 
 
-def slope_over_case(model: Model, at: Inputs) -> Array:
+def slope_over_case(model: Model, inputs: Inputs) -> Array:
     """Derivative [n, °/h/°C] of the rate of a model on levels by case temperature."""
     if model.form != BANK.name:
-        return thermal_forms.slope_over_case(model, at)
+        return thermal_forms.slope_over_case(model, inputs)
     fitted = _read_bank_model(model)
-    drivers = fitted.settled(*_steady(at))
+    drivers = fitted.settled(*_steady(inputs))
     by_layer = drivers.rates @ fitted.coefficients[fitted.bank.part("b")] / SCALE_DEGC
     return fitted.slope_settled(drivers) + by_layer
 

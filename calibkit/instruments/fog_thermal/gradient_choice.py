@@ -36,9 +36,9 @@ class FittedRamp:
 
     def with_soaks(self) -> published.DriftBlocks:
         """Block means of the ramp with the soaks around it: the whole log where it has one ramp."""
-        others = self.log.ramps
-        before = [ramp.stop for ramp in others if ramp.stop <= self.ramp.start]
-        after = [ramp.start for ramp in others if ramp.start >= self.ramp.stop]
+        log_ramps = self.log.ramps
+        before = [ramp.stop for ramp in log_ramps if ramp.stop <= self.ramp.start]
+        after = [ramp.start for ramp in log_ramps if ramp.start >= self.ramp.stop]
         raw = self.log.raw
         return raw.between(max(before, default=0), min(after, default=raw.time.size))
 
@@ -71,7 +71,7 @@ class SideChoice:
 
     side: str
     tested: tuple[LeftOutRates, ...]
-    chosen: published.RatePolynomial | None
+    polynomial: published.RatePolynomial | None
     flags: tuple[str, ...]
 
 
@@ -126,16 +126,16 @@ def left_out_rates(
         return means(log.indication - published.recursive(delta))
 
     def means(output: Array) -> Array:
-        about = drift_figures.figure_means(output, group)
-        return np.asarray(about - about.mean())
+        drift_means = drift_figures.figure_means(output, group)
+        return np.asarray(drift_means - drift_means.mean())
 
     raw = tuple(means(log.indication) for log in logs)
     tested = []
     for order in range(len(rates) - 1):
         errors = [np.zeros(0)] * len(ramps)
         for left_out in rates:
-            others = [ramps[i] for rate in rates if rate is not left_out for i in rate]
-            polynomial = published.fit_over_rates(others, order, side)
+            remaining_ramps = [ramps[i] for rate in rates if rate is not left_out for i in rate]
+            polynomial = published.fit_over_rates(remaining_ramps, order, side)
             for i in left_out:
                 errors[i] = compensated(polynomial, logs[i])
         all_rates = published.fit_over_rates(ramps, order, side)
@@ -156,17 +156,17 @@ def choose(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
         ]
         if members:
             choices.append(_choose_side(members, spec, side))
-    if all(choice.chosen is not None for choice in choices):
+    if all(choice.polynomial is not None for choice in choices):
         return choices
     # the recursion of one side alone would follow only half of a thermal cycle, and keep the
     # difference as a bias
     withdrawn = []
     for choice in choices:
         flags = choice.flags
-        if choice.chosen is not None:
+        if choice.polynomial is not None:
             reason = "alone it would leave a bias after a thermal cycle"
             flags = (*flags, f"gradient_rate {choice.side}: not exported: {reason}")
-        withdrawn.append(replace(choice, chosen=None, flags=flags))
+        withdrawn.append(replace(choice, polynomial=None, flags=flags))
     return withdrawn
 
 
@@ -178,8 +178,8 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
     tested = left_out_rates(fits, logs, side, blocks_per_figure(spec.interval_s))
     flags = []
     if spec.order != "auto":
-        chosen = published.fit_over_rates(fits, spec.order, side)
-        if chosen.dof == 0:
+        polynomial = published.fit_over_rates(fits, spec.order, side)
+        if polynomial.dof == 0:
             flags.append(
                 f"{side}: zero degrees of freedom over the rates: order {spec.order} passes"
                 " through every a_j and no rate is left to test it"
@@ -190,17 +190,18 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
             for result in tested
             if result.order == spec.order and not result.helps
         ]
-        return SideChoice(side, tuple(tested), chosen, tuple(flags))
+        return SideChoice(side, tuple(tested), polynomial, tuple(flags))
     helping = (result for result in tested if result.helps)
     best = min(helping, key=lambda result: result.pooled, default=None)
     if best is not None:
-        chosen = published.fit_over_rates(fits, best.order, side)
-        return SideChoice(side, tuple(tested), chosen, ())
+        polynomial = published.fit_over_rates(fits, best.order, side)
+        return SideChoice(side, tuple(tested), polynomial, ())
     reason = "one temperature rate only, so that no rate can be left out to test the model"
     if tested:
-        least = min(tested, key=lambda result: result.pooled)
+        best_tested = min(tested, key=lambda result: result.pooled)
         reason = (
-            f"leave-one-rate-out leaves {least.pooled:.3g} deg/h at best (order {least.order})"
-            f" against {least.pooled_raw:.3g} deg/h raw, or makes a ramp worse"
+            f"leave-one-rate-out leaves {best_tested.pooled:.3g} deg/h at best (order"
+            f" {best_tested.order}) against {best_tested.pooled_raw:.3g} deg/h raw, or makes a"
+            " ramp worse"
         )
     return SideChoice(side, tuple(tested), None, (f"gradient_rate {side}: not exported: {reason}",))

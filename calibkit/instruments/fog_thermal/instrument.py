@@ -1,4 +1,10 @@
-"""Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json."""
+"""Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json.
+
+A log is denoised, cut into soaks and ramps, and averaged over the model interval (`ramps`). The
+published scheme (`gradient_choice`) and models of the rate itself (`numeric.choice`) are fitted
+without each ramp or rate in turn; what leaves least there is exported (`decision`), with the bias
+at rest (`bias`) and the uncertainty of what is taken off (`uncertainty`).
+"""
 
 from __future__ import annotations
 
@@ -67,7 +73,11 @@ def fit(
     if not gradient_choice.alone(spec.drift):
         levels = choice.choose(
             [log.thermal for log in logs],
-            [one for one in choice.CANDIDATES if spec.drift.model in ("auto", one.form)],
+            [
+                candidate
+                for candidate in choice.CANDIDATES
+                if spec.drift.model in ("auto", candidate.form)
+            ],
             figure_blocks=blocks_per_figure(spec.drift.interval_s),
         )
     # what leaves least of the drift of left-out ramps is exported, if that helps at all
@@ -90,13 +100,13 @@ def fit(
         flags=(*(flag for log in logs for flag in log.flags), *undetermined),
     )
     # what is taken off is uncertain by so much, and the fitted logs are within it
-    stated = uncertainty.state_along_logs(model, logs, spec.type_b)
+    drift_uncertainties = uncertainty.state_along_logs(model, logs, spec.type_b)
     level = uncertainty.RestLevel.find(at_rest.figures)
     covered = {
         log.name: uncertainty.check_coverage(model, log.raw, spec.type_b, level) for log in logs
     }
     tested = tables.list_tested(choices, levels, export)
-    rest, ways = at_rest.at_rest, tuple(at_rest.hysteresis)
+    rest_value, ways = at_rest.at_rest, tuple(at_rest.hysteresis)
     influences = sensitivities.find(exported, fitted, spec.drift)
     summary = Summary(
         spec.title,
@@ -107,14 +117,16 @@ def fit(
         ),
         tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
         _fit_criteria(spec, export, tested, compensated),
-        overview=tables.summarize_fit(logs, compensated, tested, levels, export, stated, rest),
+        overview=tables.summarize_fit(
+            logs, compensated, tested, levels, export, drift_uncertainties, rest_value
+        ),
     )
     return Fitted(
         (ramps.denoise_result(logs), drift, exported),
         tuple(log.source for log in logs),
         summary,
         tables.drift_report(spec, logs, compensated, fitted, choices, tested, model, ways),
-        (*stated, *at_rest.uncertainty),
+        (*drift_uncertainties, *at_rest.uncertainty),
         (*decision.list_undetermined(choices, levels), *decision.flag_one_way(logs, model)),
         model.exported,
         sensitivities=influences,
@@ -157,7 +169,7 @@ def _flags(
         for log in logs
         if len(log.ramps) == 1
     }
-    found = (
+    comparisons = (
         *magnitude.find_compensated_logs(slopes),
         *thermometers.check_rates_in_names(rates),
         *thermometers.find_late(driven),
@@ -171,7 +183,7 @@ def _flags(
     return [
         *([unused] if idle else []),
         *decision.flag_one_way(logs, model),
-        *(str(finding) for _, finding in found),
+        *(str(finding) for _, finding in comparisons),
     ]
 
 
@@ -189,7 +201,7 @@ def _fit_criteria(
     """Acceptance criteria of a fit: drift reduction on left-out ramps, what is left there over the
     noise, and those shared with validation.
     """
-    used = [(one.left, one.split.noise) for one in tested if one.exported]
+    used = [(result.left, result.split.noise) for result in tested if result.exported]
     reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
     return (
         *_judge_reduction(spec, "drift reduction on withheld ramps", reduction),
@@ -197,10 +209,12 @@ def _fit_criteria(
     )
 
 
-def _judge_reduction(spec: FogThermalRecipe, what: str, reduction: float) -> list[Criterion]:
+def _judge_reduction(
+    spec: FogThermalRecipe, criterion_name: str, reduction: float
+) -> list[Criterion]:
     """Criterion of the ratio of the drift before to that after, where the recipe limits it."""
-    least = spec.acceptance.min_reduction
-    return [] if least is None else [at_least(what, reduction, least, "1")]
+    lower_limit = spec.acceptance.min_reduction
+    return [] if lower_limit is None else [at_least(criterion_name, reduction, lower_limit, "1")]
 
 
 def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
@@ -281,11 +295,11 @@ def validate(
     for log in logs:
         refuse(ramps.find_unusable(log))
         _, blocks = ramps.block_means(log, spec, rated=bool(model.polynomials))
-        found = compensate.LogFigures.summarize(log.name, blocks, model)
-        compensated.append(found)
+        log_figures = compensate.LogFigures.summarize(log.name, blocks, model)
+        compensated.append(log_figures)
         output, _ = compensate.compensate_log(log, model, spec)
         entries.append(
-            tables.validation_entry(log, found, model)
+            tables.validation_entry(log, log_figures, model)
             | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b, level)}
             | {"allan_deviation": tables.allan_deviations(log, output)}
         )
@@ -311,29 +325,34 @@ def validate(
     )
     criteria = [*_covered(spec, entries), *_common_criteria(spec, compensated, model)]
     if model.exported:
-        whens = "before", "after"
-        before, after = (rms([getattr(log, when) for log in compensated]) for when in whens)
+        stages = "before", "after"
+        before, after = (rms([getattr(log, stage) for log in compensated]) for stage in stages)
         criteria = [*_judge_reduction(spec, "drift reduction", before / after), *criteria]
-    shown = tables.summarize_validation(compensated, entries)
-    listed = (*filter(None, [shown.table]), *tables.coverage_tables(covered, "validated"))
-    return {"logs": entries}, Summary("", listed, flags, tuple(criteria), overview=shown)
+    first_screen = tables.summarize_validation(compensated, entries)
+    summary_tables = (
+        *filter(None, [first_screen.table]),
+        *tables.coverage_tables(covered, "validated"),
+    )
+    return {"logs": entries}, Summary(
+        "", summary_tables, flags, tuple(criteria), overview=first_screen
+    )
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
     """Criteria for the uncertainty of each log: errors of its 100 s means as large as stated, and
     the share of them within U.
     """
-    least = spec.acceptance.min_share_within_uncertainty
-    stated = [log for log in logs if "means_of_100_s" in log["uncertainty"]]
-    made = over_stated_u((f"{log['name']}: rms error", log["uncertainty"]) for log in logs)
-    if least is not None and stated:
+    least_share = spec.acceptance.min_share_within_uncertainty
+    logs_with_means = [log for log in logs if "means_of_100_s" in log["uncertainty"]]
+    criteria = over_stated_u((f"{log['name']}: rms error", log["uncertainty"]) for log in logs)
+    if least_share is not None and logs_with_means:
         share = np.average(
-            [log["uncertainty"]["share_within_expanded_uncertainty"] for log in stated],
-            weights=[log["uncertainty"]["means_of_100_s"] for log in stated],
+            [log["uncertainty"]["share_within_expanded_uncertainty"] for log in logs_with_means],
+            weights=[log["uncertainty"]["means_of_100_s"] for log in logs_with_means],
         )
-        what = "share of 100 s means within their uncertainty"
-        made.append(at_least(what, float(share), least, "1"))
-    return tuple(made)
+        criterion_name = "share of 100 s means within their uncertainty"
+        criteria.append(at_least(criterion_name, float(share), least_share, "1"))
+    return tuple(criteria)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:
@@ -347,12 +366,12 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
         return None
     if not evidence.warms(case) or (chamber is None and "temp_env_degc" not in columns):
         return None
-    first, *others = gyros.items()
-    base = {name: one for name, one in columns.items() if name not in gyros}
+    first, *other_gyros = gyros.items()
+    base = {name: column for name, column in columns.items() if name not in gyros}
     reason = "a gyro beside case and chamber temperatures"
-    taken = base | {"gyro_dph": first[1]}
+    chosen_columns = base | {"gyro_dph": first[1]}
     tables, joined = chamber or ("", ())
     if chamber:
         reason = f"a gyro and its temperature beside a second logger's ({joined[0]})"
-    choice = evidence.choose("fog_thermal", ramps.COLUMNS, taken, reason=reason)
-    return replace(choice.with_others(others), tables=tables, joined=joined)
+    choice = evidence.choose("fog_thermal", ramps.COLUMNS, chosen_columns, reason=reason)
+    return replace(choice.with_others(other_gyros), tables=tables, joined=joined)

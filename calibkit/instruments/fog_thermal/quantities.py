@@ -1,5 +1,9 @@
 """Results of a run: indicated rate and drift of a model on levels, increments of the published
 scheme.
+
+    drift D = ω(T, Ṫ, G, …) − ω(T_ref, at rest)       increment Δ = a0(r) + a1(r) G + a2(r) G²
+
+Lags have settled: ω is that on a steady ramp (`forms`).
 """
 
 import math
@@ -49,41 +53,46 @@ class OnLevels:
     @property
     def inputs(self) -> tuple[QuantityInput, ...]:
         """Case temperature, rate and gradients; those that are not given are 0, as at rest."""
-        others = DRIVERS[1:2] if self.model.form in LAGS else DRIVERS[1:]
-        rests = (ranged(self.model, column, 0.0) for column in others)
+        further_columns = DRIVERS[1:2] if self.model.form in LAGS else DRIVERS[1:]
+        rests = (ranged(self.model, column, 0.0) for column in further_columns)
         return (ranged(self.model, CASE), *rests)
 
-    def rate(self, at: At) -> Point:
+    def rate(self, operating_point: At) -> Point:
         """Indicated rate [°/h], on a ramp after the lags have settled; a hysteresis is in its
         uncertainty at rest.
         """
-        columns = {column: np.array([value]) for column, value in at.items()}
+        columns = {column: np.array([value]) for column, value in operating_point.items()}
         form = forms.ON_LEVELS[self.model.form]
         slope = float(forms.slope_over_case(self.model, columns)[0])
-        spread = 0.0 if at.get(RATE, 0.0) else forms.hysteresis(self.model) / math.sqrt(3.0)
+        spread = (
+            0.0 if operating_point.get(RATE, 0.0) else forms.hysteresis(self.model) / math.sqrt(3.0)
+        )
         further = ((MODEL_ERROR, *model_error(self.model)), (HYSTERESIS, spread, math.inf))
         return Point(
             float(form.evaluate(self.model, columns)[0]),
             ((self.model, form.gradient(self.model, columns)[0]),),
-            {CASE: (at[CASE], slope)},
+            {CASE: (operating_point[CASE], slope)},
             tuple(part for part in further if part[1] > 0.0),
         )
 
-    def drift(self, at: At) -> Point:
+    def drift(self, operating_point: At) -> Point:
         """Indicated rate less that at rest at the reference."""
-        return against_rest(self.rate, {CASE: self.reference})(at)
+        return against_rest(self.rate, {CASE: self.reference})(operating_point)
 
-    def beyond(self, at: At) -> str:
+    def beyond(self, operating_point: At) -> str:
         """Why the model does not hold at a point: of one with lags where the coil, or the rate, is
         outside the fitted range.
         """
         if self.model.form not in LAGS:
-            return outside_ranges(self.inputs, at)
-        columns = {column: np.array([value]) for column, value in at.items()}
+            return outside_ranges(self.inputs, operating_point)
+        columns = {column: np.array([value]) for column, value in operating_point.items()}
         coil = float(forms.coil_temperature(self.model, columns)[0])
         low, high = self.model.valid[CASE]
-        behind = f"the coil is then at {coil:.4g} °C, outside {low:.4g} … {high:.4g} °C"
-        reasons = ("" if low <= coil <= high else behind, outside_ranges(self.inputs[1:], at))
+        coil_outside = f"the coil is then at {coil:.4g} °C, outside {low:.4g} … {high:.4g} °C"
+        reasons = (
+            "" if low <= coil <= high else coil_outside,
+            outside_ranges(self.inputs[1:], operating_point),
+        )
         return "; ".join(filter(None, reasons))
 
 

@@ -1,5 +1,7 @@
-"""Logs of a gyro in a chamber → segments, denoised indication, block means at the model
-interval.
+"""Logs of a gyro in a chamber → segments, denoised indication, block means at the model interval.
+
+Soaks and ramps are those of the causal slope of the chamber air (`numeric.segments`), or as the
+recipe states them; the indication is denoised by wavelets over the whole log.
 """
 
 from collections.abc import Sequence
@@ -66,7 +68,7 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     chunks.
     """
     return chunked.find_faults(
-        recipe, log, recipe.checks.min_rows, lambda whole: _faults(whole, recipe)
+        recipe, log, recipe.checks.min_rows, lambda loaded_log: _faults(loaded_log, recipe)
     )
 
 
@@ -87,7 +89,11 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         *check.magnitude.check_time_unit(log, air, "the chamber air"),
         *check.thermometers.find_lost_sign(log, case),
         *check.thermometers.check_pair(log, case, air),
-        *(one for column in (case, air) for one in check.thermometers.check_steps(log, column)),
+        *(
+            step_finding
+            for column in (case, air)
+            for step_finding in check.thermometers.check_steps(log, column)
+        ),
         *_check_stated_rate(log, recipe),
         *check.magnitude.check_gyro_unit(log, "gyro_dph"),
         *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),
@@ -99,13 +105,13 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Finding if the measured temperature rate differs from the one stated in the recipe."""
-    given = recipe.drift.rates_degc_min.get(log.name)
-    if given is None:
+    stated_rate = recipe.drift.rates_degc_min.get(log.name)
+    if stated_rate is None:
         return []
     parts, _ = _find_segments(log, recipe)
     ramps = [segment.rate for segment in parts if segment.kind == "ramp"]
     return (
-        check.thermometers.check_stated_rate(log, "temp_env_degc", given, max(ramps, key=abs))
+        check.thermometers.check_stated_rate(log, "temp_env_degc", stated_rate, max(ramps, key=abs))
         if ramps
         else []
     )
@@ -113,14 +119,16 @@ def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
 
 def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     """Findings of a log for compensation, which may be at rest and may have gaps."""
-    there = [column for column in COLUMNS if column in log.frame.columns]
-    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, there)]
+    columns = [column for column in COLUMNS if column in log.frame.columns]
+    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, columns)]
     if any(finding.refused for finding in early):
         return early
     return [
         *early,
         *check.find_unordered_times(log),
-        *check.find_implausible_temperatures(log, [name for name in there if name in TEMPERATURES]),
+        *check.find_implausible_temperatures(
+            log, [name for name in columns if name in TEMPERATURES]
+        ),
         *check.find_implausible_rates(log, "gyro_dph"),
     ]
 
@@ -134,8 +142,8 @@ def prepare(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> 
     except (FrameError, FitError) as error:
         if suspected is None:
             raise
-        said = f"{suspected.place}: {suspected.found}; {suspected.advice}"
-        raise type(error)(error.message, hint=f"first of all: {said}") from None
+        advice = f"{suspected.place}: {suspected.found}; {suspected.advice}"
+        raise type(error)(error.message, hint=f"first of all: {advice}") from None
     # Where the case leads the air, the columns are swapped. Without a soak after the ramp, rates do
     # not show this (`check.thermometers`). The lead is compared between the start and the middle of
     # the ramp: towards the end, the lag of a case that was not at rest at the start may shrink,
@@ -210,9 +218,11 @@ def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Ar
     is found, the window is doubled up to LONGER_WINDOWS times.
     """
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
-    given = recipe.drift.rates_degc_min.get(log.name)
-    if given is not None:
-        return [segments.Segment("ramp", 0, time.size, given)], np.broadcast_to(given, time.shape)
+    stated_rate = recipe.drift.rates_degc_min.get(log.name)
+    if stated_rate is not None:
+        return [segments.Segment("ramp", 0, time.size, stated_rate)], np.broadcast_to(
+            stated_rate, time.shape
+        )
     pinned = stated_segments.stated_rows(log, recipe, ["soak", "ramp"])
     if pinned is not None:
         ramps = [
@@ -303,8 +313,10 @@ def _denoised(
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     noise = tuple(
         Figure(f"{log.name}.{kind}_{level}", float(value), "deg/h", 0.0)
-        for level, both in enumerate(zip(smooth.noise, smooth.thresholds, strict=True), start=1)
-        for kind, value in zip(("noise", "threshold"), both, strict=True)
+        for level, level_values in enumerate(
+            zip(smooth.noise, smooth.thresholds, strict=True), start=1
+        )
+        for kind, value in zip(("noise", "threshold"), level_values, strict=True)
     )
     means = blocks.means(smooth.signal)
     chunks.release(gyro)

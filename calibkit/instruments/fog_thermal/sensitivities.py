@@ -1,5 +1,8 @@
 """How the coefficients of every ramp and of an exported drift model move with errors of the
 thermometers and of the gyro's indication.
+
+    ramp              a0, a1, a2 refitted to the same intervals with shifted temperatures
+    model on levels   design(T) δc = −∂ω/∂T · δT at rest, for δT constant or proportional to T
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,13 +33,13 @@ def find(result: StageResult, ramps: Sequence[FittedRamp], spec: Drift) -> tuple
     At rest the model is a polynomial of temperature: where every temperature is off, or off in
     proportion, it is one of the same order, found exactly by least squares.
     """
-    found: list[Sensitivity] = []
+    sensitivities: list[Sensitivity] = []
     for model in result.models:
         if model.form in forms.ON_LEVELS:
-            rest = {f.name: f.value for f in result.figures if f.name in AT_REST}
-            found += _of_levels(result.stage, model, rest)
-            found += list_time_errors(result.stage, model)
-    return (*found, *_of_ramps(ramps, spec))
+            rest_figures = {f.name: f.value for f in result.figures if f.name in AT_REST}
+            sensitivities += _of_levels(result.stage, model, rest_figures)
+            sensitivities += list_time_errors(result.stage, model)
+    return (*sensitivities, *_of_ramps(ramps, spec))
 
 
 def _of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, ...]:
@@ -46,40 +49,40 @@ def _of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivity, .
     parts = [item.log.denoised.between(item.ramp.start, item.ramp.stop) for item in fitted]
     if not parts:
         return ()
-    every = {
+    thermometers = {
         CASE: np.concatenate([part.case for part in parts]),
         ENV: np.concatenate([part.case - part.gradient for part in parts]),
     }
 
     def written(fits: Iterable[RampFit]) -> tuple[StageResult]:
         models = (
-            forms.write_ramp(item.ramp.name, found, spec.interval_s)
-            for item, found in zip(fitted, fits, strict=True)
+            forms.write_ramp(item.ramp.name, ramp_fit, spec.interval_s)
+            for item, ramp_fit in zip(fitted, fits, strict=True)
         )
         return (StageResult("drift", models=tuple(models)),)
 
     def refit(error: InputError) -> tuple[StageResult]:
         fits = []
         for item, part in zip(fitted, parts, strict=True):
-            if error.input in every:
+            if error.input in thermometers:
                 case, env = part.case, part.case - part.gradient
                 case = error.shift(case) if error.input == CASE else case
                 env = error.shift(env) if error.input == ENV else env
-                moved = part._replace(case=case, gradient=case - env)
+                shifted = part._replace(case=case, gradient=case - env)
             else:
-                moved = part._replace(indication=error.shift(part.indication))
-            line, _ = moved.fit_line(estimate=spec.estimate)
+                shifted = part._replace(indication=error.shift(part.indication))
+            line, _ = shifted.fit_line(estimate=spec.estimate)
             fits.append(replace(item.fit, coefficients=line.coefficients[-3:]))
         return written(fits)
 
     errors = [
-        *(e for name, t in every.items() for e in of_thermometer(name, t.min(), t.max())),
+        *(e for name, t in thermometers.items() for e in of_thermometer(name, t.min(), t.max())),
         InputError("gyro_dph", "scale", SHARE),
     ]
     return differentiate(errors, written(item.fit for item in fitted), refit)
 
 
-def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sensitivity]:
+def _of_levels(stage: str, model: Model, rest_figures: Mapping[str, float]) -> list[Sensitivity]:
     """Sensitivities of one model on levels, and of the rates at `rest`.
 
     At rest a thermometer that is off by δT gives the drift of T at T + δT: coefficients c change by
@@ -88,10 +91,10 @@ def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sens
     """
     low, high = model.valid[CASE]
     case = np.linspace(low, high, POINTS)
-    at = {CASE: case, RATE: np.zeros(POINTS)}
-    slope = forms.slope_over_case(model, at)
+    inputs = {CASE: case, RATE: np.zeros(POINTS)}
+    slope = forms.slope_over_case(model, inputs)
     mapped_case = (2.0 * case - high - low) / ((high - low) or 1.0)
-    design = forms.ON_LEVELS[model.form].gradient(model, at)
+    design = forms.ON_LEVELS[model.form].gradient(model, inputs)
     at_rest = [
         k
         for k, c in enumerate(model.coefficients)
@@ -101,14 +104,14 @@ def _of_levels(stage: str, model: Model, rest: Mapping[str, float]) -> list[Sens
     solved = np.linalg.lstsq(design[:, at_rest], right_sides, rcond=None)[0]
     names = [f"{stage}.{model.name}.{model.coefficients[k].name}" for k in at_rest]
     offset, span, level = (dict(zip(names, column.tolist(), strict=True)) for column in solved.T)
-    by_rate = {f"{stage}.{name}": 1.0 for name in rest}
+    by_rate = {f"{stage}.{name}": 1.0 for name in rest_figures}
     # all but the lags are proportional to the indication
     proportional = {
         f"{stage}.{model.name}.{c.name}": c.value
         for c in model.coefficients
         if c.value and not c.unit.startswith("s")
     }
-    proportional |= {f"{stage}.{name}": value for name, value in rest.items()}
+    proportional |= {f"{stage}.{name}": value for name, value in rest_figures.items()}
     return [
         Sensitivity(CASE, "offset", offset),
         Sensitivity(CASE, "span", span),

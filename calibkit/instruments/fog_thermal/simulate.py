@@ -1,4 +1,8 @@
-"""Simulated logs of a fibre-optic gyro on temperature ramps, with their true values."""
+"""Simulated logs of a fibre-optic gyro on temperature ramps, with their true values.
+
+indication = earth's rate + bias + turn-on bias + drift of the coil (`simulate_gyro`)
++ angle random walk + flicker + rate random walk,      in whole pulses
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace

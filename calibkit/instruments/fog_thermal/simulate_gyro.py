@@ -107,7 +107,8 @@ class FogGyro:
         count = len(air_degc)
         padded = np.pad(air_degc, (0, -(count - 1) % STEP), mode="reflect", reflect_type="odd")
         before, middle, after = (
-            padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
+            padded[offset : offset - STEP or None : STEP].tolist()
+            for offset in (0, STEP // 2, STEP)
         )
         # the whole gyro in equilibrium with still air: the root of its heat balance
         heating, growth = self.self_heating_degc, self.convection_per_degc
@@ -132,10 +133,10 @@ class FogGyro:
         if self.hysteresis_dph == 0.0:
             return np.zeros(len(coil_degc))
         widths = self.hysteresis_play_degc
-        behind: Array = np.sum(
+        play_sum: Array = np.sum(
             [_play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
         )
-        return self.hysteresis_dph / (2.0 * sum(widths)) * behind
+        return self.hysteresis_dph / (2.0 * sum(widths)) * play_sum
 
     def drift(self, heat: "Heat") -> Array:
         """Bias [n, °/h] relative to equilibrium at the reference temperature: static part, Shupe
@@ -144,14 +145,14 @@ class FogGyro:
         share = self.inner_share
         coil = (1.0 - share) * heat.outer + share * heat.inner
         coil_rate = (1.0 - share) * heat.outer_rate + share * heat.inner_rate
-        above = coil - REFERENCE_DEGC
+        rise = coil - REFERENCE_DEGC
         shupe = self.shupe_rate * coil_rate + self.shupe_gradient_rate * (
             heat.outer_rate - heat.inner_rate
         )
-        static: Array = polynomial.polyval(above, np.array([0.0, *self.static_dph]))
+        static: Array = polynomial.polyval(rise, np.array([0.0, *self.static_dph]))
         return (
             static
-            + shupe * SECONDS_PER_MINUTE * (1.0 + self.shupe_per_degc * above)
+            + shupe * SECONDS_PER_MINUTE * (1.0 + self.shupe_per_degc * rise)
             + self.hysteresis(coil)
         )
 

@@ -45,7 +45,7 @@ def drift_report(
         model.interval_s,
         tuple(log_view(log, model) for log in logs),
         tuple(item.fit for item in ramps),
-        tuple(choice.chosen for choice in choices if choice.chosen is not None),
+        tuple(choice.polynomial for choice in choices if choice.polynomial is not None),
         tuple(tested),
         bool(model.polynomials),
         hysteresis,
@@ -72,9 +72,9 @@ def list_tested(
     is listed.
     """
     exported = {export.name} | {
-        f"gradient_rate {side.side}, order {side.chosen.order}"
+        f"gradient_rate {side.side}, order {side.polynomial.order}"
         for side in choices
-        if side.chosen is not None and export.model.polynomials
+        if side.polynomial is not None and export.model.polynomials
     }
     tested = [*(result for side in choices for result in side.tested), *levels.tested]
     splits = [split_noise(result.errors) for result in tested]
@@ -109,7 +109,7 @@ def tabulate_tested(results: Sequence[TestedModel]) -> Table:
     )
 
 
-def coverage_tables(entries: Mapping[str, Mapping[str, Any]], which: str) -> tuple[Table, ...]:
+def coverage_tables(entries: Mapping[str, Mapping[str, Any]], log_kind: str) -> tuple[Table, ...]:
     """Table of the stated uncertainty of the compensated rate of each log, by its name, and the
     share of its 100 s means within it, about the log's mean and absolutely.
     """
@@ -137,9 +137,9 @@ def coverage_tables(entries: Mapping[str, Mapping[str, Any]], which: str) -> tup
     if not rows:
         return ()
     title = (
-        f"Compensated rate of the {which} logs [°/h]: stated uncertainty, and 100 s means within it"
-        " and noise (95 % expected), about the log's mean and absolutely; offset from the rate at"
-        " rest of the fit"
+        f"Compensated rate of the {log_kind} logs [°/h]: stated uncertainty, and 100 s means within"
+        " it and noise (95 % expected), about the log's mean and absolutely; offset from the"
+        " rate at rest of the fit"
     )
     heads = ("log", "u, mean", "U, largest", "means", "about mean", "absolutely", "offset")
     return (Table(title, heads, tuple(rows)),)
@@ -217,7 +217,7 @@ def summarize_fit(
     tested: Sequence[TestedModel],
     levels: ThermalChoice,
     export: Export,
-    stated: Sequence[Mapping[str, Any]],
+    drift_uncertainties: Sequence[Mapping[str, Any]],
     at_rest: KeyValue | None,
 ) -> Overview:
     """First screen of a fit; `at_rest` is the bias or the rate at rest."""
@@ -226,12 +226,12 @@ def summarize_fit(
     used = [entry for entry in tested if entry.exported]
     if used:
         raw, left = rms([entry.raw for entry in used]), rms([entry.left for entry in used])
-        there = rms([entry.split.noise for entry in used])
-        sentence = _compare_drift("ramps left out of the fit", raw, left, there)
-        where = "drift on left-out ramps"
+        left_out_noise = rms([entry.split.noise for entry in used])
+        sentence = _compare_drift("ramps left out of the fit", raw, left, left_out_noise)
+        subject = "drift on left-out ramps"
         values = [
-            KeyValue(f"{where}, before", raw, _UNIT),
-            KeyValue(f"{where}, after", left, _UNIT),
+            KeyValue(f"{subject}, before", raw, _UNIT),
+            KeyValue(f"{subject}, after", left, _UNIT),
         ]
         facts.append(f"Model: {export.name}, {_explain_choice(export, levels, tested)}.")
     else:
@@ -240,8 +240,8 @@ def summarize_fit(
             f"No drift term is exported. Drift of the logs (rms of 100 s means): {before:.3f}"
             f" {_UNIT}; noise alone gives {noise:.3f} {_UNIT}."
         )
-    if stated:
-        worst = max(stated, key=lambda entry: float(entry["expanded_uncertainty"]))
+    if drift_uncertainties:
+        worst = max(drift_uncertainties, key=lambda entry: float(entry["expanded_uncertainty"]))
         U = KeyValue("largest U of the drift taken off", worst["expanded_uncertainty"], _UNIT)
         values.append(U)
         facts.append(
@@ -254,10 +254,10 @@ def summarize_fit(
     return Overview(sentence, tuple(facts), tuple(values), _ramp_rows(compensated, prepared))
 
 
-def _compare_drift(where: str, raw: float, left: float, noise: float) -> str:
+def _compare_drift(subject: str, raw: float, left: float, noise: float) -> str:
     """Drift before and after beside what noise alone gives, in words."""
     return (
-        f"Drift on {where} (rms of 100 s means): {raw:.3f} {_UNIT} before, {left:.3f} {_UNIT}"
+        f"Drift on {subject} (rms of 100 s means): {raw:.3f} {_UNIT} before, {left:.3f} {_UNIT}"
         f" after; noise alone gives {noise:.3f} {_UNIT}."
     )
 
@@ -265,10 +265,10 @@ def _compare_drift(where: str, raw: float, left: float, noise: float) -> str:
 def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[TestedModel]) -> str:
     """How many models were tested on left-out ramps, and why this one was chosen."""
     count = f"of {len(tested)} models tested on left-out ramps"
-    if levels.chosen is None or export.model.thermal is None:
+    if levels.chosen_errors is None or export.model.thermal is None:
         return f"chosen {count}"
-    best = min(one.pooled for one in levels.tested)
-    if levels.chosen.pooled <= best:
+    best = min(test.pooled for test in levels.tested)
+    if levels.chosen_errors.pooled <= best:
         return f"the smallest error {count}"
     return f"the simplest within the noise of the best, {count}"
 
@@ -277,7 +277,7 @@ def summarize_validation(
     compensated: Sequence[LogFigures], entries: Sequence[Mapping[str, Any]]
 ) -> Overview:
     """First screen of a validation."""
-    raw, left = (rms([getattr(log, when) for log in compensated]) for when in ("before", "after"))
+    raw, left = (rms([getattr(log, stage) for log in compensated]) for stage in ("before", "after"))
     noise = rms([log.split.noise for log in compensated])
     gains = [log.gain_recursive for log in compensated]
     span = describe_span(min(gains), max(gains), "", ".4f").strip()

@@ -1,5 +1,11 @@
 """Uncertainty of the compensated rate along a log by component, and its coverage of the residuals
 on logs that were not fitted.
+
+    u² = xᵀ C x + e² + Δ²/3 + h²/3 + Σ type B           (`numeric.thermal.uncertainty`)
+    |mean of 100 s| ≤ √(U² + (2 u_noise)²) for 95 % of the means
+
+Absolutely, the rate at rest of the fit and the turn-on bias of one more log enter too
+(`RestLevel`).
 """
 
 from collections.abc import Sequence
@@ -40,7 +46,7 @@ def along_blocks(
     blocks: DriftBlocks,
     terms: Sequence[TypeB],
     *,
-    settled: bool = False,
+    long_at_rest: bool = False,
     about_mean: bool = False,
 ) -> uncertainty.Along:
     """Uncertainty of the drift along block means, or of the drift less its mean: type A, model
@@ -52,21 +58,21 @@ def along_blocks(
     """
     thermal, reference = model.thermal, model.reference_temp_degc
     if thermal is None:
-        found = (
+        exported = (
             "gradient_rate, whose error on other rates is not known"
             if model.polynomials
             else "no drift term"
         )
         raise UsageError(
-            f"output.rate_uncertainty: the run exports {found}: no uncertainty of the compensated"
-            " rate can be stated",
+            f"output.rate_uncertainty: the run exports {exported}: no uncertainty of the"
+            " compensated rate can be stated",
             hint="set it to false, or fit with drift.model = 'auto'",
         )
     time, case, env = blocks.time, blocks.case, blocks.case - blocks.gradient
 
     def warmer_by(of_case: float, of_env: float) -> Evaluation:
-        both = case + of_case, env + of_env
-        return evaluate.evaluate(thermal, time, *both, reference, settled=settled)
+        temperatures = case + of_case, env + of_env
+        return evaluate.evaluate(thermal, time, *temperatures, reference, long_at_rest=long_at_rest)
 
     thermometers = {
         "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,
@@ -82,10 +88,10 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     """
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
-    found = along_blocks(model, blocks, recipe.type_b)
+    drift_uncertainty = along_blocks(model, blocks, recipe.type_b)
     standard = log.allocate(time.size)
     for a, b in chunks.ranges_along(time, standard):
-        standard[a:b] = np.interp(time[a:b], blocks.time, found.standard)
+        standard[a:b] = np.interp(time[a:b], blocks.time, drift_uncertainty.standard)
     return standard
 
 
@@ -97,27 +103,29 @@ def state_along_logs(
     """
     if model.thermal is None:
         return []
-    stated = []
+    entries = []
 
-    def state(where: str, degc: float, along: uncertainty.Along, row: int) -> None:
-        drift = float(along.drift[row])
+    def state(place: str, degc: float, drift_uncertainty: uncertainty.Along, row: int) -> None:
+        drift = float(drift_uncertainty.drift[row])
         parts = [
             gum.UncertaintyComponent(name, drift, float(values[row]), kind, dof=dof)
-            for name, kind, values, dof in along.contributions
+            for name, kind, values, dof in drift_uncertainty.contributions
         ]
         entry = budget.combine("drift taken off the indication", "deg/h", parts)
-        stated.append(entry | {"where": where, "temp_case_degc": degc})
+        entries.append(entry | {"where": place, "temp_case_degc": degc})
 
-    still = np.zeros(2)
+    no_change = np.zeros(2)
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
     for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
-        resting = DriftBlocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
-        state("at rest", degc, along_blocks(model, resting, terms, settled=True), 1)
+        resting = DriftBlocks(
+            np.array([0.0, 1.0]), np.full(2, degc), no_change, no_change, no_change
+        )
+        state("at rest", degc, along_blocks(model, resting, terms, long_at_rest=True), 1)
     for log in logs:
         moving = along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
         state(log.name, float(log.raw.case[row]), moving, row)
-    return stated
+    return entries
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +141,9 @@ class RestLevel:
     @staticmethod
     def find(figures: Sequence[Figure]) -> "RestLevel | None":
         """Level of the figures of drift_rate.json; None where no rate at rest is stated."""
-        stated = {figure.name: figure for figure in figures}
-        rate = stated.get("mean_rate_at_reference")
-        turn_on = [one.value for name, one in stated.items() if name.startswith(TURN_ON)]
+        by_name = {figure.name: figure for figure in figures}
+        rate = by_name.get("mean_rate_at_reference")
+        turn_on = [entry.value for name, entry in by_name.items() if name.startswith(TURN_ON)]
         if rate is None or len(turn_on) < 2:
             return None
         return RestLevel(rate.value, rate.standard_uncertainty, np.array(turn_on))
@@ -172,18 +180,20 @@ def check_coverage(
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
-    found = along_blocks(model, blocks, terms)
+    drift_uncertainty = along_blocks(model, blocks, terms)
     group = blocks_per_figure(model.interval_s)
     entry: dict[str, Any] = {
         "unit": "deg/h",
-        "standard_uncertainty_mean": float(found.standard.mean()),
-        "standard_uncertainty_largest": float(found.standard.max()),
-        "expanded_uncertainty_largest": float(found.expanded.max()),
+        "standard_uncertainty_mean": float(drift_uncertainty.standard.mean()),
+        "standard_uncertainty_largest": float(drift_uncertainty.standard.max()),
+        "expanded_uncertainty_largest": float(drift_uncertainty.expanded.max()),
         "probability": gum.TWO_SIGMA,
     }
-    left, noise = blocks.indication - found.drift, model.thermal.noise
+    left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
     centred = along_blocks(model, blocks, terms, about_mean=True)
-    compared, means, limit = thermal_forms.compare_means(left, found, centred, noise, group)
+    compared, means, limit = thermal_forms.compare_means(
+        left, drift_uncertainty, centred, noise, group
+    )
     if compared and level is not None:
         entry |= level.compare(means, limit)
     return entry | compared

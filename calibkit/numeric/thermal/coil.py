@@ -28,7 +28,7 @@ class Path:
 
     start: Array
     """[L], first case temperature [°C] of each log."""
-    above: Array
+    rise: Array
     """[L, n], case temperature above the first [°C]."""
     step: Array
     """[L, n − 1], length of each step [s]."""
@@ -58,8 +58,8 @@ def followed_range(low: float, high: float) -> tuple[float, float]:
     """Case temperatures [°C] that lags of a model follow that was fitted from low to high [°C]: an
     eighth of its range beyond, and all of FOLLOWED_DEGC.
     """
-    beyond = (high - low) / 8.0
-    return min(FOLLOWED_DEGC[0], low - beyond), max(FOLLOWED_DEGC[1], high + beyond)
+    margin = (high - low) / 8.0
+    return min(FOLLOWED_DEGC[0], low - margin), max(FOLLOWED_DEGC[1], high + margin)
 
 
 RUN_UP_S = 36_000.0
@@ -73,24 +73,24 @@ def path_of_spans(logs: Sequence[tuple[Array, Array, Sequence[tuple[int, float]]
     its spans with the rate [°C/min] at which the temperature came to each; lags are not carried
     from span to span.
     """
-    whole = []
+    with_run_ups = []
     for time, case, spans in logs:
         first = np.array([row for row, _ in spans], dtype=np.int64)
         rate = np.array([rate for _, rate in spans]) / SECONDS_PER_MINUTE
         later = np.zeros(time.size)
         later[first[1:]] = APART_S
-        moved = time + np.cumsum(later)
-        whole.append(
+        separated_time = time + np.cumsum(later)
+        with_run_ups.append(
             (
-                np.insert(moved, first, moved[first] - RUN_UP_S),
+                np.insert(separated_time, first, separated_time[first] - RUN_UP_S),
                 np.insert(case, first, case[first] - RUN_UP_S * rate),
                 np.insert(np.ones(time.size, dtype=bool), first, values=False),
             )
         )
-    joined = path([(time, case) for time, case, _ in whole])
+    joined = path([(time, case) for time, case, _ in with_run_ups])
     inside = joined.inside.copy()
-    for row, (time, _, own) in enumerate(whole):
-        inside[row, : time.size] = own
+    for row, (time, _, is_sample) in enumerate(with_run_ups):
+        inside[row, : time.size] = is_sample
     return replace(joined, inside=inside)
 
 
@@ -102,12 +102,12 @@ def path(logs: Sequence[tuple[Array, Array]]) -> Path:
     for row, (time, case) in enumerate(logs):
         step[row, : time.size - 1], change[row, : time.size - 1] = np.diff(time), np.diff(case)
         inside[row, : time.size] = True
-    above = np.concatenate([np.zeros((len(logs), 1)), np.cumsum(change, axis=1)], axis=1)
-    return Path(np.array([case[0] for _, case in logs]), above, step, change, inside)
+    rise = np.concatenate([np.zeros((len(logs), 1)), np.cumsum(change, axis=1)], axis=1)
+    return Path(np.array([case[0] for _, case in logs]), rise, step, change, inside)
 
 
 def _temperatures(
-    along: Path, tau_outer: float, tau_inner: float | None
+    case_path: Path, tau_outer: float, tau_inner: float | None
 ) -> tuple[Array, Array, Array]:
     """Outer and inner coil temperature [n, °C] and T_o' [n, °C/s] of all logs in sequence.
 
@@ -118,28 +118,35 @@ def _temperatures(
     T_i ← b T_i + x1 − b x0 − m (τ_o + τ_i) (1 − b) + (T_o − x0 + m τ_o) · `_carried`.
     Without an inner lag it equals the outer one.
     """
-    h, x = along.step, along.above[:, :-1]
-    m = along.change / np.where(h > 0.0, h, 1.0)
+    h, x = case_path.step, case_path.rise[:, :-1]
+    m = case_path.change / np.where(h > 0.0, h, 1.0)
     decay = np.exp(-h / tau_outer)
-    behind = m * tau_outer
-    outer = _decaying(h / tau_outer, along.change - (behind - x) * (1.0 - decay))
-    rate = (along.above - outer) / tau_outer
-    first = along.start[:, None]
+    ramp_lag = m * tau_outer
+    outer = _decaying(h / tau_outer, case_path.change - (ramp_lag - x) * (1.0 - decay))
+    rate = (case_path.rise - outer) / tau_outer
+    first = case_path.start[:, None]
     if tau_inner is None:
-        shown = (outer + first)[along.inside]
-        return shown, shown, rate[along.inside]
-    line = x - behind - m * tau_inner
-    away = (outer[:, :-1] - x + behind) * _carried(h, tau_outer, tau_inner)
-    inner = _decaying(h / tau_inner, along.change - line * np.expm1(-h / tau_inner) + away)
-    return (outer + first)[along.inside], (inner + first)[along.inside], rate[along.inside]
+        outer_at_samples = (outer + first)[case_path.inside]
+        return outer_at_samples, outer_at_samples, rate[case_path.inside]
+    line = x - ramp_lag - m * tau_inner
+    from_outer = (outer[:, :-1] - x + ramp_lag) * _carried(h, tau_outer, tau_inner)
+    inner = _decaying(
+        h / tau_inner, case_path.change - line * np.expm1(-h / tau_inner) + from_outer
+    )
+    return (
+        (outer + first)[case_path.inside],
+        (inner + first)[case_path.inside],
+        rate[case_path.inside],
+    )
 
 
 def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:
     """Response of the inner lag after h [s] to a difference of 1 across the outer lag, which
     decays; τ_o = τ_i is allowed.
     """
-    apart = h * abs(1.0 / tau_inner - 1.0 / tau_outer)
-    ratio = np.where(apart > 0.0, -np.expm1(-apart) / np.where(apart > 0.0, apart, 1.0), 1.0)
+    d = h * abs(1.0 / tau_inner - 1.0 / tau_outer)
+    # (1 − exp(−d))/d, which is 1 at d = 0
+    ratio = np.where(d > 0.0, -np.expm1(-d) / np.where(d > 0.0, d, 1.0), 1.0)
     return np.asarray(
         h / tau_inner * np.exp(-h / max(tau_outer, tau_inner)) * ratio, dtype=np.float64
     )

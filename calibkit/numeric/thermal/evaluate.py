@@ -35,7 +35,7 @@ class Evaluation:
     drift: Array
     sensitivities: Array
     """[n, p], derivative of the drift by each coefficient and each lag, as in the covariance."""
-    beyond: Array
+    extrapolated_drift: Array
     """[n, °/h], drift without clamping less drift with clamping."""
     temperature_clamped: Mask
     rate_clamped: Mask
@@ -79,7 +79,7 @@ def evaluate_terms(
     env does not enter a lagged model. The case is followed within `coil.followed_range`.
     """
     case = np.clip(case, *coil.followed_range(*model.valid.temperature))
-    found = _drivers(model, time, case, env, spans)
+    log_drivers = _drivers(model, time, case, env, spans)
     # a driver that no term of the model uses is not clamped
     terms = set(model.terms)
     used = (
@@ -88,28 +88,30 @@ def evaluate_terms(
         "s_grad" in terms,
         "s_grad_rate" in terms,
     )
-    inside = Drivers(
+    clamped = Drivers(
         *(
             np.clip(values, *span) if enters else values
-            for values, span, enters in zip(found, model.valid, used, strict=True)
+            for values, span, enters in zip(log_drivers, model.valid, used, strict=True)
         )
     )
-    rest = design_at_rest(model, reference_degc)
-    rows = inside.raw_design() - rest
+    rest_row = design_at_rest(model, reference_degc)
+    rows = clamped.raw_design() - rest_row
     by_lag = [
-        _by_lag(model, k, found, inside, (time, case, env, spans)) for k in range(len(model.lags))
+        _by_lag(model, k, log_drivers, clamped, (time, case, env, spans))
+        for k in range(len(model.lags))
     ]
     temperature, rate, gradient, gradient_rate = (
-        np.asarray(values != held) for values, held in zip(found, inside, strict=True)
+        np.asarray(values != clamped_values)
+        for values, clamped_values in zip(log_drivers, clamped, strict=True)
     )
     return Evaluation(
         rows @ model.coefficients,
         np.column_stack([rows, *by_lag]),
-        (found.raw_design() - rest - rows) @ model.coefficients,
+        (log_drivers.raw_design() - rest_row - rows) @ model.coefficients,
         temperature,
         rate | gradient_rate,
         gradient,
-        in_unmeasured_direction(model.valid, found.rate),
+        in_unmeasured_direction(model.valid, log_drivers.rate),
     )
 
 
@@ -126,30 +128,29 @@ def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] at rest (no rate, no gradient) at the reference temperature, clamped to the
     fitted range.
     """
-    still = np.zeros(1)
-    return Drivers(
-        np.array([model.nearest_fitted(reference_degc)]), still, still, still
-    ).raw_design()
+    zero = np.zeros(1)
+    return Drivers(np.array([model.nearest_fitted(reference_degc)]), zero, zero, zero).raw_design()
 
 
 def _by_lag(
     model: ThermalModel,
     k: int,
-    found: Drivers,
-    inside: Drivers,
+    log_drivers: Drivers,
+    clamped: Drivers,
     log: tuple[Array, Array, Array, Spans],
 ) -> Array:
     """Derivative [n, °/h/s] of the drift by the k-th lag; a clamped driver is taken as constant."""
     step = model.lags[k] * RELATIVE_STEP
-    moved = _drivers(
+    at_longer_lag = _drivers(
         replace(model, lags=tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))), *log
     )
-    held = Drivers(
+    clamped_at_longer_lag = Drivers(
         *(
             np.where(values == limited, after, limited)
-            for values, limited, after in zip(found, inside, moved, strict=True)
+            for values, limited, after in zip(log_drivers, clamped, at_longer_lag, strict=True)
         )
     )
     return np.asarray(
-        (held.raw_design() - inside.raw_design()) @ model.coefficients / step, dtype=np.float64
+        (clamped_at_longer_lag.raw_design() - clamped.raw_design()) @ model.coefficients / step,
+        dtype=np.float64,
     )

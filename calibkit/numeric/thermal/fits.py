@@ -77,12 +77,12 @@ class Basis:
 class LevelBasis(Basis):
     """Drivers that the logs show themselves, with the trailing window of their rates [s]."""
 
-    shown: Drivers
+    log_drivers: Drivers
     window_s: float
 
     def drivers(self, log_lags: Array) -> Drivers:  # noqa: ARG002 (it has none)
         """As the logs show them."""
-        return self.shown
+        return self.log_drivers
 
     def solve(self, terms: Sequence[str]) -> "TermSolution":
         """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
@@ -95,12 +95,12 @@ class LevelBasis(Basis):
 class LaggedBasis(Basis):
     """Drivers of a coil behind the case temperatures of the logs."""
 
-    along: coil.Path
+    case_path: coil.Path
 
     def drivers(self, log_lags: Array) -> Drivers:
         """Those of one lag or two."""
         outer, *inner = np.exp(log_lags).tolist()
-        return self.along.drivers(outer, inner[0] if inner else None)
+        return self.case_path.drivers(outer, inner[0] if inner else None)
 
     @cached_property
     def grid(self) -> list[tuple[Array, Array]]:
@@ -129,7 +129,7 @@ class LaggedBasis(Basis):
         variance = rough.least_squares.turn_on_variance()
         return minimise(replace(rough, turn_on_variance=variance))
 
-    def _starts(self, chosen: Integers, count: int) -> list[Array]:
+    def _starts(self, column_numbers: Integers, count: int) -> list[Array]:
         """Logarithms of `count` lags to begin with: the best MOST_STARTS local minima on the grid.
 
         The logs hardly determine which of two lags is the outer one, and each order may have a
@@ -137,16 +137,16 @@ class LaggedBasis(Basis):
         """
         squares = np.full(len(self.grid), np.inf)
         for k, (_, rows) in enumerate(self.grid):
-            fit = self.rows.solve_rows(rows[:, chosen])
+            fit = self.rows.solve_rows(rows[:, column_numbers])
             if fit is not None:
                 squares[k] = fit.square
         if not np.isfinite(squares).any():
             raise _undetermined()
         over_lags = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
-        around = np.lib.stride_tricks.sliding_window_view(
+        least_nearby = np.lib.stride_tricks.sliding_window_view(
             np.pad(over_lags, 1, constant_values=np.inf), (3, 3)
         ).min(axis=(2, 3))
-        outer, inner = np.nonzero((over_lags <= around) & np.isfinite(over_lags))
+        outer, inner = np.nonzero((over_lags <= least_nearby) & np.isfinite(over_lags))
         best = np.argsort(over_lags[outer, inner], kind="stable")[:MOST_STARTS]
         return [self.grid[outer[k] * len(STARTS_S) + inner[k]][0][:count] for k in best]
 
@@ -159,12 +159,12 @@ def level_basis(stacked: Stack) -> LevelBasis:
     step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
     window_s = max(level.WINDOW_S, 2.0 * (level.LEAST_SAMPLES - 1) * round(step, 3))
     parts = [level.drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
-    shown = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
-    scales = shown.valid().scales()
-    columns = shown.scaled_design(scales)[:, 1:]
+    log_drivers = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
+    scales = log_drivers.valid().scales()
+    columns = log_drivers.scaled_design(scales)[:, 1:]
     rows = WhitenedRows.of_stack(stacked, sound_blocks(columns, stacked))
     rows = rows.at_noise_of(stacked.indication, columns)
-    return LevelBasis(rows, scales, shown, window_s)
+    return LevelBasis(rows, scales, log_drivers, window_s)
 
 
 def lagged_basis(rows: WhitenedRows) -> LaggedBasis:
@@ -172,9 +172,9 @@ def lagged_basis(rows: WhitenedRows) -> LaggedBasis:
     logs.
     """
     logs = rows.stacked.logs
-    along = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
+    case_path = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
-    return LaggedBasis(rows, along.drivers(middle, middle).valid().scales(), along)
+    return LaggedBasis(rows, case_path.drivers(middle, middle).valid().scales(), case_path)
 
 
 @dataclass(frozen=True)
@@ -224,8 +224,8 @@ class TermSolution:
         # inside the bounds
         shifts = np.where(self.log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
         for k, step in enumerate(np.diag(shifts)):
-            moved = replace(self, log_lags=self.log_lags + step).columns
-            changes[:, k] = (moved - self.columns) @ self.least_squares.coefficients
+            shifted_columns = replace(self, log_lags=self.log_lags + step).columns
+            changes[:, k] = (shifted_columns - self.columns) @ self.least_squares.coefficients
         return changes / shifts
 
     @cached_property
@@ -235,8 +235,8 @@ class TermSolution:
         """
         low, high = np.log(BOUNDS_S)
         inside: Mask = (self.log_lags > low + STEP) & (self.log_lags < high - STEP)
-        every = np.column_stack([self.columns, self.sensitivities])
-        if self.rows.solve(every, self.turn_on_variance) is None:
+        tangent_columns = np.column_stack([self.columns, self.sensitivities])
+        if self.rows.solve(tangent_columns, self.turn_on_variance) is None:
             inside[:] = False
         return inside
 
@@ -255,7 +255,7 @@ class TermSolution:
         """Columns [n, k + m] of the model about its lags."""
         return np.column_stack([self.columns, self.sensitivities[:, self.free]])
 
-    def leave_out(self, without: Iterable[WhitenedRows]) -> Iterator[Array]:
+    def leave_out(self, remaining_rows: Iterable[WhitenedRows]) -> Iterator[Array]:
         """Drift [n, up to a constant] of all blocks by the fit without each ramp in turn.
 
         ω = X c + S δ with the columns X and the derivatives S by the logarithms of the lags:
@@ -263,7 +263,7 @@ class TermSolution:
         stay.
         """
         tangent = self.tangent
-        for rows in without:
+        for rows in remaining_rows:
             predicted = np.zeros(len(self.columns))
             for columns in (tangent, self.columns):
                 solved = rows.solve(columns, self.turn_on_variance)
@@ -273,35 +273,35 @@ class TermSolution:
             yield predicted
 
 
-def minimise(here: TermSolution) -> TermSolution:
+def minimise(solution: TermSolution) -> TermSolution:
     """Least sum of squares over the lags within BOUNDS_S, by Gauss-Newton steps with free
     coefficients (Golub & Pereyra 1973, Kaufman 1975), each halved until it lowers the sum.
     Raises FitError if the columns are linearly dependent at the start.
     """
     last = np.inf
     for _ in range(ITERATIONS):
-        every = np.column_stack([here.columns, here.sensitivities])
-        linearised = here.rows.solve(every, here.turn_on_variance)
+        tangent_columns = np.column_stack([solution.columns, solution.sensitivities])
+        linearised = solution.rows.solve(tangent_columns, solution.turn_on_variance)
         if linearised is None:
             break
-        step = linearised.coefficients[here.columns.shape[1] :]
+        step = linearised.coefficients[solution.columns.shape[1] :]
         step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         size = float(np.max(np.abs(step)))
         # near the minimum, differences of the sum of squares are below rounding
-        near = size <= CLOSE
-        if near and size >= 0.5 * last:
+        near_minimum = size <= CLOSE
+        if near_minimum and size >= 0.5 * last:
             break
-        for halving in range(1 if near else HALVINGS):
-            log_lags = np.clip(here.log_lags + step * 0.5**halving, *np.log(BOUNDS_S))
-            there = replace(here, log_lags=log_lags)
-            if there.fit is not None and (near or there.square < here.square):
+        for halving in range(1 if near_minimum else HALVINGS):
+            log_lags = np.clip(solution.log_lags + step * 0.5**halving, *np.log(BOUNDS_S))
+            candidate = replace(solution, log_lags=log_lags)
+            if candidate.fit is not None and (near_minimum or candidate.square < solution.square):
                 break
         else:
             break
-        here, last = there, size
+        solution, last = candidate, size
         if size < SETTLED:
             break
-    return here
+    return solution
 
 
 def _undetermined() -> FitError:
@@ -324,16 +324,16 @@ def finish(solution: TermSolution) -> ThermalModel:
     solution = replace(solution, basis=replace(solution.basis, rows=rows))
     if solution.log_lags.size:
         solution = minimise(solution)
-    chosen, free = chosen_columns(solution.terms)[1:], np.flatnonzero(solution.free)
+    column_numbers, free = chosen_columns(solution.terms)[1:], np.flatnonzero(solution.free)
     solved, _ = rows.solve_terms(solution.columns, solution.terms[1:])
     tangent = rows.solve(solution.tangent, solution.turn_on_variance) or solved
     logs, levels, lags = solved.logs, solved.levels, np.exp(solution.log_lags)
     # from (levels, scaled coefficients, logarithms of the free lags) to (raw units, seconds);
     # terms and lags that were not fitted have zero rows
-    to_terms = np.zeros((9 + lags.size, logs + chosen.size + free.size))
+    to_terms = np.zeros((9 + lags.size, logs + column_numbers.size + free.size))
     to_terms[0, :logs] = 1.0 / logs
-    to_terms[chosen, logs + np.arange(chosen.size)] = 1.0
-    to_terms[9 + free, logs + chosen.size + np.arange(free.size)] = lags[free]
+    to_terms[column_numbers, logs + np.arange(column_numbers.size)] = 1.0
+    to_terms[9 + free, logs + column_numbers.size + np.arange(free.size)] = lags[free]
     to_raw = np.eye(9 + lags.size)
     to_raw[:9, :9] = solution.basis.scales.to_raw()
     matrix = to_raw @ to_terms
@@ -341,16 +341,16 @@ def finish(solution: TermSolution) -> ThermalModel:
     turn_on_variance = 0.0
     if logs > 1:
         of_levels = tangent.covariance[:logs, :logs]
-        alone = float(np.mean(np.diag(of_levels)) - np.mean(of_levels))
-        turn_on_variance = max(float(np.var(levels, ddof=1)) - alone, 0.0) / logs
+        estimation_variance = float(np.mean(np.diag(of_levels)) - np.mean(of_levels))
+        turn_on_variance = max(float(np.var(levels, ddof=1)) - estimation_variance, 0.0) / logs
     covariance[0, 0] += turn_on_variance
     scaled = np.concatenate([[levels.mean()], np.zeros(8)])
-    scaled[chosen] = solved.coefficients
+    scaled[column_numbers] = solved.coefficients
     drift = solution.columns @ solved.coefficients
     residual = (stacked.indication - drift - stacked.level_columns @ levels)[rows.blocks]
-    dof = residual.size - chosen.size - free.size - logs
+    dof = residual.size - column_numbers.size - free.size - logs
     flags, entangled = _judge_lags(solution, np.sqrt(np.diag(covariance)[9:]) / lags)
-    shown = solution.basis.drivers(solution.log_lags)
+    drivers = solution.basis.drivers(solution.log_lags)
     return ThermalModel(
         form=solution.form,
         terms=solution.terms,
@@ -358,7 +358,7 @@ def finish(solution: TermSolution) -> ThermalModel:
         lags=tuple(lags.tolist()),
         covariance=covariance,
         window_s=solution.basis.window_s if isinstance(solution.basis, LevelBasis) else 0.0,
-        valid=Drivers(*(values[stacked.fitted] for values in shown)).valid(),
+        valid=Drivers(*(values[stacked.fitted] for values in drivers)).valid(),
         turn_on=levels - levels.mean(),
         turn_on_variance=turn_on_variance,
         constant_dof=float(logs - 1) if logs > 1 else float(dof),

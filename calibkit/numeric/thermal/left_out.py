@@ -78,12 +78,12 @@ class LeftOutErrors:
         return float(np.sqrt(np.mean(self.raw_squares)))
 
 
-def simplest(tested: Sequence[LeftOutErrors], among: Iterable[int]) -> int:
+def simplest(tested: Sequence[LeftOutErrors], eligible: Iterable[int]) -> int:
     """Number of the simplest of some models that is as good as the best within one standard error;
     one with a lag at its upper bound counts as less simple than any other.
     """
     ordered = sorted(
-        among, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled)
+        eligible, key=lambda k: (tested[k].endless, tested[k].parameters, tested[k].pooled)
     )
     return choose_simplest({k: tested[k].squares for k in ordered})
 
@@ -115,12 +115,12 @@ def left_out_errors(
     predicted: Iterable[Array], stacked: Stack, sound: Mask, figure_blocks: int
 ) -> tuple[Array, ...]:
     """Indication less a prediction of each ramp [m, °/h], as figure means about their mean."""
-    found = []
+    ramp_errors = []
     for rows, values in zip(stacked.ramps, predicted, strict=True):
         left = stacked.indication[rows] - values
         error = figure_means(left, sound[rows], figure_blocks)
-        found.append(error - error.mean())
-    return tuple(found)
+        ramp_errors.append(error - error.mean())
+    return tuple(ramp_errors)
 
 
 def figure_means(values: Array, sound: Mask, group: int) -> Array:
@@ -128,14 +128,14 @@ def figure_means(values: Array, sound: Mask, group: int) -> Array:
     incomplete last group are left out.
     """
     size = min(group, values.size)
-    whole = max(values.size // group, 1) * size
-    weight = sound[:whole].reshape(-1, size)
+    grouped_rows = max(values.size // group, 1) * size
+    weight = sound[:grouped_rows].reshape(-1, size)
     usable = weight.mean(axis=1) >= LEAST_SHARE
-    grouped = values[:whole].reshape(weight.shape)[usable]
+    grouped = values[:grouped_rows].reshape(weight.shape)[usable]
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
 
 
 def leave_out(stacked: Stack, rows: WhitenedRows) -> tuple[WhitenedRows, ...]:
     """Rows of the logs, cut into ramps as stacked, without each ramp in turn."""
-    without = (WhitenedRows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
-    return tuple(replace(one, noise=rows.noise) for one in without)
+    without_ramp = (WhitenedRows.of_stack(stacked, rows.sound, ramp) for ramp in stacked.ramps)
+    return tuple(replace(remaining, noise=rows.noise) for remaining in without_ramp)

@@ -36,11 +36,11 @@ def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
     for start in range(0, time.size, rows):
         ends = np.arange(start, min(start + rows, time.size))
         # the normal equations of a parabola in x = (t − t_end)/window
-        at = ends[:, None] - np.arange(width)
-        inside = (at >= first[ends][:, None]).astype(np.float64)
-        at = np.maximum(at, first[ends][:, None])
-        x = (time[at] - time[ends][:, None]) / window_s
-        y = (values[at] - values[ends][:, None]) * inside
+        window_rows = ends[:, None] - np.arange(width)
+        inside = (window_rows >= first[ends][:, None]).astype(np.float64)
+        window_rows = np.maximum(window_rows, first[ends][:, None])
+        x = (time[window_rows] - time[ends][:, None]) / window_s
+        y = (values[window_rows] - values[ends][:, None]) * inside
         powers = [inside, inside * x]
         for _ in range(3):
             powers.append(powers[-1] * x)

@@ -31,34 +31,34 @@ class BlockNoise:
     flicker: float
 
 
-def estimate(turned: Turned, design: Array, indication: Array) -> BlockNoise:
+def estimate(rotation: Turned, design: Array, indication: Array) -> BlockNoise:
     """White variance of a row and flicker level of blocks with a design [m, k] and indication [m],
     with a free offset of each log and common coefficients.
 
     The level is the root mean square over the posterior for a flat prior on B. The maximum of the
     likelihood would understate a level near zero, as half of the time it lies on the boundary.
     """
-    whole = turned.rows(np.column_stack([np.ones(indication.size), design, indication]))
-    parts = [(turned.flicker[rows], whole[rows]) for rows, _ in turned.parts]
-    found = [_restricted(parts, float(level) ** 2 / turned.typical) for level in LEVELS]
-    likelihood = np.array([value for value, _ in found])
+    rotated = rotation.rows(np.column_stack([np.ones(indication.size), design, indication]))
+    parts = [(rotation.flicker[rows], rotated[rows]) for rows, _ in rotation.parts]
+    restricted_fits = [_restricted(parts, float(level) ** 2 / rotation.typical) for level in LEVELS]
+    likelihood = np.array([value for value, _ in restricted_fits])
     share = np.exp(-0.5 * (likelihood - likelihood.min())) * np.gradient(LEVELS)
     share /= share.sum()
-    white = np.array([variance for _, variance in found])
+    white = np.array([variance for _, variance in restricted_fits])
     square = share @ (LEVELS**2 * white)
-    return BlockNoise(float(share @ white), float(np.sqrt(square / turned.typical)))
+    return BlockNoise(float(share @ white), float(np.sqrt(square / rotation.typical)))
 
 
-def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
+def _restricted(rotated_logs: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
     """−2 log restricted likelihood at a ratio of flicker to white variance, and the white variance
     that maximises it.
     """
-    size = turned[0][1].shape[1] - 1
+    size = rotated_logs[0][1].shape[1] - 1
     total = np.zeros((size, size))
     determinant, rows = 0.0, 0
-    for values, whole in turned:
+    for values, rotated in rotated_logs:
         spread = 1.0 + ratio * values
-        moment = (whole / spread[:, None]).T @ whole
+        moment = (rotated / spread[:, None]).T @ rotated
         total += moment[1:, 1:] - np.outer(moment[0, 1:], moment[0, 1:]) / moment[0, 0]
         determinant += float(np.sum(np.log(spread)) + np.log(moment[0, 0]))
         rows += spread.size - 1
@@ -82,8 +82,8 @@ def covariance_of(estimator: Array, design: Array, indication: Array) -> Array:
     count = np.diff(np.append(starts, indication.size)).astype(np.float64)
     sums = np.add.reduceat(np.column_stack([design[:, 1:], indication]), starts, axis=0)
     means = sums / count[:, None]
-    turned = Turned.of_logs(np.zeros_like(starts), np.arange(count.size), count)
-    noise = estimate(turned, means[:, :-1], means[:, -1])
+    rotation = Turned.of_logs(np.zeros_like(starts), np.arange(count.size), count)
+    noise = estimate(rotation, means[:, :-1], means[:, -1])
     P = np.add.reduceat(estimator, starts, axis=1)
     of_flicker = noise.flicker**2 * P @ kernel(count.size) @ P.T
     return np.asarray(noise.white_variance * estimator @ estimator.T + of_flicker, dtype=np.float64)

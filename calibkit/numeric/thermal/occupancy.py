@@ -1,4 +1,6 @@
-"""Block means without spikes."""
+"""Block means of an indication without spikes: samples farther from the median of their model
+interval than 5 σ, with σ = 1.4826 times the median absolute deviation (`spikes`).
+"""
 
 from collections.abc import Iterator
 
@@ -25,25 +27,25 @@ def spikes(indication: Array, intervals: Intervals) -> Integers:
     an interval neither is a spike.
     """
     deviation, middles, largest = (np.empty(intervals.first.size) for _ in range(3))
-    for among, rows in intervals.groups():
-        first = intervals.first[among] - rows.start
-        middles[among] = order_statistics.run_medians(indication[rows], first)
-        away = _deviation(indication[rows], middles[among], intervals.count[among])
-        deviation[among] = order_statistics.run_medians(away, first)
-        largest[among] = np.maximum.reduceat(away, first)
+    for chunk, rows in intervals.groups():
+        first = intervals.first[chunk] - rows.start
+        middles[chunk] = order_statistics.run_medians(indication[rows], first)
+        distances = _deviation(indication[rows], middles[chunk], intervals.count[chunk])
+        deviation[chunk] = order_statistics.run_medians(distances, first)
+        largest[chunk] = np.maximum.reduceat(distances, first)
         chunks.release(indication)
 
     def deviations() -> Iterator[Array]:
-        for among, rows in intervals.groups():
-            yield _deviation(indication[rows], middles[among], intervals.count[among])
+        for chunk, rows in intervals.groups():
+            yield _deviation(indication[rows], middles[chunk], intervals.count[chunk])
             chunks.release(indication)
 
-    whole = order_statistics.median_of_chunks(deviations, intervals.rows)
-    if whole == 0.0:
-        whole = min(
+    log_deviation = order_statistics.median_of_chunks(deviations, intervals.rows)
+    if log_deviation == 0.0:
+        log_deviation = min(
             (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0
         )
-    limit = SPIKE * MAD_TO_SIGMA * np.maximum(deviation, whole)
+    limit = SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
     rows_of_spikes = [np.zeros(0, dtype=np.int64)]
     for k in np.flatnonzero(largest > limit).tolist():
         start = int(intervals.first[k])
@@ -56,24 +58,24 @@ def _deviation(values: Array, middles: Array, count: Integers) -> Array:
     """Absolute deviations [n] of values [n] from the medians [m] of their intervals of `count` [m]
     samples.
     """
-    away = np.repeat(middles, count)
-    np.subtract(values, away, out=away)
-    return np.abs(away, out=away)
+    distances = np.repeat(middles, count)
+    np.subtract(values, distances, out=distances)
+    return np.abs(distances, out=distances)
 
 
-def means(values: Array, intervals: Intervals, *, without: Integers) -> Array:
-    """Means [m] of values [n] over the model intervals without the rows `without` [k]; an interval
+def means(values: Array, intervals: Intervals, *, excluded: Integers) -> Array:
+    """Means [m] of values [n] over the model intervals without the `excluded` rows [k]; an interval
     with no other rows keeps them.
     """
     averages = intervals.means(values)
-    hit, at = np.unique(
-        np.searchsorted(intervals.first, without, side="right") - 1, return_index=True
+    hit, first_excluded = np.unique(
+        np.searchsorted(intervals.first, excluded, side="right") - 1, return_index=True
     )
-    ends = np.append(at, without.size)
+    ends = np.append(first_excluded, excluded.size)
     for k, interval in enumerate(hit.tolist()):
         first, count = int(intervals.first[interval]), int(intervals.count[interval])
-        kept = np.ones(count, dtype=np.bool_)
-        kept[without[ends[k] : ends[k + 1]] - first] = False
-        if kept.any():
-            averages[interval] = np.mean(values[first : first + count][kept])
+        sound = np.ones(count, dtype=np.bool_)
+        sound[excluded[ends[k] : ends[k + 1]] - first] = False
+        if sound.any():
+            averages[interval] = np.mean(values[first : first + count][sound])
     return averages

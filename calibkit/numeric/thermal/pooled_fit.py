@@ -79,7 +79,7 @@ def thermal_blocks(
     Spikes of the indication are left out. `begins` are the first rows of all ramps but the first.
     """
     time, case, env = means
-    rate = occupancy.means(indication, intervals, without=occupancy.spikes(indication, intervals))
+    rate = occupancy.means(indication, intervals, excluded=occupancy.spikes(indication, intervals))
     ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), intervals.first, side="right")
     return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
 
@@ -127,11 +127,13 @@ class Stack:
                 names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
             log_rows.append(slice(row, row + log.part.size))
             row += log.part.size
-        every = (np.ones(log.time.size, bool) if log.fitted is None else log.fitted for log in logs)
+        fitted_masks = (
+            np.ones(log.time.size, bool) if log.fitted is None else log.fitted for log in logs
+        )
         return cls(
             tuple(logs),
             np.concatenate([log.indication for log in logs]),
-            np.concatenate(list(every)),
+            np.concatenate(list(fitted_masks)),
             tuple(log_rows),
             tuple(ramps),
             np.array(ramp_log, dtype=np.int64),
@@ -161,15 +163,15 @@ class WhitenedRows:
     """[k], blocks that are fitted, in the stack."""
     starts: Integers
     """[m], first of them in each group."""
-    turned: Turned
+    rotation: Turned
     noise: BlockNoise
 
     @classmethod
     def of_stack(cls, stacked: Stack, sound: Mask, left_out: slice = slice(0, 0)) -> Self:
         """Rows of the sound blocks [n] of logs without those of one ramp, at white noise."""
-        kept = sound.copy()
-        kept[left_out] = False
-        blocks = np.flatnonzero(kept)
+        included = sound.copy()
+        included[left_out] = False
+        blocks = np.flatnonzero(included)
         log, place = np.empty((2, blocks.size), dtype=np.int64)
         for number, rows in enumerate(stacked.log_rows):
             of_log = slice(*np.searchsorted(blocks, (rows.start, rows.stop)))
@@ -179,8 +181,8 @@ class WhitenedRows:
         starts = np.flatnonzero(np.diff(log * MOST_GROUPS + place, prepend=-1))
         count = np.diff(np.append(starts, blocks.size)).astype(np.float64)
         _, number_of = np.unique(log[starts], return_inverse=True)
-        turned = Turned.of_logs(number_of, place[starts], count)
-        return cls(stacked, blocks, starts, turned, BlockNoise(1.0, 0.0))
+        rotation = Turned.of_logs(number_of, place[starts], count)
+        return cls(stacked, blocks, starts, rotation, BlockNoise(1.0, 0.0))
 
     @property
     def sound(self) -> Mask:
@@ -198,25 +200,27 @@ class WhitenedRows:
         """The rows at the noise of what is left [n] beside a free level of each log, and about a
         fit of columns [n, k] where such are given.
         """
-        beside = np.zeros((left.size, 0)) if columns is None else columns
-        means = self.means(np.column_stack([beside, left]))
-        noise = estimate(self.turned, means[:, :-1], means[:, -1])
-        least = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
-        return replace(self, noise=replace(noise, white_variance=max(noise.white_variance, least)))
+        design = np.zeros((left.size, 0)) if columns is None else columns
+        means = self.means(np.column_stack([design, left]))
+        noise = estimate(self.rotation, means[:, :-1], means[:, -1])
+        least_variance = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
+        return replace(
+            self, noise=replace(noise, white_variance=max(noise.white_variance, least_variance))
+        )
 
     def of(self, values: Array) -> Array:
         """Rows [m, k] of values [n, k] of all blocks."""
         white, flicker = self.noise.white_variance, self.noise.flicker
-        u = np.sqrt(white + flicker**2 * self.turned.flicker)
-        return self.turned.rows(self.means(values)) / u[:, None]
+        u = np.sqrt(white + flicker**2 * self.rotation.flicker)
+        return self.rotation.rows(self.means(values)) / u[:, None]
 
     @cached_property
     def _levels_and_indication(self) -> tuple[Array, Array]:
         """Rows [m, logs] of the level of each log that is there, and [m] of the indication."""
         levels = self.stacked.level_columns
-        seen = np.any(levels[self.blocks] > 0.0, axis=0)
-        both = self.of(np.column_stack([levels[:, seen], self.stacked.indication]))
-        return both[:, :-1], both[:, -1]
+        present = np.any(levels[self.blocks] > 0.0, axis=0)
+        whitened = self.of(np.column_stack([levels[:, present], self.stacked.indication]))
+        return whitened[:, :-1], whitened[:, -1]
 
     def solve(self, columns: Array, turn_on_variance: float = np.inf) -> "LeastSquares | None":
         """Fit of columns [n, k] to the indication; None if they are linearly dependent."""
@@ -231,8 +235,8 @@ class WhitenedRows:
         logs, k = levels.shape[1], X.shape[1]
         X = np.hstack([levels, X])
         if np.isfinite(turn_on_variance):
-            apart = (np.eye(logs) - 1.0 / logs) / np.sqrt(turn_on_variance)
-            X = np.vstack([X, np.pad(apart, ((0, 0), (0, k)))])
+            turn_on_rows = (np.eye(logs) - 1.0 / logs) / np.sqrt(turn_on_variance)
+            X = np.vstack([X, np.pad(turn_on_rows, ((0, 0), (0, k)))])
             y = np.append(y, np.zeros(logs))
         length = np.linalg.norm(X, axis=0)
         if not np.all(length > 0.0):
@@ -252,9 +256,9 @@ class WhitenedRows:
         free = self.solve(columns)
         if free is None:
             levels = self.stacked.level_columns
-            every = [*[""] * levels.shape[1], *names]
-            whole = self.of(np.hstack([levels, columns]))
-            loose = list(filter(None, fit.undetermined(whole, every))) or list(names)
+            column_names = [*[""] * levels.shape[1], *names]
+            whitened = self.of(np.hstack([levels, columns]))
+            loose = list(filter(None, fit.undetermined(whitened, column_names))) or list(names)
             raise FitError(
                 f"the logs cannot determine {', '.join(loose)}",
                 hint="vary temperature, rate and gradient, or drop these terms",
@@ -293,16 +297,17 @@ class LeastSquares:
         # the coefficients of lagged models, not 93.2 % (benchmarks/drift_coverage.py, 40 gyros).
         if self.logs < LEAST_LOGS:
             return float("inf")
-        C, one = self.covariance[: self.logs, : self.logs], np.ones(self.logs)
+        C, constant = self.covariance[: self.logs, : self.logs], np.ones(self.logs)
         u, spread = np.sqrt(np.mean(np.diag(C))), np.std(self.levels)
         sizes = np.geomspace(0.01 * u, 100.0 * max(u, spread), SIZES)
         deviance = np.empty(SIZES)
         for number, size in enumerate(sizes):
             V = C + size**2 * np.eye(self.logs)
             inverse = np.linalg.inv(V)
-            apart = self.levels - one @ inverse @ self.levels / (one @ inverse @ one)
+            information = constant @ inverse @ constant
+            turn_on = self.levels - constant @ inverse @ self.levels / information
             deviance[number] = (
-                np.linalg.slogdet(V)[1] + np.log(one @ inverse @ one) + apart @ inverse @ apart
+                np.linalg.slogdet(V)[1] + np.log(information) + turn_on @ inverse @ turn_on
             )
         share = np.exp(-0.5 * (deviance - deviance.min())) * sizes
         return float(share @ sizes**2 / share.sum())
@@ -321,15 +326,15 @@ def sound_blocks(columns: Array, stacked: Stack) -> Mask:
     for _ in range(ITERATIONS):
         coefficients = np.linalg.lstsq(X[sound], stacked.indication[sound], rcond=DEPENDENT)[0]
         residual, half = stacked.indication - X @ coefficients, NEIGHBOURS // 2
-        apart = np.empty_like(residual)
+        isolated = np.empty_like(residual)
         for rows in stacked.log_rows:
             padded = np.pad(residual[rows], half, mode="reflect")
-            around = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+            neighbourhoods = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
             # a row among its own neighbours would often be the median, and the scale too small
-            median = np.median(np.delete(around, half, axis=1), axis=1)
-            apart[rows] = np.abs(residual[rows] - median)
+            median = np.median(np.delete(neighbourhoods, half, axis=1), axis=1)
+            isolated[rows] = np.abs(residual[rows] - median)
         before = sound
-        sound = stacked.fitted & (apart <= SPIKE * mad_sigma(apart[stacked.fitted]))
+        sound = stacked.fitted & (isolated <= SPIKE * mad_sigma(isolated[stacked.fitted]))
         if np.array_equal(sound, before):
             break
     return sound

@@ -6,7 +6,7 @@ drivers.
 
 is the environmental model of IEEE Std 952 (D_T ΔT + D_Ṫ dT/dt + D_∇T d∇T/dt), with the static part
 to third order and products for the coil's conduction and Shupe effect. The modules `level` and
-`lagged` define T and G.
+`coil` define T and G.
 """
 
 from collections.abc import Sequence

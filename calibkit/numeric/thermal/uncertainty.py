@@ -1,5 +1,11 @@
 """Uncertainty of a fitted bias: its coefficients, the model's error on stretches that were left
 out of the fit, and clamping.
+
+    u² = xᵀ C x + e² + Δ²/3 + h²/3 + Σ type B
+
+x are the derivatives of the bias by coefficients and lags, C their covariance, e the model error
+(`model_error`), Δ the change of the bias by clamping, h half the spread by an unknown start of a
+hysteresis.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -80,13 +86,13 @@ def explained(
 
     The mean of each ramp is removed, as for left-out errors.
     """
-    known = [
+    expected_products = [
         at_lag
-        for log, along in zip(logs, sensitivities, strict=True)
-        for _, by_lag in explain_parts(model, log, along, group, of_rest=False)
+        for log, derivatives in zip(logs, sensitivities, strict=True)
+        for _, by_lag in explain_parts(model, log, derivatives, group, of_rest=False)
         for at_lag in by_lag
     ]
-    products = np.concatenate(known) if known else np.zeros(0)
+    products = np.concatenate(expected_products) if expected_products else np.zeros(0)
     return float(products.sum()) / max(products.size, 1)
 
 
@@ -107,19 +113,22 @@ def explain_parts(
         for inside, size in zip(rows, sizes, strict=True)
     ]
     means = [sensitivities[inside].mean(axis=1) for inside in grouped]
-    every, part = np.concatenate(means), np.repeat(numbers, [len(one) for one in means])
-    flicker = Flicker(len(every), NEIGHBOURING)
+    all_means, part = (
+        np.concatenate(means),
+        np.repeat(numbers, [len(part_means) for part_means in means]),
+    )
+    flicker = Flicker(len(all_means), NEIGHBOURING)
     for number, inside, s in zip(numbers, grouped, means, strict=True):
-        rest = part != number if of_rest and len(numbers) > 1 else part == number
+        reference = part != number if of_rest and len(numbers) > 1 else part == number
         first = int(np.argmax(part == number))
-        apart = s - every[rest].mean(axis=0)
+        deviations = s - all_means[reference].mean(axis=0)
         noise = flicker.about_level(first, first + len(s), of_rest=of_rest)
-        known = []
+        covariances = []
         for k, by_flicker in zip(NEIGHBOURING, noise, strict=True):
-            before = apart[: max(len(apart) - k, 0)]
-            of_coefficients = np.einsum("ij,jk,ik->i", apart[k:], model.covariance, before)
-            known.append(of_coefficients + model.noise.flicker**2 * by_flicker)
-        yield inside, known
+            before = deviations[: max(len(deviations) - k, 0)]
+            of_coefficients = np.einsum("ij,jk,ik->i", deviations[k:], model.covariance, before)
+            covariances.append(of_coefficients + model.noise.flicker**2 * by_flicker)
+        yield inside, covariances
 
 
 def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:
@@ -135,14 +144,19 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
     past = np.broadcast_to(evaluation.unknown_start, type_a.shape) / np.sqrt(3.0)
-    known: list[Contribution] = [
+    terms: list[Contribution] = [
         ("coefficients", "A", type_a, np.inf),
         ("model error on ramps left out", "A", missed, model.model_error_dof),
-        ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
+        (
+            "beyond the fitted ranges",
+            "B",
+            np.abs(evaluation.extrapolated_drift) / np.sqrt(3.0),
+            np.inf,
+        ),
     ]
     if np.any(past):
-        known.append(("hysteresis of what was before", "B", past, np.inf))
-    return known
+        terms.append(("hysteresis of what was before", "B", past, np.inf))
+    return terms
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +182,8 @@ def combine_along(
     """Uncertainty of the bias along a log, or of the bias less its mean: what the model states, and
     type B terms by name, effect [n] of one standard uncertainty, and degrees of freedom.
     """
-    known = contributions(model, evaluation.about_mean() if about_mean else evaluation)
+    terms = contributions(model, evaluation.about_mean() if about_mean else evaluation)
     for name, effect, dof in type_b:
-        known.append((name, "B", np.abs(effect - effect.mean() if about_mean else effect), dof))
-    _, _, parts, dofs = zip(*known, strict=True)
-    return Along(evaluation.drift, known, *gum.expand_along(np.stack(parts), np.array(dofs)))
+        terms.append((name, "B", np.abs(effect - effect.mean() if about_mean else effect), dof))
+    _, _, parts, dofs = zip(*terms, strict=True)
+    return Along(evaluation.drift, terms, *gum.expand_along(np.stack(parts), np.array(dofs)))

@@ -67,8 +67,8 @@ class Denoised:
     @property
     def edge(self) -> Mask:
         """Samples [n] that the extension touches."""
-        at = np.arange(self.signal.size)
-        return (at < self.inner[0]) | (at >= self.inner[1])
+        sample_number = np.arange(self.signal.size)
+        return (sample_number < self.inner[0]) | (sample_number >= self.inner[1])
 
 
 def denoise(
@@ -125,8 +125,8 @@ def denoise(
     reach = (bank.length - 1) * (period - 1)
     # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
     margin = -(-3 * bank.length // 4) * period
-    whole = _extend(samples, extension, margin, period, allocate)
-    approximations, unshifted = whole, whole
+    extended = _extend(samples, extension, margin, period, allocate)
+    approximations, unshifted = extended, extended
     details: list[Array] = []
     for level in range(depth):
         if level == fine:
@@ -155,16 +155,20 @@ def _extend(
     that the coarsest period divides them.
     """
     size = samples.size
-    whole = allocate(-(-(size + 2 * margin) // period) * period)
+    extended = allocate(-(-(size + 2 * margin) // period) * period)
     for start, stop in ranges(size):
-        whole[margin + start : margin + stop] = samples[start:stop]
-        release(samples, whole)
+        extended[margin + start : margin + stop] = samples[start:stop]
+        release(samples, extended)
     # the lines at the ends are as long as one and a half times the coarsest details are apart
-    window, turned = 3 * period // 2, samples[::-1]
-    whole[:margin] = beyond(samples, find_end(samples, extension, window), margin)
-    behind = beyond(turned, find_end(turned, extension, window), whole.size - margin - size)
-    whole[margin + size :] = behind[::-1]
-    return whole
+    window, reversed_samples = 3 * period // 2, samples[::-1]
+    extended[:margin] = beyond(samples, find_end(samples, extension, window), margin)
+    reversed_margin = beyond(
+        reversed_samples,
+        find_end(reversed_samples, extension, window),
+        extended.size - margin - size,
+    )
+    extended[margin + size :] = reversed_margin[::-1]
+    return extended
 
 
 def _blocks(size: int, margin: int, multiple: int = 1) -> Iterator[tuple[int, int, int, int]]:
@@ -180,8 +184,11 @@ def _analyse(values: Array, bank: Wavelet, allocate: Allocate) -> tuple[Array, A
     approximations, details = allocate(values.size // 2), allocate(values.size // 2)
     for start, stop, first, last in _blocks(details.size, bank.length):
         inside = slice(start - first, stop - first)
-        both = bank.analyse(values[2 * first : 2 * last])
-        approximations[start:stop], details[start:stop] = both[0][inside], both[1][inside]
+        coefficients = bank.analyse(values[2 * first : 2 * last])
+        approximations[start:stop], details[start:stop] = (
+            coefficients[0][inside],
+            coefficients[1][inside],
+        )
         release(values, approximations, details)
     return approximations, details
 
@@ -203,7 +210,7 @@ def _synthesise(
 
 
 def _average_over_shifts(
-    known: Array,
+    unshifted: Array,
     bank: str,
     fine: int,
     depth: int,
@@ -213,14 +220,14 @@ def _average_over_shifts(
     """Approximations of level `fine` with the details of further levels shrunk, averaged over all
     shifts (stationary transform, cycle spinning).
     """
-    values, period = allocate(known.size), 1 << (depth - fine)
+    values, period = allocate(unshifted.size), 1 << (depth - fine)
     margin = pywt.Wavelet(bank).dec_len * period
-    for start, stop, first, last in _blocks(known.size, margin, period):
-        coefficients = pywt.swt(known[first:last], bank, level=depth - fine, trim_approx=True)
+    for start, stop, first, last in _blocks(unshifted.size, margin, period):
+        coefficients = pywt.swt(unshifted[first:last], bank, level=depth - fine, trim_approx=True)
         for k in range(1, len(coefficients)):  # the coarsest details come first
             coefficients[k] = shrink(depth - k, coefficients[k])
         values[start:stop] = pywt.iswt(coefficients, bank)[start - first : stop - first]
-        release(known, values)
+        release(unshifted, values)
     return values
 
 
@@ -235,9 +242,11 @@ def _find_thresholds(
     for j, (low, high) in enumerate(clean_spans(wavelet, length, levels)[1:]):
         first = margin >> (j + 1)
         on_signal = details[j][first + low : first + high]
-        enough = on_signal.size >= OWN_NOISE_FROM
-        noise[j] = estimate_noise(on_signal) if enough else noise[j - 1] * gains[j] / gains[j - 1]
-        estimate = THRESHOLDS[threshold if enough else "universal"]
+        has_own_noise = on_signal.size >= OWN_NOISE_FROM
+        noise[j] = (
+            estimate_noise(on_signal) if has_own_noise else noise[j - 1] * gains[j] / gains[j - 1]
+        )
+        estimate = THRESHOLDS[threshold if has_own_noise else "universal"]
         thresholds[j] = estimate(on_signal, float(noise[j]), length)
         release(on_signal)
     return noise, thresholds
@@ -280,10 +289,10 @@ def _require_usable(samples: Array, threshold: str, rule: str, extension: str) -
     does not exist.
     """
     if not all_finite(samples):
-        known = np.isfinite(samples)
+        finite = np.isfinite(samples)
         raise FitError(
-            f"{samples.size - np.count_nonzero(known)} of {samples.size} samples are not finite,"
-            f" the first is sample {int(np.argmin(known))}",
+            f"{samples.size - np.count_nonzero(finite)} of {samples.size} samples are not finite,"
+            f" the first is sample {int(np.argmin(finite))}",
             hint=(
                 "exclude or split the segment there: a wavelet spreads one bad sample over its"
                 " whole filter"

@@ -74,13 +74,13 @@ def _fit_end(end: Array, window: int) -> End:
     limit = min(2 * window, end.size)
     if limit < 3:
         return End(float(end[0]), reflected=True)
-    apart = -(-limit // MOST_VALUES)
-    means = end[: limit // apart * apart].reshape(-1, apart).mean(axis=1) - end[0]
-    window = min(window // apart, means.size)
+    per_mean = -(-limit // MOST_VALUES)
+    means = end[: limit // per_mean * per_mean].reshape(-1, per_mean).mean(axis=1) - end[0]
+    window = min(window // per_mean, means.size)
     sizes = [min(STRETCH, window)]
-    for most in (window, means.size):
-        while sizes[-1] < most:
-            sizes.append(min(sizes[-1] + sizes[-1] // 2, most))
+    for longest in (window, means.size):
+        while sizes[-1] < longest:
+            sizes.append(min(sizes[-1] + sizes[-1] // 2, longest))
     spread = estimate_noise(np.diff(means[: max(window, STRETCH)])) / math.sqrt(2.0)
     starts, m = [0, *sizes[:-1]], np.array(sizes, dtype=np.float64)
     total = np.cumsum(np.add.reduceat(means, starts))
@@ -89,7 +89,7 @@ def _fit_end(end: Array, window: int) -> End:
     squares = m * (m**2 - 1.0) / 12.0
     slope = (moment - total * (m - 1.0) / 2.0) / squares
     # sample 0 lies half a mean before the middle of the first
-    value = total / m - slope * ((m - 1.0) / 2.0 + (apart - 1.0) / (2.0 * apart))
+    value = total / m - slope * ((m - 1.0) / 2.0 + (per_mean - 1.0) / (2.0 * per_mean))
     margin = 4.0 * spread / np.sqrt(m)
     low, high = np.maximum.accumulate(value - margin), np.minimum.accumulate(value + margin)
     straight = int(np.count_nonzero(low <= high)) - 1

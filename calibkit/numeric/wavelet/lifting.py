@@ -143,15 +143,15 @@ def find_wavelet(name: str) -> Wavelet:
     """
     if name in LIFTING:
         return LIFTING[name]
-    known = [*LIFTING, *pywt.wavelist(kind="discrete")]
-    if name in known:
+    wavelet_names = [*LIFTING, *pywt.wavelist(kind="discrete")]
+    if name in wavelet_names:
         return Filters(name)
-    plain = name.lower().replace("/", "").replace(" ", "")
-    near = difflib.get_close_matches(plain, known, n=3, cutoff=0.5)
+    plain_name = name.lower().replace("/", "").replace(" ", "")
+    nearest_names = difflib.get_close_matches(plain_name, wavelet_names, n=3, cutoff=0.5)
     raise FitError(
         f"unknown wavelet {name!r}",
-        hint=f"did you mean {' or '.join(near)}?"
-        if near
+        hint=f"did you mean {' or '.join(nearest_names)}?"
+        if nearest_names
         else "use haar, cdf53, cdf97, db4, sym8 or the like",
     )
 

@@ -136,8 +136,8 @@ def _garrote(details: Array, threshold: float) -> Array:
     """Set d to d − t²/d above the threshold, to zero below: continuous, and nearly d where d is
     large (Gao 1998).
     """
-    kept = np.abs(details) > threshold
-    return np.where(kept, details - threshold**2 / np.where(kept, details, 1.0), 0.0)
+    large = np.abs(details) > threshold
+    return np.where(large, details - threshold**2 / np.where(large, details, 1.0), 0.0)
 
 
 def _firm(details: Array, threshold: float) -> Array:

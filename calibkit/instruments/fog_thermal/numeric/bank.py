@@ -89,7 +89,7 @@ class Bank:
                 drivers.rates * z[:, None],
                 z[:, None] ** np.arange(1, POWERS + 1),
                 table,
-                drivers.behind,
+                drivers.play,
                 drivers.faded,
             ]
         )
@@ -103,7 +103,7 @@ class Bank:
         slope = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
         slope = (slope + drivers.rates @ coefficients[self.part("c")]) / SCALE_DEGC
         if self.widths:
-            free = np.abs(drivers.behind) < 1.0
+            free = np.abs(drivers.play) < 1.0
             slope = slope - free @ (coefficients[self.part("h")] / np.array(self.widths))
         if self.knots:
             steps = np.diff(coefficients[self.part("g")]) / np.diff(self.knots)
@@ -112,14 +112,14 @@ class Bank:
             slope = slope + np.where(inside, steps[np.clip(place, 0, steps.size - 1)], 0.0)
         return np.asarray(slope, dtype=np.float64)
 
-    def behind(self, temperature: Array) -> Array:
+    def play(self, temperature: Array) -> Array:
         """Play operators [n, widths] of a temperature [n, °C] along one log, from −1 to 1; the gyro
         came from the origin to the first temperature.
         """
-        behind = np.empty((temperature.size, len(self.widths)))
+        play = np.empty((temperature.size, len(self.widths)))
         for k, width in enumerate(self.widths):
-            behind[:, k] = _play(temperature, width, 0.0, ORIGIN_DEGC) / width
-        return behind
+            play[:, k] = _play(temperature, width, 0.0, ORIGIN_DEGC) / width
+        return play
 
     def hysteresis(self, coefficients: Array) -> float:
         """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came
@@ -138,16 +138,17 @@ class Bank:
         return np.abs(spread)
 
 
-def _play(temperature: Array, width: float, behind: float, last: float) -> Array:
+def _play(temperature: Array, width: float, start: float, last: float) -> Array:
     """Distance [n, °C] by which a play operator of a half width [°C] is behind a temperature
-    [n, °C] that comes from `last`, where it was `behind`: it follows only if pushed.
+    [n, °C] that comes from `last`, where the distance was `start`: it follows only if pushed.
     """
-    distance = np.empty(temperature.size)
+    distances = np.empty(temperature.size)
+    distance = start
     for row, value in enumerate(temperature.tolist()):
-        behind = min(max(behind - (value - last), -width), width)
+        distance = min(max(distance - (value - last), -width), width)
         last = value
-        distance[row] = behind
-    return distance
+        distances[row] = distance
+    return distances
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,29 +160,29 @@ class BankDrivers:
     temperature: Array
     lagged: Array
     rates: Array
-    behind: Array
+    play: Array
     faded: Array
 
 
-def follow_lags(bank: Bank, along: coil.Path) -> tuple[Array, Array]:
+def follow_lags(bank: Bank, case_path: coil.Path) -> tuple[Array, Array]:
     """Lagged temperatures x_j [n, lags, °C] and rates ρ_j [n, lags, °C/min] of logs in sequence."""
-    layers = [along.drivers(lag, None) for lag in bank.lags]
+    layers = [case_path.drivers(lag, None) for lag in bank.lags]
     return (
         np.column_stack([layer.temperature for layer in layers]),
         np.column_stack([layer.rate for layer in layers]),
     )
 
 
-def static_temperature(along: coil.Path, lag: Array) -> Array:
+def static_temperature(case_path: coil.Path, lag: Array) -> Array:
     """T [n, °C] of logs in sequence, for the logarithms of both lags and the share [3]."""
-    fast, slow = (along.drivers(float(np.exp(tau)), None).temperature for tau in lag[:2])
+    fast, slow = (case_path.drivers(float(np.exp(tau)), None).temperature for tau in lag[:2])
     return fast + float(lag[2]) * (slow - fast)
 
 
-def static_derivatives(along: coil.Path, lag: Array, temperature: Array) -> Array:
+def static_derivatives(case_path: coil.Path, lag: Array, temperature: Array) -> Array:
     """Derivatives [n, 3] of T by the logarithms of both lags and by the share."""
-    moved = [static_temperature(along, lag + step) for step in np.eye(3) * STEP]
-    return np.column_stack([(away - temperature) / STEP for away in moved])
+    shifted_temperatures = [static_temperature(case_path, lag + step) for step in np.eye(3) * STEP]
+    return np.column_stack([(shifted - temperature) / STEP for shifted in shifted_temperatures])
 
 
 def log_drivers(
@@ -194,10 +195,10 @@ def log_drivers(
     are the lagged temperatures and rates.
     """
     ends = np.cumsum([time.size for time, _ in logs])[:-1]
-    behind = np.concatenate([bank.behind(part) for part in np.split(temperature, ends)])
+    play = np.concatenate([bank.play(part) for part in np.split(temperature, ends)])
     since = np.concatenate([time - time[0] for time, _ in logs])
     faded = np.exp(-since[:, None] / np.array(bank.warm_up)[None, :])
-    return BankDrivers(temperature, *followed, behind, faded)
+    return BankDrivers(temperature, *followed, play, faded)
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,8 +255,8 @@ class BankModel:
 
     def slope_settled(self, drivers: BankDrivers) -> Array:
         """Derivative [n, °/h/°C] of the indicated rate by T where play operators are given."""
-        given = replace(drivers, behind=np.ones_like(drivers.behind))
-        return self.bank.slope(self.coefficients, given)
+        given_play = replace(drivers, play=np.ones_like(drivers.play))
+        return self.bank.slope(self.coefficients, given_play)
 
     def columns_settled(self, case: Array, rate: Array) -> Array:
         """Derivatives [n, p + 3] of the indicated rate by the coefficients and the static lag on

@@ -87,7 +87,7 @@ class Problem:
     drift: float
     """Size of the drift [°/h], which the priors assume."""
     bank: Bank
-    along: coil.Path
+    case_path: coil.Path
     followed: tuple[Array, Array]
     """Lagged temperatures and rates of the bank along the logs."""
     prior: VariancePrior
@@ -114,7 +114,7 @@ class Problem:
 
     def drivers(self, lag: Array) -> forward.BankDrivers:
         """Drivers of all logs in sequence for a static lag [3]."""
-        temperature = forward.static_temperature(self.along, lag)
+        temperature = forward.static_temperature(self.case_path, lag)
         return forward.log_drivers(self.bank, self.logs, temperature, self.followed)
 
     @property
@@ -131,8 +131,8 @@ class Problem:
         terms = self.bank.columns(drivers) @ self.root
         by_lag = np.zeros((len(terms), STATIC_MEAN.size))
         if slope_of is not None:
-            moved = forward.static_derivatives(self.along, lag, drivers.temperature)
-            by_lag = moved * self.bank.slope(slope_of, drivers)[:, None]
+            lag_derivatives = forward.static_derivatives(self.case_path, lag, drivers.temperature)
+            by_lag = lag_derivatives * self.bank.slope(slope_of, drivers)[:, None]
         turn_on = self.stacked.level_columns
         initial = (turn_on[:, :, None] * self.initial_states[:, None, :]).reshape(len(terms), -1)
         return np.column_stack([terms, by_lag, turn_on, initial])
@@ -170,9 +170,9 @@ def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = 
     stacked = rows.stacked
     if drift is None:
         # standard deviation about the levels of the logs, without the noise
-        away = stacked.indication - stacked.level_columns @ stacked.levels
-        white = rows.noise.white_variance / rows.turned.typical
-        square = float(np.mean(rows.means(away[:, None]) ** 2)) - white
+        about_levels = stacked.indication - stacked.level_columns @ stacked.levels
+        white = rows.noise.white_variance / rows.rotation.typical
+        square = float(np.mean(rows.means(about_levels[:, None]) ** 2)) - white
         drift = float(np.sqrt(max(square, LEAST_DRIFT**2 * white)))
     knots = np.zeros(0)
     if "g" in extra:
@@ -187,8 +187,8 @@ def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = 
     )
     terms, lags, logs = len(bank.terms), STATIC_MEAN.size, len(stacked.logs)
     # neighbouring knots are alike: the table is sought in columns that are independent
-    apart = (knots[:, None] - knots) / SMOOTH_DEGC
-    correlation = np.exp(-0.5 * apart**2) + 1e-6 * np.eye(knots.size)
+    distances = (knots[:, None] - knots) / SMOOTH_DEGC
+    correlation = np.exp(-0.5 * distances**2) + 1e-6 * np.eye(knots.size)
     root = np.eye(terms)
     root[bank.part("g"), bank.part("g")] = np.linalg.cholesky(correlation)
     # of each column: which of SIZES its variance is, and the variance relative to that size
@@ -209,9 +209,11 @@ def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = 
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
     prior = VariancePrior(group, shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
-    along = coil.path([(log.time, log.case) for log in stacked.logs])
-    followed = forward.follow_lags(bank, along)
-    return Problem(rows, float(np.mean(stacked.levels)), drift, bank, along, followed, prior, root)
+    case_path = coil.path([(log.time, log.case) for log in stacked.logs])
+    followed = forward.follow_lags(bank, case_path)
+    return Problem(
+        rows, float(np.mean(stacked.levels)), drift, bank, case_path, followed, prior, root
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,8 +278,8 @@ class BankSolution:
         for size in (1.0, NEGLIGIBLE):
             theta = self.posterior.theta.copy()
             theta[INITIAL] += 2.0 * np.log(size)
-            known = 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
-            values.append(evidence.condition(gram, prior, theta)[2] + known)
+            theta_prior = 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
+            values.append(evidence.condition(gram, prior, theta)[2] + theta_prior)
         return values[0] - values[1] > GAINED
 
     def with_own_start(self, predicted: Iterable[Array]) -> Iterator[Array]:
@@ -298,12 +300,12 @@ class BankSolution:
             information = weighted.T @ columns + np.diag(precision)
             yield drift + columns @ np.linalg.solve(information, weighted.T @ left)
 
-    def leave_out(self, without: Iterable[WhitenedRows]) -> Iterator[Array]:
+    def leave_out(self, remaining_rows: Iterable[WhitenedRows]) -> Iterator[Array]:
         """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
         the same variances and noise.
         """
         problem, theta = self.problem, self.posterior.theta
-        for rows in without:
+        for rows in remaining_rows:
             gram = problem.gram(replace(rows, noise=self.rows.noise), self.lag, self.columns)
             yield self.drift(evidence.condition(gram, problem.prior, theta)[0])
 
@@ -321,8 +323,8 @@ class BankSolution:
         to_raw[terms, terms] = problem.root
         to_raw[by_lag, by_lag] = np.diag([*static_lag[:2], 1.0])
         # what the logs determine of each coefficient, from 0 to 1
-        known = np.exp(evidence.log_variances(problem.prior, posterior.theta))
-        determined = float(np.sum(1.0 - np.diag(posterior.covariance) / known))
+        prior_variances = np.exp(evidence.log_variances(problem.prior, posterior.theta))
+        determined = float(np.sum(1.0 - np.diag(posterior.covariance) / prior_variances))
         case = np.concatenate([log.case for log in problem.stacked.logs])
         fastest = problem.drivers(self.lag).rates[:, 0]
         return BankModel(
@@ -371,17 +373,17 @@ def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, P
     best: tuple[float, Array, Posterior] | None = None
     for _ in range(STEPS):
         posterior = problem.maximise(lag, None, start)
-        away = (lag - STATIC_MEAN) / STATIC_SPREAD
-        value = posterior.log_evidence - 0.5 * float(np.sum(away**2))
+        lag_deviation = (lag - STATIC_MEAN) / STATIC_SPREAD
+        value = posterior.log_evidence - 0.5 * float(np.sum(lag_deviation**2))
         if best is not None and value < best[0]:
             step = step / 2.0
             if float(np.max(np.abs(step))) < CLOSE:
                 break
             lag = best[1] + step
             continue
-        settled = best is not None and value - best[0] < CLOSE
+        converged = best is not None and value - best[0] < CLOSE
         best, start = (value, lag, posterior), posterior.theta
-        if settled:
+        if converged:
             break
         with_lag = problem.maximise(lag, problem.root @ posterior.coefficients[terms], start)
         implied = STATIC_MEAN + with_lag.coefficients[problem.by_lag]

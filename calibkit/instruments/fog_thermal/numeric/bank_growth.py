@@ -49,7 +49,7 @@ class Grown:
 
 
 def grow(
-    rows: WhitenedRows, without: Sequence[WhitenedRows], *, one_sided: bool
+    rows: WhitenedRows, remaining_rows: Sequence[WhitenedRows], *, one_sided: bool
 ) -> Iterator[Grown]:
     """Bank of lags, then with one further term after the other, the likeliest first, as long as one
     helps. Ramps of one direction show no hysteresis.
@@ -58,32 +58,34 @@ def grow(
     absent = set(FURTHER) - ({"h"} if one_sided else set())
     while absent:
         before = bank.solution
-        tried, gains = {}, {}
+        solutions, gains = {}, {}
         for letter in sorted(absent):
             # at the static lag without the term
             problem = bank_fit.state_problem(
                 before.problem.rows, bank.letters + letter, drift=before.problem.drift
             )
-            tried[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
-            gains[letter] = tried[letter].posterior.log_integral - before.posterior.log_integral
+            solutions[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
+            gains[letter] = solutions[letter].posterior.log_integral - before.posterior.log_integral
         for letter in sorted(gains, key=lambda letter: -gains[letter]):
-            if gains[letter] >= ASKED[letter] and _helps(before, tried[letter], without):
+            if gains[letter] >= ASKED[letter] and _helps(before, solutions[letter], remaining_rows):
                 break
         else:
             unmodelled = []
             for letter, gain in gains.items():
-                size, odds = tried[letter].change_from(before), float(np.exp(-gain))
+                size, odds = solutions[letter].change_from(before), float(np.exp(-gain))
                 unmodelled.append(Unmodelled(FURTHER[letter], size, 1.0 / (1.0 + odds)))
             yield replace(bank, unmodelled=tuple(unmodelled))
             return
         yield bank
         absent -= {letter}
-        bank = Grown(bank.letters + letter, bank_fit.solve(tried[letter].problem))
+        bank = Grown(bank.letters + letter, bank_fit.solve(solutions[letter].problem))
     yield bank
 
 
 def _helps(
-    before: bank_fit.BankSolution, after: bank_fit.BankSolution, without: Sequence[WhitenedRows]
+    before: bank_fit.BankSolution,
+    after: bank_fit.BankSolution,
+    remaining_rows: Sequence[WhitenedRows],
 ) -> bool:
     """Whether left-out ramps do not speak against a term that the evidence asks for, by more than a
     standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
@@ -92,7 +94,7 @@ def _helps(
     squares = []
     for solution in (after, before):
         stacked = solution.problem.stacked
-        drifts = solution.leave_out(without)
+        drifts = solution.leave_out(remaining_rows)
         predicted = (drift[ramp] for drift, ramp in zip(drifts, stacked.ramps, strict=True))
         # initial states that the term leaves no need for would hide what it explains
         errors = left_out_errors(
@@ -102,6 +104,6 @@ def _helps(
             FIGURE_BLOCKS,
         )
         squares.append(np.array([np.var(error) for error in errors]))
-    more = squares[0] - squares[1]
-    chance = 0.0 if before.unsettled else float(np.std(more, ddof=1) / np.sqrt(more.size))
-    return bool(more.mean() < chance)
+    increase = squares[0] - squares[1]
+    chance = 0.0 if before.unsettled else float(np.std(increase, ddof=1) / np.sqrt(increase.size))
+    return bool(increase.mean() < chance)

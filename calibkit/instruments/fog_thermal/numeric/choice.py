@@ -1,5 +1,10 @@
 """Choice between no drift term, level models, lagged models and banks of lags by their errors on
 ramps that were left out of the fit.
+
+Of each left-out ramp j the error is s_j, the mean square of what is left of its 100 s means. A
+candidate helps if √(mean s_j) is clearly below that of the raw indication and no s_j is larger than
+raw by more than its noise; of those that help the simplest within one standard error of the best is
+exported (`left_out.simplest`).
 """
 
 from collections.abc import Iterable, Sequence
@@ -66,15 +71,15 @@ class _Fitted:
         return fits.finish(self.solution)
 
 
-def _helps(one: LeftOutErrors) -> bool:
+def _helps(test: LeftOutErrors) -> bool:
     """Whether the pooled error on left-out ramps is clearly below raw and no left-out ramp became
     worse by more than its noise: the standard error of compensated² − raw².
     """
     chance = [
-        np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(one.errors, one.raw, strict=True)
+        np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(test.errors, test.raw, strict=True)
     ]
-    limit = WORSE**2 * one.raw_squares + 2.0 * np.array(chance)
-    return one.pooled <= CLEARLY * one.pooled_raw and bool(np.all(one.squares <= limit))
+    limit = WORSE**2 * test.raw_squares + 2.0 * np.array(chance)
+    return test.pooled <= CLEARLY * test.pooled_raw and bool(np.all(test.squares <= limit))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +90,7 @@ class ThermalChoice:
 
     tested: tuple[LeftOutErrors, ...]
     refused: tuple[str, ...]
-    chosen: LeftOutErrors | None
+    chosen_errors: LeftOutErrors | None
     model: OnLevels | None
     reason: str
 
@@ -126,28 +131,30 @@ def choose(
     case = np.concatenate([log.case for log in stacked.logs])
     changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
     one_sided = bool(np.all(np.sign(changes) == np.sign(changes[0])))
-    without = leave_out(stacked, basis.rows)
+    remaining_rows = leave_out(stacked, basis.rows)
     solved, reasons = solve(candidates, basis)
     refused = tuple(reasons)
     fitted = [_Fitted(*pair) for pair in solved]
     last_bank = None
     for candidate in candidates:
         if candidate.form == "bank":
-            for bank in bank_growth.grow(basis.rows, without, one_sided=one_sided):
-                named, last_bank = (
+            for bank in bank_growth.grow(basis.rows, remaining_rows, one_sided=one_sided):
+                candidate_bank, last_bank = (
                     replace(candidate, name=candidate.name + bank.name),
                     bank.solution,
                 )
-                fitted.append(_Fitted(named, bank.solution, bank.unmodelled))
-    tested = tuple(_left_out(one, stacked, without, figure_blocks, last_bank) for one in fitted)
+                fitted.append(_Fitted(candidate_bank, bank.solution, bank.unmodelled))
+    tested = tuple(
+        _left_out(fit, stacked, remaining_rows, figure_blocks, last_bank) for fit in fitted
+    )
     best = _best_of(tested, one_sided=one_sided)
     if best is None:
         return ThermalChoice(
             tested, refused, None, None, _nothing_helps(tested, stacked.ramp_names, refused)
         )
     model = fitted[best].finish()
-    along = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
-    sensitivities = [evaluation.sensitivities for evaluation in along]
+    evaluations = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
+    sensitivities = [evaluation.sensitivities for evaluation in evaluations]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
     variance, flags = uncertainty.model_error(tested[best].errors, explained) ** 2, [*model.flags]
     for term in fitted[best].unmodelled:
@@ -174,7 +181,7 @@ def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int
     Where all ramps go one way, a bank is taken if it helps: the priors of its terms hold for the
     other way, where nothing tests the others.
     """
-    helping = [k for k, one in enumerate(tested) if _helps(one)]
+    helping = [k for k, test in enumerate(tested) if _helps(test)]
     # a further term of a bank has been tested when it was added: the last bank stands for all
     banks = [k for k in helping if tested[k].name.startswith(BANK)]
     helping = [k for k in helping if k not in banks[:-1]]
@@ -183,17 +190,17 @@ def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int
     return simplest(tested, helping) if helping else None
 
 
-def _why(chosen: LeftOutErrors, tested: Sequence[LeftOutErrors]) -> str:
-    least = min((one for one in tested if _helps(one)), key=lambda one: one.pooled)
+def _why(exported: LeftOutErrors, tested: Sequence[LeftOutErrors]) -> str:
+    best = min((test for test in tested if _helps(test)), key=lambda test: test.pooled)
     left = (
-        f"{chosen.pooled:.3g} deg/h on left-out ramps against {chosen.pooled_raw:.3g} deg/h raw and"
-        f" {split_noise(chosen.errors).noise:.3g} deg/h of noise alone"
+        f"{exported.pooled:.3g} deg/h on left-out ramps against {exported.pooled_raw:.3g} deg/h raw"
+        f" and {split_noise(exported.errors).noise:.3g} deg/h of noise alone"
     )
-    if least is chosen:
-        return f"{chosen.name}: {left}, the smallest error of the candidates"
+    if best is exported:
+        return f"{exported.name}: {left}, the smallest error of the candidates"
     return (
-        f"{chosen.name}: {left}, the simplest model within the noise of the best on"
-        f" left-out ramps ({least.name}, {least.pooled:.3g} deg/h)"
+        f"{exported.name}: {left}, the simplest model within the noise of the best on"
+        f" left-out ramps ({best.name}, {best.pooled:.3g} deg/h)"
     )
 
 
@@ -202,23 +209,23 @@ def _nothing_helps(
 ) -> str:
     if not tested:
         return f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
-    least = min(tested, key=lambda result: result.pooled)
+    best = min(tested, key=lambda result: result.pooled)
     worse = [
         name
-        for name, a, b in zip(ramps, least.squares, least.raw_squares, strict=True)
+        for name, a, b in zip(ramps, best.squares, best.raw_squares, strict=True)
         if a > WORSE**2 * b
     ]
-    made = f" and makes {', '.join(worse)} worse" if worse else ""
+    harm = f" and makes {', '.join(worse)} worse" if worse else ""
     return (
-        f"the best candidate ({least.name}) leaves {least.pooled:.3g} deg/h on left-out"
-        f" ramps against {least.pooled_raw:.3g} deg/h raw{made}: no drift term"
+        f"the best candidate ({best.name}) leaves {best.pooled:.3g} deg/h on left-out"
+        f" ramps against {best.pooled_raw:.3g} deg/h raw{harm}: no drift term"
     )
 
 
 def _left_out(
     fitted: _Fitted,
     stacked: Stack,
-    without: Sequence[WhitenedRows],
+    remaining_rows: Sequence[WhitenedRows],
     figure_blocks: int,
     last_bank: bank_fit.BankSolution | None,
 ) -> LeftOutErrors:
@@ -229,8 +236,8 @@ def _left_out(
     sound = solution.rows.sound
     none = (np.zeros(1) for _ in stacked.ramps)
     raw = left_out_errors(none, stacked, sound, figure_blocks)
-    along = zip(solution.leave_out(without), stacked.ramps, strict=True)
-    predicted: Iterable[Array] = (drift[rows] for drift, rows in along)
+    ramp_drifts = zip(solution.leave_out(remaining_rows), stacked.ramps, strict=True)
+    predicted: Iterable[Array] = (drift[rows] for drift, rows in ramp_drifts)
     if last_bank is not None:
         predicted = last_bank.with_own_start(predicted)
     errors = left_out_errors(predicted, stacked, sound, figure_blocks)

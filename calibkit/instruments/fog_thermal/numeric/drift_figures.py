@@ -29,8 +29,8 @@ def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
     """Ratio of the change of the compensated output to a constant rate that is added to the
     indication [n, °/h].
     """
-    moved = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
-    return float(np.mean(moved[1:]) / INJECTED_RATE_DPH)
+    output_change = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
+    return float(np.mean(output_change[1:]) / INJECTED_RATE_DPH)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,9 +47,9 @@ class NoiseSplit:
         """The same figure with no more noise than another model leaves of the same logs: products
         of neighbouring means miss what is fast in a large drift.
         """
-        less = min(noise, self.noise)
-        left = float(np.hypot(self.left, np.sqrt(self.noise**2 - less**2)))
-        return replace(self, noise=less, left=left)
+        smaller_noise = min(noise, self.noise)
+        left = float(np.hypot(self.left, np.sqrt(self.noise**2 - smaller_noise**2)))
+        return replace(self, noise=smaller_noise, left=left)
 
 
 def split_noise(parts: Sequence[Array]) -> NoiseSplit:
@@ -61,10 +61,10 @@ def split_noise(parts: Sequence[Array]) -> NoiseSplit:
     """
     rows = []
     for part in parts:
-        away = part - part.mean()
-        count, total = away.size, float(np.mean(away**2))
+        deviations = part - part.mean()
+        count, total = deviations.size, float(np.mean(deviations**2))
         lags = range(1, min(LONGEST_LAG, count - 1) + 1)
-        products = sum(float(away[lag:] @ away[:-lag]) for lag in lags)
+        products = sum(float(deviations[lag:] @ deviations[:-lag]) for lag in lags)
         pairs = sum(count - lag for lag in lags)
         # the mean of the log is removed from both, and with it a share of the noise
         drift = products / pairs + total / count if pairs else 0.0

@@ -1,5 +1,9 @@
 """Drift along a log by a fitted level, lagged or bank model, its sensitivities, and the rows where
 a driver was clamped.
+
+    D = [x(t) − x(T_ref, at rest)] c
+
+x are the columns of the model (`thermal.terms`, `bank`), of drivers clamped to their fitted ranges.
 """
 
 from dataclasses import replace
@@ -27,7 +31,7 @@ def evaluate(
     env: Array,
     reference_degc: float = REFERENCE_DEGC,
     *,
-    settled: bool = False,
+    long_at_rest: bool = False,
 ) -> Evaluation:
     """Drift along a log, zero at rest (no rate, no gradient) at the reference temperature.
 
@@ -37,7 +41,7 @@ def evaluate(
     time, case, env : [n, s], [n, °C], [n, °C], strictly increasing, of any sampling; env does not
         enter a lagged model.
     reference_degc : clamped to the fitted range.
-    settled : the log is at rest long after switch-on, in the middle of a hysteresis.
+    long_at_rest : the log is at rest long after switch-on, in the middle of a hysteresis.
 
     Notes
     -----
@@ -51,13 +55,13 @@ def evaluate(
     if not isinstance(model, BankModel):
         return evaluate_terms(model, time, case, env, reference_degc)
     case = np.clip(case, *coil.followed_range(*model.valid.temperature))
-    logs, along = [(time, case)], coil.path([(time, case)])
+    logs, case_path = [(time, case)], coil.path([(time, case)])
     lag = np.array([*np.log(model.static_lag[:2]), model.static_lag[2]])
-    temperature = bank.static_temperature(along, lag)
-    lagged, rates = bank.follow_lags(model.bank, along)
+    temperature = bank.static_temperature(case_path, lag)
+    lagged, rates = bank.follow_lags(model.bank, case_path)
     free = bank.log_drivers(model.bank, logs, temperature, (lagged, rates))
-    if settled:
-        free = replace(free, behind=0.0 * free.behind, faded=0.0 * free.faded)
+    if long_at_rest:
+        free = replace(free, play=0.0 * free.play, faded=0.0 * free.faded)
     # rates are clamped to the largest fitted magnitude on either side
     largest = max(map(abs, model.valid.rate))
     inside = replace(
@@ -67,15 +71,15 @@ def evaluate(
         rates=np.clip(rates, -largest, largest),
     )
     clamped = np.asarray(inside.temperature != temperature)
-    rest = at_rest(model, reference_degc)[1][: model.coefficients.size]
-    columns = model.bank.columns(inside) - rest
+    rest_row = at_rest(model, reference_degc)[1][: model.coefficients.size]
+    columns = model.bank.columns(inside) - rest_row
     slope = np.where(clamped, 0.0, model.bank.slope(model.coefficients, inside))
-    by_lag = bank.static_derivatives(along, lag, temperature) * slope[:, None]
+    by_lag = bank.static_derivatives(case_path, lag, temperature) * slope[:, None]
     by_lag[:, :2] /= model.static_lag[:2]
     return Evaluation(
         columns @ model.coefficients,
         np.column_stack([columns, by_lag]),
-        (model.bank.columns(free) - rest - columns) @ model.coefficients,
+        (model.bank.columns(free) - rest_row - columns) @ model.coefficients,
         clamped,
         np.any(inside.rates != rates, axis=1),
         np.zeros(time.size, dtype=bool),
@@ -89,8 +93,8 @@ def at_rest(model: OnLevels, temperature: float) -> tuple[float, Array]:
     [°C], clamped to the fitted range, and its derivatives [p] as in the covariance.
     """
     if isinstance(model, BankModel):
-        still = np.array([model.nearest_fitted(temperature)])
-        row = model.columns_settled(still, np.zeros(1))[0]
+        case = np.array([model.nearest_fitted(temperature)])
+        row = model.columns_settled(case, np.zeros(1))[0]
     else:
         row = np.zeros(model.covariance.shape[0])
         row[: model.coefficients.size] = design_at_rest(model, temperature)[0]

@@ -75,9 +75,11 @@ class Posterior:
 
 def log_variances(prior: VariancePrior, theta: Array) -> Array:
     """Logarithms of the prior variances [p]; infinite for a flat prior."""
-    known = prior.group != FLAT
+    has_variance = prior.group != FLAT
     log_v = np.full(prior.group.size, np.inf)
-    log_v[known] = (prior.mixing @ theta)[prior.group[known]] + np.log(prior.shape[known])
+    log_v[has_variance] = (prior.mixing @ theta)[prior.group[has_variance]] + np.log(
+        prior.shape[has_variance]
+    )
     return log_v
 
 
@@ -93,12 +95,12 @@ def condition(gram: Gram, prior: VariancePrior, theta: Array) -> tuple[Array, Ar
     information[np.diag_indices_from(information)] += np.isfinite(log_v)
     root = np.linalg.cholesky(information)
     inverse = np.linalg.inv(root)
-    turned = inverse @ (gram.right * scale)
+    whitened = inverse @ (gram.right * scale)
     covariance = inverse.T @ inverse * np.outer(scale, scale)
     log_evidence = -0.5 * (
-        gram.square - turned @ turned + 2.0 * np.sum(np.log(np.diag(root)))
+        gram.square - whitened @ whitened + 2.0 * np.sum(np.log(np.diag(root)))
     ) - 0.5 * np.sum(((theta - prior.mean) / prior.spread) ** 2)
-    return inverse.T @ turned * scale, covariance, float(log_evidence)
+    return inverse.T @ whitened * scale, covariance, float(log_evidence)
 
 
 def _score(
@@ -107,11 +109,11 @@ def _score(
     """Gradient [θ] of the logarithm of the evidence by θ, and its expected information [θ, θ],
     both with the prior.
     """
-    known = np.flatnonzero(prior.group != FLAT)
-    root = np.exp(0.5 * log_variances(prior, theta)[known])
-    left = np.eye(known.size) - covariance[np.ix_(known, known)] / np.outer(root, root)
-    members = (prior.group[known] == np.arange(prior.mixing.shape[0])[:, None]).astype(np.float64)
-    gradient = 0.5 * members @ ((mean[known] / root) ** 2 - np.diag(left))
+    columns = np.flatnonzero(prior.group != FLAT)
+    root = np.exp(0.5 * log_variances(prior, theta)[columns])
+    left = np.eye(columns.size) - covariance[np.ix_(columns, columns)] / np.outer(root, root)
+    members = (prior.group[columns] == np.arange(prior.mixing.shape[0])[:, None]).astype(np.float64)
+    gradient = 0.5 * members @ ((mean[columns] / root) ** 2 - np.diag(left))
     information = 0.5 * members @ left**2 @ members.T
     precision = prior.spread**-2.0
     return (
@@ -157,6 +159,6 @@ def average(
     share = np.exp(log_weight - log_weight.max())
     share /= share.sum()
     mean = share @ means
-    away = means - mean
-    within = np.einsum("m,mij->ij", share, covariances)
-    return mean, within + (away * share[:, None]).T @ away
+    deviations = means - mean
+    mean_covariance = np.einsum("m,mij->ij", share, covariances)
+    return mean, mean_covariance + (deviations * share[:, None]).T @ deviations

@@ -1,4 +1,9 @@
-"""Residual drift on cooling less that on heating ramps."""
+"""Residual drift on cooling less that on heating ramps, at equal case temperature.
+
+    h(T) = mean of the blocks that cool through T − mean of those that heat through it
+
+in bins of 5 °C, each log about its mean, which holds its turn-on bias.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,16 +62,16 @@ def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hy
         direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
         parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
     number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
-    both = []
+    bins = []
     for k in np.unique(number):
         down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
         if min(down.size, up.size) >= LEAST_BLOCKS:
             variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
-            both.append(
+            bins.append(
                 ((k + 0.5) * HYSTERESIS_BIN_DEGC, down.mean() - up.mean(), np.sqrt(variance))
             )
-    if not both:
+    if not bins:
         raise FitError(
             "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
         )
-    return Hysteresis(*np.array(both).T)
+    return Hysteresis(*np.array(bins).T)

@@ -56,16 +56,18 @@ class DriftBlocks(NamedTuple):
         return DriftBlocks(*(values[start:stop] for values in self))
 
     @classmethod
-    def fill(cls, held: Intervals, means: Iterable[Array], slope: Array) -> Self:
+    def fill(cls, model_intervals: Intervals, means: Iterable[Array], slope: Array) -> Self:
         """Block means of a log from the interval means [m] of time, case, chamber and indication;
         the rate of a block is the causal slope [n, °C/min] at its last sample.
 
         Intervals with less than half of their samples, whose means are noisier, are interpolated
         linearly between their neighbours.
         """
-        time, *others = means
-        case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
-        return cls(held.centres(time), case, case - env, indication, rate)
+        time, *other_means = means
+        case, env, indication, rate = map(
+            model_intervals.filled, (*other_means, model_intervals.last(slope))
+        )
+        return cls(model_intervals.centres(time), case, case - env, indication, rate)
 
     # Step 2: a0, a1, a2 of a ramp
 
@@ -219,8 +221,8 @@ def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolyn
     if dof > 0:
         try:
             chi_square = sum(
-                away @ np.linalg.solve(ramp.covariance, away)
-                for away, ramp in zip(deviations, ramps, strict=True)
+                deviation @ np.linalg.solve(ramp.covariance, deviation)
+                for deviation, ramp in zip(deviations, ramps, strict=True)
             )
             covariance = covariance * max(1.0, float(chi_square) / dof)
         except np.linalg.LinAlgError:  # noise-free data have a singular covariance
@@ -247,7 +249,7 @@ class Increments(NamedTuple):
     """
 
     delta: Array
-    held: Mask
+    drift_held: Mask
     rate_clamped: Mask
     gradient_clamped: Mask
 
@@ -261,7 +263,7 @@ def increments(polynomials: Sequence[RatePolynomial], gradient: Array, rate: Arr
     and marked.
     """
     n = gradient.size
-    delta, held = np.zeros(n), np.ones(n, dtype=bool)
+    delta, drift_held = np.zeros(n), np.ones(n, dtype=bool)
     rate_clamped, gradient_clamped = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     r, G = rate[:-1], gradient[:-1]
     for polynomial in polynomials:
@@ -273,12 +275,12 @@ def increments(polynomials: Sequence[RatePolynomial], gradient: Array, rate: Arr
         clamped = np.clip(G[before], *polynomial.gradient)
         a = polynomial.evaluate(r[before])
         delta[before + 1] = a[:, 0] + a[:, 1] * clamped + a[:, 2] * clamped**2
-        held[before + 1] = False
+        drift_held[before + 1] = False
         # the measured rate varies by some percent along a ramp
         slack = 0.1 * max(abs(low), abs(high))
         rate_clamped[before + 1] = (r[before] < low - slack) | (r[before] > high + slack)
         gradient_clamped[before + 1] = clamped != G[before]
-    return Increments(delta, held, rate_clamped, gradient_clamped)
+    return Increments(delta, drift_held, rate_clamped, gradient_clamped)
 
 
 def recursive(delta: Array) -> Array:
