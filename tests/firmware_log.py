@@ -58,7 +58,7 @@ def _follow(quantised, time, columns):
     """Outputs [rows] of a chain with memory, and the statuses of its updates."""
     structure = quantised.structure
     held = Intervals.find(time, structure.interval_s)
-    used = held.enough
+    used = held.well_filled
     number = held.number[used]
     means = {name: held.means(column)[used] for name, column in columns.items()}
     elapsed = np.diff(number, prepend=number[0]) * structure.interval_ms

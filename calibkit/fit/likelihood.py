@@ -120,8 +120,8 @@ class MixedRows:
         if largest_square == 0.0:
             return 0
         Q = np.linalg.qr(self.J)[0]
-        left = Z - Q @ (Q.T @ Z)
-        values = np.linalg.eigvalsh(left.T @ left)
+        Z_apart = Z - Q @ (Q.T @ Z)
+        values = np.linalg.eigvalsh(Z_apart.T @ Z_apart)
         return int(np.sum(values > DETERMINED * largest_square))
 
 
@@ -135,15 +135,15 @@ class DiagonalBlock(NamedTuple):
 def blocks(design: Array) -> list[DiagonalBlock]:
     """Blocks of a matrix [n, k]."""
     filled = design != 0.0
-    diagonal_blocks, left = [], filled.any(axis=0)
-    while left.any():
-        columns, before = np.arange(left.size) == np.argmax(left), 0
+    diagonal_blocks, unassigned = [], filled.any(axis=0)
+    while unassigned.any():
+        columns, before = np.arange(unassigned.size) == np.argmax(unassigned), 0
         while before < np.count_nonzero(columns):
             before = int(np.count_nonzero(columns))
             rows = filled[:, columns].any(axis=1)
             columns = filled[rows].any(axis=0)
         diagonal_blocks.append(DiagonalBlock(np.flatnonzero(rows), np.flatnonzero(columns)))
-        left &= ~columns
+        unassigned &= ~columns
     return diagonal_blocks
 
 
@@ -217,10 +217,10 @@ class MixedSolution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
-        left = F / self.noise[:, None]
+        projection = F / self.noise[:, None]
         for rows, B, _ in self.bases:
-            left[rows] -= B @ (B.T @ left[rows])
-        return np.asarray(left / self.noise[:, None])
+            projection[rows] -= B @ (B.T @ projection[rows])
+        return np.asarray(projection / self.noise[:, None])
 
     def _traces(self) -> tuple[Array, Array]:
         """Diagonals of I - R^½ P R^½ [n], and of Zᵀ P Z [q]; without restriction of V⁻¹ for P."""
@@ -325,10 +325,10 @@ def _starts(rows: MixedRows, prior_variances: KnownVariances) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
-    left = rows.y - rows.J @ np.linalg.lstsq(rows.J, rows.y, rcond=None)[0]
-    typical = np.sum(left**2) / max(rows.count.sum() - rows.J.shape[1], 1.0)
+    residuals = rows.y - rows.J @ np.linalg.lstsq(rows.J, rows.y, rcond=None)[0]
+    typical = np.sum(residuals**2) / max(rows.count.sum() - rows.J.shape[1], 1.0)
     weight = rows.shares @ rows.count
-    scatter = (rows.shares > 0.0) @ left**2 / np.where(weight > 0.0, weight, 1.0)
+    scatter = (rows.shares > 0.0) @ residuals**2 / np.where(weight > 0.0, weight, 1.0)
     noise = np.where(weight > 0.0, scatter, typical)
     loading = np.array(
         [np.mean(np.sum(rows.Z[:, rows.group == g] ** 2, axis=0)) for g in range(rows.groups)]

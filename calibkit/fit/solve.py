@@ -259,8 +259,8 @@ class Fit:
         """
         VL, VJ = self.precision(loading), self.precision(jacobian)
         JL = jacobian.T @ VL
-        left = loading.T @ VL - JL.T @ np.linalg.solve(jacobian.T @ VJ, JL)
-        inverse = np.linalg.inv(left)
+        information = loading.T @ VL - JL.T @ np.linalg.solve(jacobian.T @ VJ, JL)
+        inverse = np.linalg.inv(information)
         return -inverse @ (VL.T @ self.residual), np.sqrt(np.diag(inverse))
 
 
@@ -553,7 +553,7 @@ class _Problem:
         parameters[self.free] = p
         return parameters
 
-    def whole(self, p: Numbers) -> Numbers:
+    def stacked_residuals(self, p: Numbers) -> Numbers:
         """Residuals [N] in units of `relative`, and below them those of the priors."""
         priors = [prior.rows(self._all_parameters(p)) for prior in self.priors]
         return np.concatenate([self.residual(p) / self.relative, *priors])
@@ -564,7 +564,8 @@ class _Problem:
 
     def linearise(self, p: Array, used: Mask, *, noise_known: bool) -> _Linearised:
         """The equation about p, its used rows turned into few."""
-        y, J, fitted_rows = -self.whole(p), derivative(self.whole, p), self.fitted_rows(used)
+        y, J = -self.stacked_residuals(p), derivative(self.stacked_residuals, p)
+        fitted_rows = self.fitted_rows(used)
         count = int(fitted_rows.sum())
         if count <= len(p):
             raise FitError(
@@ -661,9 +662,9 @@ class _Problem:
         return dict(zip(active, np.split(solution.errors, np.cumsum(widths)[:-1]), strict=False))
 
     def find_good(
-        self, left: Array, solution: MixedSolution, used: Mask, active: Sequence[int]
+        self, noise_residual: Array, solution: MixedSolution, used: Mask, active: Sequence[int]
     ) -> Mask:
-        """Residuals [n] that are no outliers: |left| of a faultless one exceeds the limit with a
+        """Residuals [n] that are no outliers: the noise of a faultless one exceeds the limit with a
         chance of 0.5 % in the whole fit.
 
         What is left of a residual that was fitted is smaller than its noise, of one that was not
@@ -673,7 +674,7 @@ class _Problem:
         from scipy.special import ndtri
 
         limit = -float(ndtri(OUTLIER_CHANCE / (2.0 * self.n)))
-        scaled = np.abs(left) / np.sqrt(solution.noise_along(self.shares)[: self.n])
+        scaled = np.abs(noise_residual) / np.sqrt(solution.noise_along(self.shares)[: self.n])
         fitted = float(np.mean(scaled[used] ** 2))
         scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
         good = scaled <= limit * scatter
@@ -697,7 +698,7 @@ class _Problem:
     ) -> Array:
         """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
         R, fitted_rows = solution.noise_along(self.shares), self.fitted_rows(used)
-        bend = self.whole(p + change) + linear_form.y - linear_form.J @ change
+        bend = self.stacked_residuals(p + change) + linear_form.y - linear_form.J @ change
         if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
             return change
         Z = solution.rows.Z * solution.root
@@ -714,7 +715,7 @@ class _Problem:
 
         before = misfit(-linear_form.y)
         for _ in range(HALVINGS):
-            if misfit(self.whole(p + change)) < before:
+            if misfit(self.stacked_residuals(p + change)) < before:
                 break
             change = 0.5 * change
         return change

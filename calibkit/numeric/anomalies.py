@@ -252,10 +252,10 @@ def _is_counted(values: Array, first: int, stop: int, quantum: float) -> bool:
         return False
     middle = 0.5 * (first + stop - 1)
     parabola = np.polyfit((beside_rows - middle) / length, values[beside_rows], 2)
-    left = values[beside_rows] - np.polyval(parabola, (beside_rows - middle) / length)
+    residuals = values[beside_rows] - np.polyval(parabola, (beside_rows - middle) / length)
     inside = np.polyval(parabola, (np.arange(first, stop) - middle) / length).mean()
     return bool(
-        np.sqrt(np.mean(left**2)) <= COUNTED * quantum
+        np.sqrt(np.mean(residuals**2)) <= COUNTED * quantum
         and abs(inside - values[first]) <= PASSED / np.sqrt(length) * quantum
     )
 

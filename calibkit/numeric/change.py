@@ -140,8 +140,8 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     centred = years - middle
     spread = float(np.sum(weight * centred**2))
     slope = float(np.sum(weight * centred * (values - mean))) / spread
-    left = (values - mean - slope * centred) / standard_uncertainty
-    birge = math.sqrt(float(np.sum(left**2)) / (values.size - 2))
+    normalized_residuals = (values - mean - slope * centred) / standard_uncertainty
+    birge = math.sqrt(float(np.sum(normalized_residuals**2)) / (values.size - 2))
     u = float(standard_uncertainty.min()) / math.sqrt(spread)
     wider = max(birge, 1.0)
     u_mean = float(standard_uncertainty.min()) / math.sqrt(float(weight.sum()))

@@ -29,14 +29,14 @@ class Intervals:
     step_s: float
 
     @property
-    def enough(self) -> Mask:
+    def well_filled(self) -> Mask:
         """Those intervals [m] that hold at least half of the usual number of samples."""
         return np.asarray(self.count >= 0.5 * np.median(self.count))
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether no interval is empty or cut short."""
-        return bool(self.enough.all()) and self.number.size == self.number[-1] + 1
+        return bool(self.well_filled.all()) and self.number.size == self.number[-1] + 1
 
     def groups(self) -> Iterator[tuple[slice, slice]]:
         """Consecutive intervals whose rows make up a chunk, and these rows."""
@@ -98,17 +98,17 @@ class Intervals:
         """Values of all intervals from those [m] of the ones that hold samples: straight lines
         across the empty and cut short.
         """
-        if self.whole:
+        if self.is_complete:
             return means
         return np.interp(
-            np.arange(self.number[-1] + 1), self.number[self.enough], means[self.enough]
+            np.arange(self.number[-1] + 1), self.number[self.well_filled], means[self.well_filled]
         )
 
     def centres(self, means: Array) -> Array:
         """Centres [s] of all intervals from the mean times [m, s]; that of an interval that is cut
         short is still its centre.
         """
-        if self.whole:
+        if self.is_complete:
             return means
         return np.asarray(
             self.begin + (np.arange(self.number[-1] + 1) + 0.5) * self.length_s - 0.5 * self.step_s

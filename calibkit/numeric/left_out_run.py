@@ -77,8 +77,8 @@ def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
     for degf_runs in in_degf:
         degc = np.where(degf_runs, (temp_degc - 32.0) / 1.8, temp_degc)
         common_order = min(order, _order(degc, all_runs))
-        _, left, spare = _fit(_powers(degc, common_order), values, u)
-        chances.append(float(fdtrc(dof, spare, variance / left)))
+        _, degc_variance, degc_dof = _fit(_powers(degc, common_order), values, u)
+        chances.append(float(fdtrc(dof, degc_dof, variance / degc_variance)))
     best = int(np.argmin(chances))
     return np.asarray(in_degf[best] & (chances[best] < DEGF_CHANCE / len(chances)), dtype=np.bool_)
 

@@ -67,6 +67,7 @@ class Pool:
     def exchange(self, entries: Sequence[int]) -> tuple[list[int], float]:
         """Design after exchanges, and its criterion."""
         design, best = list(entries), self.criterion(entries)
+        # 1e-300: a parameter of which no candidate tells anything leaves a matrix with an inverse
         ridge = np.diag(RIDGE * self.parts.mean(axis=0).diagonal() + 1e-300)
         for _ in range(PASSES):
             before = best
@@ -146,6 +147,7 @@ def spread_apart(directions: Array, occupied: Sequence[int], count: int) -> list
     """Directions [count] of unit vectors [c, 3] that lie farthest from those that are taken."""
     selection, largest_cosine = [], (directions @ directions[list(occupied)].T).max(axis=1)
     for _ in range(min(count, len(directions) - len(occupied))):
+        # rounded, so that of equal angles the first is taken on every machine
         selection.append(int(np.argmin(np.round(largest_cosine, 9))))
         largest_cosine = np.maximum(largest_cosine, directions @ directions[selection[-1]])
     return selection

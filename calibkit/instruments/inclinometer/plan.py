@@ -203,6 +203,7 @@ class StationBench(TourBench):
         parts = rows[:, :, None] * rows[:, None, :]
         turn = self.assumed.size(*TURN) or 1.0
         of_azimuth = np.array([azimuth_slope(self.spec.site.latitude_deg), 1.0])
+        # precision of s and of the turn; 1e-6 of what is not known, for M to have an inverse
         for prior, combination in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
             pool = Pool(np.diag([1e-6, prior]), parts, np.outer(combination, combination))
             for number in STATIONS:

@@ -111,10 +111,10 @@ def regress(
             )
         return predicted
 
-    def left(p: Array) -> Array:
+    def misfit(p: Array) -> Array:
         """Model less response [n], huge where the model is not finite."""
-        misfit = values(p) - response
-        return np.where(np.isfinite(misfit), np.clip(misfit, -huge, huge), huge)
+        difference = values(p) - response
+        return np.where(np.isfinite(difference), np.clip(difference, -huge, huge), huge)
 
     def slopes(p: Array) -> Array:
         """Derivatives [n, p] of the model, by differences on both sides."""
@@ -129,12 +129,12 @@ def regress(
         options: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
         try:
             end = least_squares(
-                left, begin, slopes, method=method, x_scale="jac", max_nfev=EVALUATIONS, **options
+                misfit, begin, slopes, method=method, x_scale="jac", max_nfev=EVALUATIONS, **options
             ).x
         except (ValueError, np.linalg.LinAlgError, FloatingPointError):
             end = begin
         end = end if np.isfinite(end).all() else begin
-        return float(np.sum(left(end) ** 2)), end
+        return float(np.sum(misfit(end) ** 2)), end
 
     with np.errstate(all="ignore"):
         ends = [attempt(*attempt_start) for attempt_start in _starts(begin)]
@@ -144,7 +144,7 @@ def regress(
         best = ends[int(np.argmax(equal))]
         for method in (*METHODS, METHODS[0]):
             best = min(best, attempt(best[1], method), key=lambda end: end[0])
-        return _prove(best[1], left(best[1]), slopes(best[1]), rms(response), names)
+        return _prove(best[1], misfit(best[1]), slopes(best[1]), rms(response), names)
 
 
 def _require_enough(response: Array, begin: Array) -> None:
@@ -172,7 +172,9 @@ def _starts(begin: Array) -> Iterator[tuple[Array, Literal["lm", "trf"]]]:
         yield start, METHODS[number % len(METHODS)]
 
 
-def _prove(p: Array, left: Array, slopes: Array, size: float, names: tuple[str, ...]) -> Regression:
+def _prove(
+    p: Array, misfit: Array, slopes: Array, size: float, names: tuple[str, ...]
+) -> Regression:
     """Regression at parameters [p] that are a minimum, of what the model leaves [n] of a response
     of that rms and its derivatives [n, p]; raises FitError where they are none.
     """
@@ -185,14 +187,14 @@ def _prove(p: Array, left: Array, slopes: Array, size: float, names: tuple[str, 
             f"the data do not determine the parameters, most of all '{name}'",
             hint="fix it, or begin nearer to the answer",
         )
-    explained, dof = u.T @ left, left.size - p.size
+    explained, dof = u.T @ misfit, misfit.size - p.size
     share = np.linalg.norm(explained) / np.sqrt(p.size)
-    noise = np.linalg.norm(left - u @ explained) / np.sqrt(dof)
-    if share > CONVERGED * noise and rms(left) > ROUNDING * size:
+    noise = np.linalg.norm(misfit - u @ explained) / np.sqrt(dof)
+    if share > CONVERGED * noise and rms(misfit) > ROUNDING * size:
         raise FitError(
             f"no minimum was reached: the derivatives explain {share / noise:.1g} of what noise"
             " would",
             hint="begin nearer to the answer, or scale the parameters",
         )
     inverse = (vt.T / spread) / length[:, None]
-    return Regression(names, p, inverse @ inverse.T * float(left @ left) / dof, dof, -left)
+    return Regression(names, p, inverse @ inverse.T * float(misfit @ misfit) / dof, dof, -misfit)

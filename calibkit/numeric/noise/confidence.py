@@ -99,11 +99,13 @@ def _fraction(series: Array) -> float:
     autocorrelation r; 1/2 where nothing is left or nothing varies.
     """
     product, square = series[1:] * series[:-1], series**2
-    left, present = ~np.isnan(product), ~np.isnan(square)
+    present_products, present = ~np.isnan(product), ~np.isnan(square)
     correlation = 1.0
-    if left.any() and square.sum(where=present) > 0.0:
+    if present_products.any() and square.sum(where=present) > 0.0:
         share = product.size / series.size
-        correlation = share * float(product.mean(where=left) / square.mean(where=present))
+        correlation = share * float(
+            product.mean(where=present_products) / square.mean(where=present)
+        )
     return correlation / (1.0 + correlation)
 
 
