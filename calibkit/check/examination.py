@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.frame import Held, Log
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.recipe import Recipe
 
 
 class _Examiner(Protocol):
     """The part of a procedure that looks at logs."""
 
-    def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
+    def read(self, spec: Any, data: Path, file: str, reader: LogReader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
         """Read one log in canonical columns."""
 
     def faults(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)

@@ -200,7 +200,7 @@ def read_ahead(files: Iterable[str], read: Callable[[str], _Read]) -> Iterator[_
                 future.cancel()
 
 
-class Reader(Protocol):
+class LogReader(Protocol):
     """Reads one log, as `read_log` does."""
 
     def __call__(

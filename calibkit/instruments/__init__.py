@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Input, Record, StageResult
     from calibkit.forms import Form
     from calibkit.frame import Examined, Log
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.write_back import Applied
     from calibkit.left_out import LeftOut
     from calibkit.report.summary import Summary
@@ -83,7 +83,7 @@ class Instrument(Protocol):
     FORMS: tuple[Form, ...]
     """Model forms that its coefficient files hold."""
 
-    def read(self, spec: Spec, data: Path, file: str, reader: Reader = ..., /) -> Log:
+    def read(self, spec: Spec, data: Path, file: str, reader: LogReader = ..., /) -> Log:
         """Read one log of the data folder in canonical columns, by another reader where one is
         given.
         """

@@ -8,7 +8,7 @@ import re
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, cast
+from typing import Any, Protocol
 
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
@@ -67,8 +67,9 @@ def _read_as(
 ) -> Table:
     """Read a log in a format by name; the module of the format is imported now."""
     if name in FORMATS:
-        module = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
-        return cast("Reader", module).read(path, file, logs, required_columns)
+        module: Any = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
+        format_reader: Reader = module
+        return format_reader.read(path, file, logs, required_columns)
     return _read_by_plugin(name, path, file, logs, required_columns)
 
 
@@ -84,7 +85,8 @@ def _read_by_plugin(
             f"{file}: no plugin that reads format '{name}' is installed",
             hint="install the package that reads it; run.json of a fit with it names the package",
         )
-    reader, origin = cast("Reader", plugins.load(entry)), plugins.identify(entry)
+    reader: Reader = plugins.load(entry)
+    origin = plugins.identify(entry)
     title = f"'{name}' ({origin.distribution} {origin.version})"
     with optional.refuse_damaged(file, title):
         table = reader.read(path, file, logs, required_columns)

@@ -93,16 +93,16 @@ GRIDS = {
 """Kind of a quantity over temperature, and whether it is of a cross-axis term → table."""
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Result blocks of the stages (K-factor, Q-factor, triad) that the run holds."""
     return tuple(
-        (_q if file == "accel_q.json" else _over_temperature)(stated, stated.records[file])
+        (_q if file == "accel_q.json" else _over_temperature)(basis, basis.records[file])
         for file in ("accel_k.json", "accel_q.json", "accel_affine.json")
-        if file in stated.records and stated.records[file].models
+        if file in basis.records and basis.records[file].models
     )
 
 
-def _over_temperature(stated: Stated, record: Record) -> Block:
+def _over_temperature(basis: Stated, record: Record) -> Block:
     """Block of the K-factor or of the triad: every coefficient, and its polynomials against
     temperature.
     """
@@ -112,22 +112,22 @@ def _over_temperature(stated: Stated, record: Record) -> Block:
     grids, figures = [], []
     for kind, title in GRIDS.items():
         columns = [(Words(c.symbol or ""), c) for kinds in by_model for c in kinds.get(kind, ())]
-        grid = tabulate(stated, title + OVER, columns) if columns else None
+        grid = tabulate(basis, title + OVER, columns) if columns else None
         if grid is not None:
             grids.append(grid)
             figures += [] if kind[1] else [_plot_change(grid)]
     coefficients: Table
     if models[0].form == forms.K.name:
-        coefficients = _tabulate_k(stated, record, curves)
-        notes = [*map(residual_words, models), range_words(models[0]), *stated.left_out(models[0])]
+        coefficients = _tabulate_k(basis, record, curves)
+        notes = [*map(residual_words, models), range_words(models[0]), *basis.left_out(models[0])]
     else:
-        coefficients = list_coefficients(stated, record, models[0], values=curves)
-        notes = note_models(stated, models)
+        coefficients = list_coefficients(basis, record, models[0], values=curves)
+        notes = note_models(basis, models)
     title, equation = BLOCKS[models[0].form]
     return make_block(record, title, (equation,), (coefficients, *grids), figures, notes)
 
 
-def _tabulate_k(stated: Stated, record: Record, curves: Sequence[Quantity]) -> GridTable:
+def _tabulate_k(basis: Stated, record: Record, curves: Sequence[Quantity]) -> GridTable:
     """K0 … K9 of the three axes side by side."""
     columns = []
     for model in record.models:
@@ -141,7 +141,7 @@ def _tabulate_k(stated: Stated, record: Record, curves: Sequence[Quantity]) -> G
         tuple(units.values()),
         tuple(units),
         tuple(
-            tuple(state(stated, column[name], {}) if name in column else None for column in columns)
+            tuple(state(basis, column[name], {}) if name in column else None for column in columns)
             for name in units
         ),
         COEFFICIENT_NOTE,
@@ -149,17 +149,17 @@ def _tabulate_k(stated: Stated, record: Record, curves: Sequence[Quantity]) -> G
     )
 
 
-def _q(stated: Stated, record: Record) -> Block:
+def _q(basis: Stated, record: Record) -> Block:
     """Block of the Q-factor at the temperature that it was found at."""
     model = record.models[0]
     name = Words("Non-orthogonality", "非正交角")
     results = tuple(
-        state(stated, coefficient(record, model, c.name, name), {}, principal=True)
+        state(basis, coefficient(record, model, c.name, name), {}, principal=True)
         for c in model.coefficients
     )
-    at = model.value("temperature")
+    degc = model.value("temperature")
     notes = (
-        Words(f"Q holds at {at:g} °C.", f"Q 系数对应温度 {at:g} °C。"),
+        Words(f"Q holds at {degc:g} °C.", f"Q 系数对应温度 {degc:g} °C。"),
         residual_words(model),
         range_words(model),
     )

@@ -138,10 +138,12 @@ class Correction:
             shifted[:, axis] += term.u_of(1.0) * of_one
             shifted_inputs["indication"] = shifted
         if shifted_inputs:
-            moved = replace(dwells, **shifted_inputs)
-            by_input = self(moved.indication, moved.temperature) - self(indication, temperature)
+            shifted_dwells = replace(dwells, **shifted_inputs)
+            by_input = self(shifted_dwells.indication, shifted_dwells.temperature) - self(
+                indication, temperature
+            )
             # without angles, lengths do not depend on them
-            return by_input + np.nan_to_num(moved.reference - dwells.reference)
+            return by_input + np.nan_to_num(shifted_dwells.reference - dwells.reference)
         result = term.result or term.quantity
         by_model = self.slopes(self.readings(indication, temperature))
         for model, slopes in zip(self.models, by_model, strict=True):

@@ -284,15 +284,15 @@ def find_sensitivities(
     if gravity is not None and "m/s^2" in units:
         errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
     shifted = []
-    moved: dict[str, Any]
+    shifted_fields: dict[str, Any]
     for error in errors:
         if error.input == "gravity_mps2":
             # what is logged in m/s² is a smaller multiple of a larger gravity
-            moved = {"indication": dwells.indication / (1.0 + GRAVITY_STEP)}
+            shifted_fields = {"indication": dwells.indication / (1.0 + GRAVITY_STEP)}
         else:
             field = FIELDS[error.input]
-            moved = {field: error.shift(getattr(dwells, field))}
-        shifted.append(replace(dwells, **moved))
+            shifted_fields = {field: error.shift(getattr(dwells, field))}
+        shifted.append(replace(dwells, **shifted_fields))
     triad, refits = fitted.triad, {}
     equation, *shifted_equations = (
         partial(

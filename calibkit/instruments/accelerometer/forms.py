@@ -28,9 +28,9 @@ def inputs(indication: Array, temperature: Array) -> Inputs:
     return {**dict(zip(COMPONENTS, indication.T, strict=True)), TEMPERATURE: temperature}
 
 
-def _indication(at: Inputs) -> Array:
+def _indication(inputs: Inputs) -> Array:
     """Indications [n, 3, g] of the three axes, stacked."""
-    return np.column_stack([at[component] for component in COMPONENTS])
+    return np.column_stack([inputs[component] for component in COMPONENTS])
 
 
 def read_terms(model: Model) -> Terms:
@@ -38,9 +38,9 @@ def read_terms(model: Model) -> Terms:
     return Terms.named([c.name for c in model.coefficients])
 
 
-def _corrected(model: Model, p: Numbers, at: Inputs) -> Numbers:
+def _corrected(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """Corrected components [n, 3, g] by `equation`."""
-    return read_terms(model).corrected(p, _indication(at), at[TEMPERATURE])
+    return read_terms(model).corrected(p, _indication(inputs), inputs[TEMPERATURE])
 
 
 K = Form(

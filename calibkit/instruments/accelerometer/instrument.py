@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Progress
 
@@ -58,7 +58,9 @@ KEY_FIGURES = (
 faults = plausibility.examine
 
 
-def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(
+    spec: AccelerometerRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
+) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     angles: tuple[str, ...] = (forms.TEMPERATURE, *triad_dwells.ATTITUDE)
     required: tuple[str, ...] = (*angles, *forms.COMPONENTS)
@@ -101,8 +103,8 @@ def fit(
             "state 1",
         ),
     )
-    for asked, message, hint in no_more:
-        if asked:
+    for is_asked, message, hint in no_more:
+        if is_asked:
             raise FitError(message, hint=hint)
     in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     logs = list(copies.refuse_copies(in_turn))

@@ -92,12 +92,12 @@ def find_implausible(
                 refused = f"all dwells at inclination {tilt:g}°, toolface {roll:g}° are"
                 break
     advice = "a fit leaves it out: correct the row, or repeat the dwell"
-    shown = rows
+    rows_named = rows
     if refused:
         advice = f"correct these rows or take them out of the log: {refused}"
-        shown = rows[np.argsort(-departure[rows], kind="stable")][:NAMED]
+        rows_named = rows[np.argsort(-departure[rows], kind="stable")][:NAMED]
     findings = []
-    for row in shown.tolist():
+    for row in rows_named.tolist():
         if row in lone:
             degc, column = float(dwells.temperature[row]), TEMPERATURE
             fault, due, figure = f"{column} is {degc:.4g} °C", lone[row], degc
@@ -160,8 +160,8 @@ def _find_lone_temperatures(dwells: DwellSet) -> dict[int, str]:
     lone: dict[int, str] = {}
     order = np.argsort(dwells.temperature, kind="stable")
     ends = (order[[0, 1, -1]], order[[-1, -2, 0]]) if order.size >= FEW else ()
-    for row, *others in ends:
-        lone_degc, nearest_degc, last_degc = dwells.temperature[[row, *others]].tolist()
+    for row, *other_rows in ends:
+        lone_degc, nearest_degc, last_degc = dwells.temperature[[row, *other_rows]].tolist()
         range_degc = abs(nearest_degc - last_degc)
         if abs(lone_degc - nearest_degc) > max(LONE_DEGC, LONE_SHARE * range_degc):
             low, high = sorted((nearest_degc, last_degc))

@@ -92,14 +92,16 @@ def number_soaks(temperature: Array, log: Integers) -> Integers:
     return np.asarray(np.unique(level, return_inverse=True)[1]).reshape(-1)
 
 
-def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) -> list[Shared]:
+def list_errors(
+    dwells: DwellSet, gravity: Array, directions: Array, *, timed: bool
+) -> list[Shared]:
     """Errors that the residuals of n dwells can show; that of time only where they are `timed`.
 
     `gravity` [n, 3] [g] are the reference vectors, or corrected indications where attitudes are
-    unknown; `along` [n, m, 3] the directions of the m residuals of each dwell: the three axes, or
-    the one along gravity of a length.
+    unknown; `directions` [n, m, 3] those of the m residuals of each dwell: the three axes, or the
+    one along gravity of a length.
     """
-    count, per_dwell, _ = along.shape
+    count, per_dwell, _ = directions.shape
     soak, all_dwells = number_soaks(dwells.temperature, dwells.log), np.zeros(count, dtype=np.int64)
     axes = np.broadcast_to(np.eye(3), (count, 3, 3))
     by_scale = axes * gravity[:, None, :]
@@ -107,8 +109,8 @@ def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) 
     candidates = [(ZERO, soak, axes)]
     if per_dwell == 3:  # of lengths, attitudes are unknown
         theta, phi = np.radians(dwells.inclination), np.radians(dwells.toolface)
-        (up, across), attitude = angle_slopes(theta, phi), number_attitudes(gravity)
-        by_angles, by_toolface = np.stack([up, across], axis=2), across * np.sin(theta)[:, None]
+        (up, sideways), attitude = angle_slopes(theta, phi), number_attitudes(gravity)
+        by_angles, by_toolface = np.stack([up, sideways], axis=2), sideways * np.sin(theta)[:, None]
         if 2 * (attitude.max() + 1) <= count:  # else it is noise
             candidates.append((INDEX, attitude, by_angles))
         by_set_up = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
@@ -138,7 +140,7 @@ def list_errors(dwells: DwellSet, gravity: Array, along: Array, *, timed: bool) 
             group=name[0],
             effect=name[1],
             level=np.repeat(level, per_dwell),
-            loading=np.einsum("nmi,nik->nmk", along, slopes).reshape(count * per_dwell, -1),
+            loading=np.einsum("nmi,nik->nmk", directions, slopes).reshape(count * per_dwell, -1),
             unit=UNITS[name],
             largest=LARGEST[UNITS[name]],
             optional=name not in (ZERO, INDEX),

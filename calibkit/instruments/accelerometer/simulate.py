@@ -117,8 +117,8 @@ def indications(sensors: Sequence[Sensor], gravity: Array, temperature: Array) -
     """
     warm, acting = temperature - 25.0, []
     for sensor in sensors:
-        turned = np.array(sensor["axis_turn"]) * warm[:, None]
-        axis = np.array(sensor["axis"]) + np.cross(turned, np.array(sensor["axis"]))
+        axis_turns = np.array(sensor["axis_turn"]) * warm[:, None]
+        axis = np.array(sensor["axis"]) + np.cross(axis_turns, np.array(sensor["axis"]))
         axis /= np.linalg.norm(axis, axis=1, keepdims=True)
         acting.append(np.sum(gravity * axis, axis=1))
     columns = []

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
@@ -43,7 +43,7 @@ CAMPAIGNS = None
 
 
 def read(
-    spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log
+    spec: BiasTemperatureRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
 ) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
     return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.report.summary import Summary
@@ -47,7 +47,7 @@ SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis i
 """Channels of the shipped recipe."""
 
 
-def read(spec: ThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: ThermalRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
     """One log in the recipe's columns."""
     return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
 
@@ -187,7 +187,7 @@ def _flags(
     ]
 
 
-def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
     """One log in canonical columns."""
     return reader(spec, data / file, file, ramps.COLUMNS)
 

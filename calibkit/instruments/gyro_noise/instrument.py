@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
@@ -55,7 +55,7 @@ STAGE = "gyro_noise"
 KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
 
-def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
     """One log in canonical columns; the case temperature is read where the log has it."""
     return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
 

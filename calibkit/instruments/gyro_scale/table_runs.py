@@ -81,7 +81,7 @@ class TableRun:
         return float(self.plateaus.temp_degc.mean())
 
 
-def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read_log) -> Log:
+def read(spec: AnyRecipe, data: Path, file: str, reader: logs.LogReader = logs.read_log) -> Log:
     """Read one log of the table in canonical columns; table angle and temperature are optional, and
     times of rows that are means over a held rate each.
     """

@@ -22,16 +22,16 @@ FIGURES = {
 }
 
 
-def blocks(stated: Stated) -> tuple[Block, ...]:
+def blocks(basis: Stated) -> tuple[Block, ...]:
     """Block of inclinometer_scale.json."""
-    record = stated.records.get(FILE)
+    record = basis.records.get(FILE)
     if record is None:
         return ()
     models = record.models
     scales = [quantities.scale(record, model) for model in models]
     coefficients = [
         list_coefficients(
-            *(stated, record, model),
+            *(basis, record, model),
             Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
             [scale],
         )
@@ -43,22 +43,22 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             (Words(f"s, gyro {scale.model}", f"s，{scale.model} 陀螺"), scale) for scale in scales
         ]
         title = Words("In-situ scale factor s over temperature", "原位标度因数 s 随温度")
-        over_temperature = tabulate(stated, title, columns)
+        over_temperature = tabulate(basis, title, columns)
     figures = []
     if over_temperature is not None:
-        ones = [1.0] * len(scales)
-        figures.append(plot(over_temperature, Words("s − 1 [ppm]"), origins=ones, scale=1e6))
+        unit_scales = [1.0] * len(scales)
+        figures.append(plot(over_temperature, Words("s − 1 [ppm]"), origins=unit_scales, scale=1e6))
     stations = ListTable(
         Words("Stations", "测站"),
         tuple(
-            state(stated, of_figure(record, figure, FIGURES[figure.name]), {})
+            state(basis, of_figure(record, figure, FIGURES[figure.name]), {})
             for figure in record.figures
             if figure.name in FIGURES
         ),
     )
     notes = [residual_words(model) for model in models]
     for model in models[:1]:
-        notes += [range_words(model), *stated.left_out(model)]
+        notes += [range_words(model), *basis.left_out(model)]
     title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
     tables = (*coefficients, over_temperature, stations)
     return (make_block(record, title, (SCALE,), tables, figures, notes),)

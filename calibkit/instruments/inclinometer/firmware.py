@@ -25,13 +25,15 @@ def chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     draft = Draft(padded=spec.export.layout == "padded")
     for model in record.models:
         raw, name = powers(model, "s"), f"s_{model.name}"
-        valid, over = model.valid.get(TEMPERATURE), ""
+        valid, input_name = model.valid.get(TEMPERATURE), ""
         if valid is not None:
-            over = "u"
+            input_name = "u"
             if not draft.inputs:
                 draft.temperature(valid)
             raw = exact.mapped(raw, *exact.span(*valid))
-        source = draft.sum(name, draft.polynomial(f"{name}_of_t", raw, over, order=HIGHEST_ORDER))
+        source = draft.sum(
+            name, draft.polynomial(f"{name}_of_t", raw, input_name, order=HIGHEST_ORDER)
+        )
         meaning = f"scale factor of the {model.name} gyro, to be multiplied with its indication"
         draft.output(
             f"scale_{model.name}",

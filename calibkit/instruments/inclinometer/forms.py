@@ -71,11 +71,11 @@ class ScaleModel:
         )
 
 
-def _powers(model: Model, at: Inputs) -> Array:
+def _powers(model: Model, inputs: Inputs) -> Array:
     """Powers [n, p] of the case temperature in ascending order; ones for a model without
     temperature.
     """
-    abscissa = at[TEMPERATURE] if model.valid else np.zeros(len(next(iter(at.values()))))
+    abscissa = inputs[TEMPERATURE] if model.valid else np.zeros(len(next(iter(inputs.values()))))
     return np.vander(abscissa, len(model.coefficients), increasing=True)
 
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import Reader
+    from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
 
@@ -59,7 +59,9 @@ PROPOSED = (
 faults = inclinometer_stations.examine
 
 
-def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def read(
+    spec: InclinometerRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
+) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns = [
         "position_deg",

@@ -106,8 +106,12 @@ def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
     which constant bias cancels (step B).
     """
     at_0, at_90, at_180, at_270 = np.moveaxis(indication, -1, 0)
-    along, across = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
-    return (along, across) if sensor == "x" else (-across, along)
+    first_component, second_component = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
+    return (
+        (first_component, second_component)
+        if sensor == "x"
+        else (-second_component, first_component)
+    )
 
 
 def closures(indication: Array) -> Array:

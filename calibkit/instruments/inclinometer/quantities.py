@@ -18,12 +18,12 @@ def scale(record: Record, model: Model) -> Quantity:
     over_temperature = TEMPERATURE in model.valid
     # files of calibkit 0.2 state what the choice of the order adds; later ones average the orders
     u_choice = next((p.value for p in model.parameters if p.name == "order_choice"), 0.0)
-    more = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
+    further_terms = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
 
     def point(at: At) -> Point:
         if over_temperature:
-            return replace(value(at), more=more)
-        return replace(value({TEMPERATURE: 0.0}), influences={}, more=more)
+            return replace(value(at), more=further_terms)
+        return replace(value({TEMPERATURE: 0.0}), influences={}, more=further_terms)
 
     return Quantity(
         "s",

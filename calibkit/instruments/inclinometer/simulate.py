@@ -151,8 +151,8 @@ def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Arra
     tool axis, tilted out of the plane across the tool.
     """
     angle, tilt = np.radians(direction_deg), np.radians(tilt_deg)
-    across = vectors[:, :1] * np.cos(angle) + vectors[:, 1:2] * np.sin(angle)
-    return np.asarray(across * np.cos(tilt) + vectors[:, 2:] * np.sin(tilt), dtype=np.float64)
+    across_tool = vectors[:, :1] * np.cos(angle) + vectors[:, 1:2] * np.sin(angle)
+    return np.asarray(across_tool * np.cos(tilt) + vectors[:, 2:] * np.sin(tilt), dtype=np.float64)
 
 
 def _readings(

@@ -120,7 +120,7 @@ class SolvedStations:
         """Mask [n] of the stations without a result."""
         return np.array([bool(reason) for reason in self.combined.status], dtype=np.bool_)
 
-    def require_consistent(self, where: str) -> None:
+    def require_consistent(self, place: str) -> None:
         """Raise FitError for a log most of whose stations are inconsistent; single inconsistent
         stations are only refused.
 
@@ -138,7 +138,7 @@ class SolvedStations:
             impossible |= np.array([WRONG in reason for reason in pair.status])
         if 2 * int(impossible.sum()) > count:
             raise FitError(
-                f"{where}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG
+                f"{place}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG
             )
         if len(self.solutions) == 2:
             x, y = (self.solutions[axis].toolface_deg for axis in ("x", "y"))
@@ -146,7 +146,7 @@ class SolvedStations:
                 apart_count = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
             if 2 * apart_count > count:
                 raise FitError(
-                    f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
+                    f"{place}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
                     f" {apart_count} of {count} stations",
                     hint="check the signs of both axes and the direction in which position_deg"
                     " counts",

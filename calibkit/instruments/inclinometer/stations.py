@@ -408,13 +408,13 @@ def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
 
 def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
     """Size of the last digit [unit of the column] with which a log's values are written."""
-    known = data[np.isfinite(data)]
+    finite = data[np.isfinite(data)]
     step = 1.0
     if column in spec.columns:
         ends = unmap_values(np.array([0.0, 1.0]), spec.columns[column], column, spec)
-        step, known = (
+        step, finite = (
             1.0 / abs(float(ends[1] - ends[0])),
-            unmap_values(known, spec.columns[column], column, spec),
+            unmap_values(finite, spec.columns[column], column, spec),
         )
-    last = [int(Decimal(f"{value:.12g}").as_tuple().exponent) for value in known.tolist()]
+    last = [int(Decimal(f"{value:.12g}").as_tuple().exponent) for value in finite.tolist()]
     return step * 10.0 ** min(last, default=-12)
