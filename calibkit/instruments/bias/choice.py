@@ -107,11 +107,12 @@ def _left_out(
     turn-on bias is that of the rest of the power-on, or the stretch's own where it has no other.
     """
     sound = solution.rows.sound
-    return tuple(
-        _errors(number, stacked.indication - drift, stacked, sound, figure_blocks)
-        for stacked, remaining_rows in cuts
-        for number, drift in enumerate(solution.leave_out(remaining_rows))
-    )
+    errors = []
+    for stacked, remaining_rows in cuts:
+        for number, drift in enumerate(solution.leave_out(remaining_rows)):
+            left = stacked.indication - drift
+            errors.append(_errors(number, left, stacked, sound, figure_blocks))
+    return tuple(errors)
 
 
 def _errors(number: int, left: Array, stacked: Stack, sound: Mask, figure_blocks: int) -> Array:
@@ -151,21 +152,18 @@ def _with_model_error(
                 stretches.append((error, covariances, rate > MOVING_DEGC_MIN))
     sizes = [0.0]
     for moving in (True, False):
-        runs = [(e[run], c, run) for e, c, m in stretches for run in _runs(m == moving)]
-        if runs:
-            expected_products = np.concatenate(
-                [
-                    at_lag[run.start : max(run.stop - k, run.start)]
-                    for _, c, run in runs
-                    for k, at_lag in zip(uncertainty.NEIGHBOURING, c, strict=True)
-                ]
-            )
-            errors_of = [e for e, *_ in runs]
-            sizes.append(
-                uncertainty.model_error(
-                    errors_of, expected_products.sum() / max(expected_products.size, 1)
-                )
-            )
+        # errors of the runs, and the products of neighbouring ones that noise and coefficients make
+        run_errors: list[Array] = []
+        products: list[Array] = []
+        for error, covariances, changing in stretches:
+            for run in _runs(changing == moving):
+                run_errors.append(error[run])
+                for k, at_lag in zip(uncertainty.NEIGHBOURING, covariances, strict=True):
+                    products.append(at_lag[run.start : max(run.stop - k, run.start)])
+        if run_errors:
+            expected = np.concatenate(products)
+            explained = expected.sum() / max(expected.size, 1)
+            sizes.append(uncertainty.model_error(run_errors, explained))
     return replace(
         model, model_error=max(sizes), model_error_dof=float(max(len(stacked.ramps) - 1, 1))
     )

@@ -160,20 +160,14 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     """Share of the raw drift on left-out rates after compensation by the exported orders, over both
     sides.
     """
-    tested = [
-        r
-        for c in choices
-        if c.polynomial is not None
-        for r in c.tested
-        if r.order == c.polynomial.order
-    ]
-    if not tested:
-        return None
-    left, raw = (
-        sum(np.sum(part) for part in parts)
-        for parts in zip(*((r.squares, r.raw_squares) for r in tested), strict=True)
-    )
-    return float(np.sqrt(left / raw))
+    left, raw = 0.0, 0.0
+    for side in choices:
+        order = None if side.polynomial is None else side.polynomial.order
+        for result in side.tested:
+            if result.order == order:
+                left += float(np.sum(result.squares))
+                raw += float(np.sum(result.raw_squares))
+    return float(np.sqrt(left / raw)) if raw else None
 
 
 def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

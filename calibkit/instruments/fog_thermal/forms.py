@@ -153,13 +153,11 @@ def write_ramp(name: str, fit: published.RampFit, interval_s: float) -> Model:
 
 def write_rates(polynomial: published.RatePolynomial, interval_s: float) -> Model:
     """Model of the polynomials of one side for the coefficient file, named by the side."""
-    coefficients = [
-        (name, value, power_unit(unit, "degC/min", m))
-        for names, row, unit in zip(
-            rate_names(polynomial.order), polynomial.c.tolist(), GRADIENT_UNITS, strict=True
-        )
-        for m, (name, value) in enumerate(zip(names, row, strict=True))
-    ]
+    coefficients = []
+    names = rate_names(polynomial.order)
+    for j, unit in enumerate(GRADIENT_UNITS):
+        for m, value in enumerate(polynomial.c[j].tolist()):
+            coefficients.append((names[j][m], value, power_unit(unit, "degC/min", m)))
     return OVER_RATES.write(
         polynomial.side,
         coefficients,
@@ -204,11 +202,9 @@ def _write_bank(model: BankModel, interval_s: float) -> Model:
     """Bank of lags for the coefficient file."""
     bank = model.bank
     parts = (bank.lags, bank.knots, bank.widths, bank.warm_up)
-    numbered = [
-        Parameter(f"{name}_{k}", value, unit)
-        for (name, unit), part in zip(_NUMBERED.items(), parts, strict=True)
-        for k, value in enumerate(part, start=1)
-    ]
+    numbered = []
+    for (name, unit), part in zip(_NUMBERED.items(), parts, strict=True):
+        numbered += [Parameter(f"{name}_{k}", value, unit) for k, value in enumerate(part, start=1)]
     coefficients = [
         (name, value, unit)
         for (name, unit), value in zip(bank.terms, model.coefficients.tolist(), strict=True)

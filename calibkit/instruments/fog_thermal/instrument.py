@@ -325,8 +325,8 @@ def validate(
     )
     criteria = [*_covered(spec, entries), *_common_criteria(spec, compensated, model)]
     if model.exported:
-        stages = "before", "after"
-        before, after = (rms([getattr(log, stage) for log in compensated]) for stage in stages)
+        before = rms([log.before for log in compensated])
+        after = rms([log.after for log in compensated])
         criteria = [*_judge_reduction(spec, "drift reduction", before / after), *criteria]
     first_screen = tables.summarize_validation(compensated, entries)
     summary_tables = (

@@ -311,16 +311,13 @@ def _denoised(
         )
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    noise = tuple(
-        Figure(f"{log.name}.{kind}_{level}", float(value), "deg/h", 0.0)
-        for level, level_values in enumerate(
-            zip(smooth.noise, smooth.thresholds, strict=True), start=1
-        )
-        for kind, value in zip(("noise", "threshold"), level_values, strict=True)
-    )
+    noise = []
+    for k in range(smooth.levels):
+        for kind, sizes in (("noise", smooth.noise), ("threshold", smooth.thresholds)):
+            noise.append(Figure(f"{log.name}.{kind}_{k + 1}", float(sizes[k]), "deg/h", 0.0))
     means = blocks.means(smooth.signal)
     chunks.release(gyro)
-    return means, noise
+    return means, tuple(noise)
 
 
 def _ramps(

@@ -277,7 +277,7 @@ def summarize_validation(
     compensated: Sequence[LogFigures], entries: Sequence[Mapping[str, Any]]
 ) -> Overview:
     """First screen of a validation."""
-    raw, left = (rms([getattr(log, stage) for log in compensated]) for stage in ("before", "after"))
+    raw, left = rms([log.before for log in compensated]), rms([log.after for log in compensated])
     noise = rms([log.split.noise for log in compensated])
     gains = [log.gain_recursive for log in compensated]
     span = describe_span(min(gains), max(gains), "", ".4f").strip()

@@ -72,10 +72,13 @@ def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
     """Sums [ramps] of the products of neighbouring errors of each ramp, and the numbers of products
     [ramps].
     """
-    sums = [sum(float(e[k:] @ e[: e.size - k]) for k in NEIGHBOURING if k < e.size) for e in errors]
-    return np.array(sums), np.array(
-        [sum(max(e.size - k, 0) for k in NEIGHBOURING) for e in errors], dtype=np.float64
-    )
+    sums, counts = np.zeros(len(errors)), np.zeros(len(errors))
+    for ramp, error in enumerate(errors):
+        for k in NEIGHBOURING:
+            if k < error.size:
+                sums[ramp] += float(error[k:] @ error[: error.size - k])
+                counts[ramp] += error.size - k
+    return sums, counts
 
 
 def explained(
@@ -86,12 +89,10 @@ def explained(
 
     The mean of each ramp is removed, as for left-out errors.
     """
-    expected_products = [
-        at_lag
-        for log, derivatives in zip(logs, sensitivities, strict=True)
-        for _, by_lag in explain_parts(model, log, derivatives, group, of_rest=False)
-        for at_lag in by_lag
-    ]
+    expected_products: list[Array] = []
+    for log, derivatives in zip(logs, sensitivities, strict=True):
+        for _, by_lag in explain_parts(model, log, derivatives, group, of_rest=False):
+            expected_products += by_lag
     products = np.concatenate(expected_products) if expected_products else np.zeros(0)
     return float(products.sum()) / max(products.size, 1)
 
