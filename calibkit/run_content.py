@@ -31,7 +31,7 @@ from calibkit.report.overview import describe_span
 from calibkit.report.summary import Summary
 from calibkit.version import SOFTWARE
 
-_LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "matplotlib")
+_LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
 
 
 def complete_summary(fitted: Fitted[Any], pooled: Pooled) -> Summary:

@@ -311,8 +311,12 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     outcome = calibkit(
         "fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit"
     )
-    assert outcome.code == 3
-    assert "profile intervals are no longer computed" in outcome.err
+    assert outcome.code == 0, outcome.err
+    record = store.load(tmp_path / "runs" / "M" / "r002").records["accel_q.json"]
+    bounds = {figure.name: figure.value for figure in record.figures if figure.name.endswith("_95")}
+    again = [c.value for c in record.model("triad").coefficients]
+    assert again == pytest.approx(q, abs=2e-5)  # a fifth of their standard uncertainty
+    assert bounds["Q1_low_95"] < again[0] < bounds["Q1_high_95"]
 
 
 def test_validation_states_before_and_after_and_holds_limits(tmp_path, calibkit, log_writer):

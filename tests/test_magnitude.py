@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer import published
+from calibkit.instruments.accelerometer import profile_intervals, published
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.triad import solve_triad
@@ -74,6 +74,22 @@ def test_corrected_vectors_have_the_length_of_gravity_and_the_angles_of_the_trut
     triad = solve_triad(collect(exact), TERMS, PLAIN, loss="least_squares")
     corrected = TERMS.corrected(triad.fit.parameters, exact, np.zeros(24))
     np.testing.assert_allclose(corrected, vectors, atol=1e-10)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_both_solvers_agree(noisy):
+    """Profile intervals of lmfit hold the values of the triad in their middle and are as wide, to
+    0.2 %.
+    """
+    noise = np.full(28, NOISE_G) if noisy else None
+    dwells = collect(indications(sphere(28)), noise=noise)
+    triad = solve_triad(dwells, TERMS, PLAIN, loss="least_squares")
+    parameters, half_width = nine(triad)
+    low, high = np.transpose(list(profile_intervals.find_intervals(triad, dwells).values()))
+    # of lmfit the stated noise is the least
+    floor = max(1.0, NOISE_G / triad.noise[0]) if noisy else 1.0
+    np.testing.assert_allclose((high - low) / 2.0, floor * half_width, rtol=2e-3)
+    assert np.max(np.abs((high + low) / 2.0 - parameters) / half_width) < 0.005
 
 
 def test_large_sets_are_fitted():

@@ -6,12 +6,14 @@ import csv
 import math
 import re
 
+import lmfit
 import numpy as np
 import pytest
 
 import calibkit
 from calibkit.errors import FitError
 from calibkit.fit.solve import solve
+from calibkit.instruments.accelerometer import profile_intervals
 from calibkit.numeric.least_squares import fit
 from conftest import NIST
 
@@ -150,6 +152,40 @@ def test_the_solver_says_where_it_found_no_minimum():
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         fitted = solve(lambda b: NONLINEAR["Rat43"](b, x) - y, starts[0])
     assert not fitted.converged
+
+
+@pytest.mark.parametrize("name", NONLINEAR)
+def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(name):
+    """With exact derivatives and the magnitude fit's tolerances, bounded lmfit gives seven digits
+    and more.
+    """
+    starts, parameters, deviations, y, x = certified(name)
+    model = NONLINEAR[name]
+    named = lmfit.Parameters()
+    for j, value in enumerate(starts[1]):
+        named.add(
+            f"b{j}",
+            value=value,
+            min=min(0.2 * value, 5.0 * value),
+            max=max(0.2 * value, 5.0 * value),
+        )
+
+    def values(p):
+        return np.array([p[f"b{j}"].value for j in range(len(parameters))])
+
+    result = lmfit.Minimizer(lambda p: model(values(p), x) - y, named).minimize(
+        method="leastsq", Dfun=lambda p: slopes(model, values(p), x), **profile_intervals.TOLERANCES
+    )
+    found = np.array([result.params[f"b{j}"].value for j in range(len(parameters))])
+    np.testing.assert_allclose(found, parameters, rtol=1e-7)
+    inverse = np.linalg.inv(np.linalg.qr(slopes(model, found, x), mode="r"))
+    spread = np.sqrt(
+        np.sum(inverse**2, axis=1) * np.sum(result.residual**2) / (y.size - len(parameters))
+    )
+    np.testing.assert_allclose(spread, deviations, rtol=2e-7)
+    np.testing.assert_allclose(
+        [result.params[f"b{j}"].stderr for j in range(len(parameters))], deviations, rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize("start", [0, 1])

@@ -17,7 +17,7 @@ from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResu
 from calibkit.errors import FitError
 from calibkit.fit.solve import sensitivities
 from calibkit.forms import components_of
-from calibkit.instruments.accelerometer import findings, forms, published
+from calibkit.instruments.accelerometer import findings, forms, profile_intervals, published
 from calibkit.instruments.accelerometer.corrections import FIELDS
 from calibkit.instruments.accelerometer.determination import choose_terms
 from calibkit.instruments.accelerometer.dwells import ATTITUDE, DwellSet
@@ -58,6 +58,8 @@ class TriadFit:
     """Entries of the exact matrix of Q."""
     affine: Model | None = None
     """The triad over temperature."""
+    intervals: tuple[Figure, ...] = ()
+    """Ends of the 95 % profile intervals of the length of gravity, where lmfit is asked for."""
     flags: tuple[str, ...] = ()
 
 
@@ -66,6 +68,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     dwells do not determine.
     """
     lengths = spec.reference.kind == "magnitude"
+    by_lmfit = lengths and spec.reference.solver == "lmfit"
 
     # 1. Terms of the equation: those of the recipe, if the dwells determine them.
     terms, flags = choose_terms(dwells, spec)
@@ -75,14 +78,22 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
     else:
         uncorrected = dwells.indication - dwells.reference
-    triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), spec.loss, uncorrected)
+    loss = "least_squares" if by_lmfit else spec.loss
+    triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), loss, uncorrected)
     flags += (*doubts, *findings.flag_fit(triad, dwells))
 
     # 3. The models of the coefficient files: K and Q as published, and the triad in powers of °C.
     fitted = list_models(dwells, spec, triad)
     if lengths and fitted.q is not None:
         flags += findings.flag_lengths(triad, dwells, fitted.q.value("temperature"))
-    return replace(fitted, flags=flags)
+
+    # 4. By lmfit, intervals of the nine parameters that a length determines.
+    ends: tuple[Figure, ...] = ()
+    if by_lmfit:
+        intervals = profile_intervals.find_intervals(triad, dwells)
+        ends, doubts = profile_intervals.list_figures(intervals)
+        flags += doubts
+    return replace(fitted, intervals=ends, flags=flags)
 
 
 def choose_loss(
@@ -263,7 +274,9 @@ def list_results(
         results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
     if fitted.q is not None and fitted.affine is not None:
         results += [
-            StageResult("accel_q", (fitted.q,), fitted.q_exact, flags, conditions),
+            StageResult(
+                "accel_q", (fitted.q,), (*fitted.q_exact, *fitted.intervals), flags, conditions
+            ),
             StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
         ]
     return tuple(results)

@@ -88,11 +88,6 @@ def fit(
     no_more = (
         (spec.compensation == "kq", corrections.MIXED, corrections.IN_STEAD),
         (
-            spec.reference.solver == "lmfit",
-            "reference.solver = 'lmfit': profile intervals are no longer computed",
-            "remove it: U of the fit agrees with them to 0.2 %",
-        ),
-        (
             spec.k.groups == "log",
             "k.groups = 'log': K has no covariance of its own from logs left out any more",
             "remove it: errors that dwells of a soak or an attitude share are estimated",
