@@ -137,6 +137,11 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
         raise UsageError(f"{folder}: a plan of no actions", hint="it has nothing to simulate")
     spec = instruments.parse_recipe(planned.source)
     run = instruments.optional(spec.procedure, "simulate_plan")
+    if run is None:
+        raise UsageError(
+            f"{spec.procedure}: nothing simulates a campaign of its plans",
+            hint="run the plan on the bench",
+        )
     campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
     mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
     refused_keys = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
@@ -155,6 +160,7 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
     for name, mapping in mapped.items():
         log_unit = units.unit_in_header(mapping.source)
         ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, log_unit)
+        # as many digits in the logged unit as the canonical one has
         slope = abs(float(ends[1] - ends[0]))
         decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
         for log in logs:

@@ -59,7 +59,8 @@ def of_thermometer(column: str, low: float, high: float) -> tuple[InputError, ..
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
     """Derivatives of results, named <stage>.<model>.<coefficient> or <stage>.<figure>, by an error
-    of an input [unit of the result per unit of the input's name, or per 1 of a scale].
+    of an input [unit of the result per unit of the input's name, or per 1 of a scale]; none of a
+    result that it changes by rounding alone, or that one of the refits does not have.
     """
 
     input: str
@@ -72,8 +73,9 @@ def differentiate(
     base: Iterable[StageResult],
     refit: Callable[[InputError], Iterable[StageResult]],
 ) -> tuple[Sensitivity, ...]:
-    """Sensitivities by finite differences of refits: of a scale, in which no result is linear, on
-    both sides, else against `base`, which is fitted as they are.
+    """Sensitivities by finite differences of refits: of a scale, in which results bend, on both
+    sides; of an offset or a span, in which they are nearly linear, against `base`, which is fitted
+    as they are.
     """
     before, sensitivities = _values(base), []
     for error in errors:

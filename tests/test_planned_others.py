@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
+from calibkit.instruments.inclinometer.plan import azimuth_slopes
 from calibkit.planning import document, equipment, search
 from calibkit.planning.task import Task
 from conftest import ROOT
@@ -159,3 +161,12 @@ def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
     request = {"attitudes": "faces"}
     with pytest.raises(UsageError, match="those of a hand"):
         plans.plan(recipe.find("accelerometer_magnitude"), tmp_path / "plan", **request)
+
+
+def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():
+    """At 45° of inclination and an azimuth of 90°: -tan α tan θ sin ψ by s, and 1/cos θ by a turn
+    of the gyro.
+    """
+    by_s, by_turn = azimuth_slopes(34.2)
+    assert by_s == pytest.approx(-np.degrees(np.tan(np.radians(34.2))), rel=1e-9)
+    assert by_turn == pytest.approx(np.sqrt(2.0), rel=1e-9)

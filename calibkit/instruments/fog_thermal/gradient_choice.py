@@ -1,8 +1,12 @@
 """The published scheme for the logs of a recipe: drift.json (a_j of each ramp), and which
 polynomials a_j(r) go into drift_rate.json.
 
-The order of the polynomials is the recipe's, or the best of those that left-out temperature rates
-can test; none where no order is clearly better than no compensation.
+    ω_k - ω_(k-1) = a_0(r) + a_1(r) G_(k-1) + a_2(r) G²_(k-1),   a_j(r) = Σ_m c_jm r^m
+
+G is the temperature gradient and r the rate of the chamber air, positive on heating; sides are
+heating and cooling. The sum of the steps is taken off the indication (`published`). The order of
+a_j(r) is the recipe's, or the best of those that left-out temperature rates can test; none where no
+order is clearly better than no compensation.
 """
 
 from collections.abc import Sequence
@@ -45,17 +49,16 @@ class FittedRamp:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeftOutRates(LeftOutErrors):
-    """Errors of one order on the logs of rates that were left out, and mean squares [ramps] of what
-    the model fitted to all rates leaves.
-    """
+    """Errors of one order on the logs of rates that were left out, one log for each ramp."""
 
     order: int
     fitted: Array
+    """Mean squares [ramps, (°/h)²] of what the model fitted to all rates leaves."""
 
     @property
     def helps(self) -> bool:
-        """Whether the pooled error on left-out ramps is clearly below raw and no ramp became worse,
-        left out or not.
+        """Whether the pooled error on left-out ramps is clearly below raw, by MARGIN, and no ramp
+        became worse by WORSE, left out or not.
 
         If the slowest or the fastest rate is left out, the model holds or clamps it; only the fit
         to all rates shows the effect of the model there.
@@ -112,11 +115,11 @@ def left_out_rates(
     A left-out rate outside the remaining ones is held or clamped as at run time. `group` is the
     number of intervals in one mean of the drift figure.
     """
-    # indices of the ramps of each temperature rate, slowest to fastest
+    # indices of the ramps of each temperature rate, by rising signed rate
     rates: list[list[int]] = []
     for i in sorted(range(len(ramps)), key=lambda i: ramps[i].rate):
-        slowest = ramps[rates[-1][0]].rate if rates else np.inf
-        if rates and abs(ramps[i].rate - slowest) <= SAME_RATE * abs(slowest):
+        group_rate = ramps[rates[-1][0]].rate if rates else np.inf
+        if rates and abs(ramps[i].rate - group_rate) <= SAME_RATE * abs(group_rate):
             rates[-1].append(i)
         else:
             rates.append([i])

@@ -1,5 +1,9 @@
 """Records of sensors at rest → Allan deviation, noise terms, wavelet deviation and bias stability.
 
+    σ²(τ) = ½ ⟨(ȳ_(k+1) - ȳ_k)²⟩ = Σ_j c_j τ^j, j = -2 … 2    Allan variance and its noise terms
+    σ²(2^(j-1) τ₀) = 2 ⟨d_j²⟩                                 wavelet variance, of details d_j
+    B_s² = Σ (ω̄_i - ω̄)²/(n - 1)                               bias stability, of means of 10 s
+
 A log becomes records (`read_records`: one sensor on an even grid, NaN where samples are missing), a
 record its estimates (`estimate_noise`), and these the figures of gyro_noise.json (`list_figures`).
 """
@@ -55,21 +59,24 @@ class _Record:
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigures:
-    """Deviations, noise terms and bias stability of one record, its mean, its standard deviation
-    over the noise within its parts, the number of samples that are missing, and means [k] of blocks
-    of so many samples.
-    """
+    """What one record shows, in the unit of its noise."""
 
     record: _Record
     curve: allan.DeviationCurve
+    """Allan deviation."""
     wavelet: allan.DeviationCurve
+    """Wavelet deviation, which no drift enters."""
     terms: allan_fit.NoiseFit
     stability: tuple[allan.BiasStability, ...]
     mean: float
     over_noise: float
+    """Standard deviation of all samples over that within parts of the record; 1 for white noise."""
     missing: int
+    """Samples that are missing."""
     block: int
+    """Samples in a mean of the figure over time."""
     block_means: Array
+    """[k], of the indication."""
     flags: tuple[str, ...]
 
 
@@ -268,6 +275,7 @@ def list_figures(noise: NoiseFigures) -> list[Figure]:
     mean first; none of a term that is not observable.
     """
     name, sensor = noise.record.name, noise.record.sensor
+    # the mean has no uncertainty of its own: the noise terms say how it wanders
     figures = [Figure(forms.term_name(sensor.mean, name), noise.mean, sensor.unit, 0.0)]
     for term in noise.terms.terms:
         figure, u = forms.term_name(term.name, name), term.standard_uncertainty
@@ -280,6 +288,7 @@ def list_figures(noise: NoiseFigures) -> list[Figure]:
     for kind, curve in zip(forms.KINDS, (noise.curve, noise.wavelet), strict=True):
         points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
         for tau, deviation, dof in points:
+            # of a variance with a χ² of these degrees of freedom
             point, u = forms.Deviation(kind, tau, name), float(deviation / np.sqrt(2.0 * dof))
             figures.append(Figure(point.name, deviation, sensor.unit, u, dof))
     return figures

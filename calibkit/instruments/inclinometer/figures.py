@@ -79,7 +79,7 @@ def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
         if points_of.any():
             points = x[points_of], pair.s_root[points_of], bars[points_of]
             ax.errorbar(*points, fmt="o", ms=3, lw=0.8, color=colour, label=name)
-    prior = fit.model.prior(grid)
+    prior = fit.model.prior(grid)  # s(T) as a station that was not fitted would take it
     low, high = (prior.s + sign * 2.0 * prior.standard_uncertainty for sign in (-1.0, 1.0))
     ax.fill_between(grid, low, high, color=GOOD, alpha=0.2, lw=0)
     ax.plot(grid, prior.s, color=GOOD, label="s(T), band k = 2")

@@ -1,4 +1,11 @@
-"""Four-position inclinometer: stations → inclinometer_scale.json."""
+"""Four-position inclinometer: stations → inclinometer_scale.json.
+
+Half differences of opposite positions have no bias (step B). Gravity gives inclination and toolface
+of a station, and s, the in-situ scale factor, is what makes the measured rate as long as the
+earth's horizontal rate is (C, D); s(T) is fitted to the stations of all logs. A corrected rate is s
+times the indication; the azimuth follows from it (E, F). `fit` finds s(T), `correct` and `validate`
+use it.
+"""
 
 from __future__ import annotations
 
@@ -130,7 +137,8 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     """Correct the rates of every row, in the log's own unit, and add the station's angles to its
     rows.
     """
-    # a pair that lost a reading leaves its station to the other one
+    # Rows with a missing reading are read, as NaN, rather than dropped: then the pair that lost it
+    # has no station there, and the other pair, if there is one, gives its angles.
     refuse_missing = {"logs": spec.logs.model_copy(update={"missing": "refuse"})}
     log = read(spec.model_copy(update=refuse_missing), data.parent, data.name)
     refuse(inclinometer_stations.find_unusable(log, spec))
@@ -155,8 +163,8 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
         angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
     if spec.output.rows == "station":
         return _list_stations(spec, log, dwelt.log, stations, solved, angles), flags
-    # rows recorded while the tool was being turned have no angles
     angles_shown = {name: np.where(solved.refused, np.nan, angle) for name, angle in angles.items()}
+    # nor have rows that were recorded while the tool was being turned
     derived = {
         name: dwelt.along(angle[stations.row_station], log, standing=True)
         for name, angle in angles_shown.items()
@@ -204,7 +212,7 @@ def validate(
         entries.append(errors.list_validation(log, stations, solved, angles))
         tables.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(station_flags)
-        before, after = angles.sizes["azimuth"][:, 0]
+        before, after = angles.sizes["azimuth"][:, 0]  # rms; behind it stands the largest
         if after > before:
             flags.append(
                 f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}°"

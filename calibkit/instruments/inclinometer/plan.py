@@ -3,8 +3,12 @@ position.
 
     s = Σ_k s_k x^k + δ ∂s/∂δ + b of the log + b of the station + e       (1) of `scale_fit`
 
-s are the roots that stations will give, x the temperature mapped to [-1, 1], δ a turn of the gyros
-against the accelerometers. An azimuth is uncertain by s and δ: dψ = tan φ tan θ sin ψ ds + dδ.
+s are the roots that stations will give: the s with which the measured rate has the horizontal part
+Ω cos α is one of two solutions of a quadratic. x is the temperature mapped to [-1, 1], δ a turn of
+the gyros against the accelerometers about the tool axis. An azimuth ψ at the latitude α is
+uncertain by both,
+
+    dψ = -tan α tan θ sin ψ ds + ∂ψ/∂δ dδ,   ∂ψ/∂δ = 1/cos θ at ψ = 90°                      (2)
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,10 +20,15 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.fit.complex_step import derivative
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
-from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, stations
+from calibkit.instruments.inclinometer import (
+    published,
+    scale_fit,
+    simulate as simulated,
+    stations,
+)
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -101,9 +110,9 @@ class StationBench(TourBench):
     def judge_roots(
         self, parts: Components, refused: Sequence[str] = ()
     ) -> tuple[Array, Array, Mask]:
-        """Standard uncertainty of the root of s that is nearest to 1 with index errors, infinite
-        where a fit would not use it; its derivative by a turn of the gyro [1/°]; whether the other
-        root cannot be s. Of each station [n].
+        """Three figures of each station [n], of the root of s that is nearest to 1: its standard
+        uncertainty with index errors, infinite where a fit would not use it; its derivative by a
+        turn of the gyro [1/°]; whether the other root cannot be s.
         """
         latitude_deg, limits = self.spec.site.latitude_deg, self.spec.limits
         roots = estimate_roots(parts, latitude_deg, refused=refused, limits=limits)
@@ -113,7 +122,9 @@ class StationBench(TourBench):
         by_turn, by_index = mounting_slopes(parts, latitude_deg, column == 0)
         index = by_index * self.assumed.size(*INDEX)
         u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
-        return u, np.where(used, by_turn, 0.0), np.any(~(roots.s > 0.0), axis=1)
+        # a root that is negative, or no number, is no scale factor
+        unambiguous = np.any(~(roots.s > 0.0), axis=1)
+        return u, np.where(used, by_turn, 0.0), unambiguous
 
     def fit(self, rows: StationRoots, *, turn_known: bool = True) -> Fit:
         """What the roots will tell of s(T), of a gyro whose turn has a known size, or is
@@ -144,9 +155,12 @@ class StationBench(TourBench):
         roots, unit_vectors = self.rows(design), np.eye(self.order + 2)
         x = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
         by_s = derivative(lambda p: scale_fit.scale(p, x), unit_vectors[0])
-        slopes = azimuth_slope(self.spec.site.latitude_deg) * by_s + unit_vectors[-1]
+        psi_by_s, psi_by_turn = azimuth_slopes(self.spec.site.latitude_deg)
+        # A turn is measured, and not taken out: the azimuth has what the stations leave unknown of
+        # it, through s and by itself, and beside that the turn as it is assumed to be.
+        slopes = psi_by_s * by_s + psi_by_turn * unit_vectors[-1]
         of_azimuth = split_variance(self.fit(roots, turn_known=False), slopes)
-        mounted = {OF_TURN: np.full(LEVELS, self.assumed.size(*TURN) ** 2)}
+        mounted = {OF_TURN: np.full(LEVELS, (psi_by_turn * self.assumed.size(*TURN)) ** 2)}
         of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
 
@@ -202,7 +216,7 @@ class StationBench(TourBench):
         rows /= np.hypot(u[able], self.assumed.size(*SCATTER))[:, None]
         parts = rows[:, :, None] * rows[:, None, :]
         turn = self.assumed.size(*TURN) or 1.0
-        of_azimuth = np.array([azimuth_slope(self.spec.site.latitude_deg), 1.0])
+        of_azimuth = azimuth_slopes(self.spec.site.latitude_deg)
         # precision of s and of the turn; 1e-6 of what is not known, for M to have an inverse
         for prior, combination in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
             pool = Pool(np.diag([1e-6, prior]), parts, np.outer(combination, combination))
@@ -212,10 +226,22 @@ class StationBench(TourBench):
                     yield able[selection].tolist()
 
 
-def azimuth_slope(latitude_deg: float) -> float:
-    """Derivative of the azimuth by s where it is judged [°]: tan(lat) tan(tilt) sin(azimuth)."""
-    latitude, tilt, azimuth = np.radians([latitude_deg, *USED_DEG])
-    return float(np.degrees(np.tan(latitude) * np.tan(tilt) * np.sin(azimuth)))
+def azimuth_slopes(latitude_deg: float) -> Array:
+    """Derivatives (2) [2] of the azimuth, where it is judged, by s [°] and by a turn of the gyro
+    [1].
+    """
+    tilt, azimuth = (np.array([angle]) for angle in USED_DEG)
+    attitudes = simulated.Attitudes(tilt, np.zeros(1), azimuth)
+    accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
+    gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth.north_east_down(latitude_deg)).T
+
+    def seek(p: Numbers) -> Numbers:
+        s, turn = p
+        turned_x, turned_y = gyro_x + turn * gyro_y, gyro_y - turn * gyro_x
+        return published.azimuth(accel_x, accel_y, s * turned_x, s * turned_y, latitude_deg)
+
+    by_s, by_turn = derivative(seek, np.array([1.0, 0.0]))[0].tolist()
+    return np.array([np.degrees(by_s), by_turn])
 
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:

@@ -1,10 +1,15 @@
 """Noise of block means, estimated from the residuals of a fit, and the covariance of the
 coefficients that it causes.
 
-White noise averages out; flicker noise (bias instability) and model misfit do not and dominate the
-uncertainty of drift coefficients. Both are modelled as flicker noise of level B, estimated by
-restricted maximum likelihood. Unlike a kernel estimate (Newey & West 1987), this keeps correlation
-that is as long as the log.
+    y = b_log + X β + e,   V = Cov e = σ² D⁻¹ + B² K                                         (1)
+    -2 log L_R = Σ ln(1 + ρ λ) + ln|Xᵀ V⁻¹ X| + ν ln σ̂²,   ρ = B²/σ²                        (2)
+
+y are means of D rows each, K the kernel of flicker noise along a log, λ its eigenvalues beside D⁻¹:
+`flicker.Turned` turns the means of a log so that their variances are σ² (1 + ρ λ). White noise
+averages out; flicker noise (bias instability) and model misfit do not and dominate the uncertainty
+of drift coefficients. Both are modelled as flicker noise of level B by restricted maximum
+likelihood. Unlike a kernel estimate (Newey & West 1987), this keeps correlation that is as long as
+the log.
 """
 
 from collections.abc import Sequence
@@ -35,8 +40,9 @@ def estimate(rotation: Turned, design: Array, indication: Array) -> BlockNoise:
     """White variance of a row and flicker level of blocks with a design [m, k] and indication [m],
     with a free offset of each log and common coefficients.
 
-    The level is the root mean square over the posterior for a flat prior on B. The maximum of the
-    likelihood would understate a level near zero, as half of the time it lies on the boundary.
+    The level is the root mean square over the posterior for a flat prior on B over the white noise
+    of a group of usual size. The maximum of the likelihood would understate a level near zero, as
+    half of the time it lies on the boundary.
     """
     rotated = rotation.rows(np.column_stack([np.ones(indication.size), design, indication]))
     parts = [(rotation.flicker[rows], rotated[rows]) for rows, _ in rotation.parts]
@@ -50,27 +56,27 @@ def estimate(rotation: Turned, design: Array, indication: Array) -> BlockNoise:
 
 
 def _restricted(rotated_logs: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
-    """−2 log restricted likelihood at a ratio of flicker to white variance, and the white variance
-    that maximises it.
+    """(2) at a ratio ρ, and the white variance that maximises it, of logs that are turned: λ [m] of
+    each, and its rows [m, 1 + k + 1] of a level, of the design and of the indication.
     """
     size = rotated_logs[0][1].shape[1] - 1
     total = np.zeros((size, size))
     determinant, rows = 0.0, 0
-    for values, rotated in rotated_logs:
-        spread = 1.0 + ratio * values
+    for eigenvalues, rotated in rotated_logs:
+        spread = 1.0 + ratio * eigenvalues
         moment = (rotated / spread[:, None]).T @ rotated
         total += moment[1:, 1:] - np.outer(moment[0, 1:], moment[0, 1:]) / moment[0, 0]
         determinant += float(np.sum(np.log(spread)) + np.log(moment[0, 0]))
         rows += spread.size - 1
     length = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
     length = np.where(length > 0.0, length, 1.0)
-    values, vectors = np.linalg.eigh(total[:-1, :-1] / np.outer(length, length))
-    values = np.maximum(values, DEPENDENT)
+    gram_values, vectors = np.linalg.eigh(total[:-1, :-1] / np.outer(length, length))
+    gram_values = np.maximum(gram_values, DEPENDENT)
     turned_right = vectors.T @ (total[:-1, -1] / length)
-    square = float(total[-1, -1] - np.sum(turned_right**2 / values))
+    square = float(total[-1, -1] - np.sum(turned_right**2 / gram_values))
     dof = max(rows - size + 1, 1)
     variance = max(square, np.finfo(float).tiny) / dof
-    determinant += float(np.sum(np.log(values)) + 2.0 * np.sum(np.log(length)))
+    determinant += float(np.sum(np.log(gram_values)) + 2.0 * np.sum(np.log(length)))
     return determinant + dof * float(np.log(variance)), variance
 
 
