@@ -147,9 +147,16 @@ def test_the_indication_of_a_bent_response_is_the_formula():
     np.testing.assert_allclose(forms.RESPONSE.evaluate(BENT, AT), expected, rtol=1e-12)
 
 
-def test_a_response_that_falls_with_the_rate_has_no_rates():
-    """A cubic that turns back within the fitted rates is refused by name."""
-    falling = bent({"K0": 1e4, "F0": 20.0, "c3": -2e6})
+@pytest.mark.parametrize(
+    "bends",
+    [{"c3": -2e6}, {"c3": -2e6, "e3": 2e6}],
+    ids=["everywhere", "in the middle of the temperatures"],
+)
+def test_a_response_that_falls_with_the_rate_has_no_rates(bends):
+    """A cubic that turns back within the fitted rates is refused by name, also where it rises at
+    both ends of the temperature.
+    """
+    falling = bent({"K0": 1e4, "F0": 20.0} | bends)
     line = model(forms.LINE, {"K": 1e4, "F0": 20.0})
     matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=falling)
     with pytest.raises(CoefficientError, match="not monotonic"):

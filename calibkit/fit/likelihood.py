@@ -96,7 +96,9 @@ class MixedRows:
     shares: Array
     """d [parts, n], what each part of the noise adds to the variance of a row."""
     count: Array
-    """[n], residuals that a row stands for; more than 1 where they are noise alone."""
+    """[n], residuals that a row stands for; more than 1 where they are noise alone, which the other
+    rows hold: J, Z and y of such a row are 0.
+    """
     group: Integers
     """[q], number of the shared error of each column of Z."""
     groups: int
@@ -210,7 +212,9 @@ class MixedSolution:
 
     @cached_property
     def noise_degrees(self) -> float:
-        """Degrees of freedom in which the rows show noise and nothing else, tr(P R P R)."""
+        """Degrees of freedom in which the rows show noise and nothing else, tr(P R P R), with those
+        of stated noise.
+        """
         noise = self.variances[: len(self.rows.shares)]
         information = self.information()[: len(noise), : len(noise)]
         return 2.0 * float(noise @ information @ noise)

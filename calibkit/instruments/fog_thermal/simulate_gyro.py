@@ -31,7 +31,9 @@ LATITUDE_DEG = 34.2
 """Latitude of the laboratory [°]; the input axis points up."""
 CASE_RESOLUTION_DEGC = 0.0625
 STEP = 4
-"""Integration step of the heat flow [samples]: a tenth of the shortest time constant of a coil."""
+"""Integration step of the heat flow [samples]: a tenth of the usual shortest time constant of a
+coil, a fifth of any.
+"""
 
 
 @dataclass(frozen=True, slots=True)

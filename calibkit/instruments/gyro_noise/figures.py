@@ -32,7 +32,7 @@ class NoiseReport:
 
     def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the
-        noise terms together, in the record's unit, and how far it is from them relative to itself.
+        noise terms together, in the record's unit, and how far it is from them relative to them.
         """
         parts: dict[str, list[Any]] = {}
         units = [known(unit_mark(noise.record.sensor.unit)) for noise in self.records]

@@ -38,7 +38,10 @@ WORDS = {name: name.replace("_", " ") for name in TERMS}
 LAWS = {law.name: law for law in GYRO.laws}
 UNITS = {(GROUP, WORDS[name]): LAWS[name].unit for name in TERMS}
 SHOWN = 3.2
-"""Coefficient of a term over its standard uncertainty below which a log hardly shows it."""
+"""Coefficient of a term over its standard uncertainty below which a log hardly shows it. The
+coefficient is the square of the term, so that its u is twice as large, relative to it: as large as
+U of the term.
+"""
 
 
 @dataclass(frozen=True)

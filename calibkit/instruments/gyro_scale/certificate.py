@@ -47,6 +47,14 @@ LINE_EQUATION = Equation(
         "F₀ 含零偏与地球自转在转台轴上的分量。",
     ),
 )
+RESPONSE_EQUATION = Equation(
+    forms.RESPONSE.name,
+    r"F = K(T)\,\Omega + \sum_k (c_k + d_k x + e_k x^2) (\Omega/\Omega_{\max})^k + F_0(T)",
+    Words(
+        "x case temperature mapped to −1 … 1, Ω_max largest rate that was fitted.",
+        "x 为映射到 −1 … 1 的壳温，Ω_max 为拟合的最大角速率。",
+    ),
+)
 PAIR_EQUATION = Equation(
     forms.PAIR.name,
     r"N = \frac{K_B}{K_A}, \quad \varepsilon = \frac{K_{Ba}}{K_A}, \quad \gamma ="
@@ -188,7 +196,12 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         tables.append(table)
         figures.append(_plot_change(table) if letter == "K" else plot(table, Words("F₀ [1/s]")))
     tables += _tabulate_figures(basis, record, labels)
-    equations = (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,)
+    model_forms = {model.form for model in record.models}
+    equations = [
+        equation
+        for equation in (LINE_EQUATION, CURVE_EQUATION, RESPONSE_EQUATION)
+        if equation.form in model_forms
+    ]
     title = Words("Scale factors on the rate table", "转台标度因数")
     return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
 

@@ -2,7 +2,7 @@
 written into gyro_scale.json and, for several gyros about several axes, gyro_orthogonality.json.
 
     F = K Ω + F0                                    line of a gyro about an axis, gyro-scale/1
-    F = K(T) Ω + Σ_k c_k(T) s_k(Ω) + F0(T)          response (`equation`), gyro-response/2
+    F = K(T) Ω + Σ_k c_k(T) (Ω/Ω_max)^k + F0(T)     response (`equation`), gyro-response/2
     N = K_B/K_A, ε = K_Ba/K_A, γ = ε/N = cos α      pair (`published`), gyro-orthogonality/1
     s = (K_x, K_y, K_z), unit vector s/|s|          gyro of a triad
 
