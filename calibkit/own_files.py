@@ -30,7 +30,7 @@ def _check_document(path: Path) -> str:
     from calibkit.firmware import targets
     from calibkit.planning import document as plan_file
 
-    text = store.read_text(path)
+    text = store.read_utf8(path)
     of_runs = run_document.FORMAT, run_document.VALIDATION_FORMAT
     formats = coefficients.FORMAT, *of_runs, targets.MANIFEST, plan_file.FORMAT
     document = sealed.unseal(text, str(path), *formats)

@@ -54,7 +54,7 @@ class StoredRun:
         """Stage → digest that its coefficient file states of itself."""
         return {
             record.stage: str(
-                sealed.unseal(read_text(self.folder / name), name, coefficients.FORMAT)["sha256"]
+                sealed.unseal(read_utf8(self.folder / name), name, coefficients.FORMAT)["sha256"]
             )
             for name, record in self.records.items()
         }
@@ -237,7 +237,7 @@ def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
     another.
     """
     path = _folder(runs, serial, revision) / RUN_FILE
-    document = run_document.loads(read_text(path), f"{path}")
+    document = run_document.loads(read_utf8(path), f"{path}")
     if (document.get("serial"), document.get("revision")) != (serial, revision):
         raise CoefficientError(
             f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial}"
@@ -257,7 +257,7 @@ def load(folder: Path) -> StoredRun:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be
     trusted.
     """
-    document = run_document.loads(read_text(folder / RUN_FILE), f"{folder / RUN_FILE}")
+    document = run_document.loads(read_utf8(folder / RUN_FILE), f"{folder / RUN_FILE}")
     run_document.require_shape(document, f"{folder / RUN_FILE}")
     records = {
         path.name: _own_record(document, path)
@@ -272,7 +272,7 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     CoefficientError.
     """
     name = f"{folder / FLEET_FILE}"
-    document = sealed.unseal(read_text(folder / FLEET_FILE), name, FLEET_FORMAT)
+    document = sealed.unseal(read_utf8(folder / FLEET_FILE), name, FLEET_FORMAT)
     run_document.require_fleet_shape(document, name)
     _listed(folder, document, FLEET_FILE)
     return document
@@ -316,7 +316,7 @@ def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
     """Coefficient record of a run's file; CoefficientError where it is of another unit, revision or
     date.
     """
-    record = coefficients.loads(read_text(path), str(path))
+    record = coefficients.loads(read_utf8(path), str(path))
     expected = {key: document[key] for key in ("serial", "revision", "effective_from")}
     for key, value in ({"stage": path.stem} | expected).items():
         if getattr(record, key) != value:
@@ -352,7 +352,7 @@ def read_bytes(path: Path) -> bytes:
         ) from None
 
 
-def read_text(path: Path) -> str:
+def read_utf8(path: Path) -> str:
     """Text of a file that calibkit wrote, or CoefficientError."""
     try:
         return read_bytes(path).decode("utf-8")

@@ -210,7 +210,7 @@ def _manifest(
 
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
-    document = sealed.unseal(store.read_text(path), str(path), MANIFEST)
+    document = sealed.unseal(store.read_utf8(path), str(path), MANIFEST)
     entries = run_document.list_manifest(document, str(path))
     for entry in entries:
         file = path.parent / entry["name"]

@@ -1,6 +1,6 @@
 """Control charts of individuals: outliers among many values of one quantity.
 
-    z_i = (y_i - median)/(1.4826 MAD)        outlier beyond a limit that grows with the values
+    z_i = (y_i - median)/σ, σ by the MAD      outlier beyond a limit that grows with the values
 
 Values that state an uncertainty are divided by √(u_i² + s²), s² what they differ beyond it; skewed
 ones are judged after a power transform (Box & Cox 1964).

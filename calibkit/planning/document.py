@@ -183,7 +183,7 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
         raise UsageError(
             f"{folder}: holds no {plan}", hint="name the folder that calibkit plan wrote"
         )
-    document = sealed.unseal(store.read_text(folder / plan), str(folder / plan), FORMAT)
+    document = sealed.unseal(store.read_utf8(folder / plan), str(folder / plan), FORMAT)
     names = sorted(entry["name"] for entry in document["files"])
     if names != [RECIPE, SCHEDULE]:
         raise CoefficientError(
@@ -192,13 +192,13 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
         )
     for entry in document["files"]:
         path = folder / entry["name"]
-        if hashlib.sha256(store.read_text(path).encode()).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(store.read_utf8(path).encode()).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{path}: is not the file that belongs to {plan}",
                 hint="it was changed after it was written; plan again, or restore it",
             )
-    schedule = read_schedule(store.read_text(folder / SCHEDULE), str(folder / SCHEDULE))
-    return Plan(document, schedule, Source(RECIPE, store.read_text(folder / RECIPE)))
+    schedule = read_schedule(store.read_utf8(folder / SCHEDULE), str(folder / SCHEDULE))
+    return Plan(document, schedule, Source(RECIPE, store.read_utf8(folder / RECIPE)))
 
 
 def beside(recipe: Path) -> Plan | None:
@@ -206,9 +206,9 @@ def beside(recipe: Path) -> Plan | None:
     path, plan = recipe.with_name(SCHEDULE), recipe.with_name(PLAN)
     if not (recipe.is_file() and path.is_file() and plan.is_file()):
         return None
-    document = sealed.unseal(store.read_text(plan), str(plan), FORMAT)
+    document = sealed.unseal(store.read_utf8(plan), str(plan), FORMAT)
     return Plan(
         document,
-        read_schedule(store.read_text(path), str(path)),
-        Source(RECIPE, store.read_text(recipe)),
+        read_schedule(store.read_utf8(path), str(path)),
+        Source(RECIPE, store.read_utf8(recipe)),
     )

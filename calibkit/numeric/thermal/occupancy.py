@@ -1,5 +1,5 @@
 """Block means of an indication without spikes: samples farther from the median of their model
-interval than 5 σ, with σ = 1.4826 times the median absolute deviation (`spikes`).
+interval than 5 σ, with σ by the median absolute deviation (`spikes`).
 """
 
 from collections.abc import Iterator
