@@ -127,10 +127,10 @@ def test_one_indication_is_the_sensor_written_out():
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
     campaign = simulate.campaign(5, noise_g=0.0, thermometer_noise_degc=0.0)
-    told = campaign.truth
-    sensors = tuple(told["sensors"][f"accel_{axis}"] for axis in "xyz")
+    truth = campaign.truth
+    sensors = tuple(truth["sensors"][f"accel_{axis}"] for axis in "xyz")
     vector = attitude.gravity_vector(
-        np.array(told["inclination_deg"]), np.array(told["toolface_deg"])
+        np.array(truth["inclination_deg"]), np.array(truth["toolface_deg"])
     )
     indicated, temperature, _, _ = read(campaign)
     np.testing.assert_allclose(
@@ -202,11 +202,13 @@ def test_wild_dwells_are_named():
     """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
     nothing.
     """
-    clean, spoilt = (simulate.campaign(6, table_noise_deg=0.0, wild=count) for count in (0, 3))
-    wild = spoilt.truth["wild_dwells"]
-    assert len(wild) == 3
-    before, after = fit(clean, recipe()), fit(spoilt, recipe())
-    assert set(wild) <= set(after.triad.suspects)
+    clean, disturbed = (
+        simulate.campaign(6, table_noise_deg=0.0, outliers=count) for count in (0, 3)
+    )
+    outliers = disturbed.truth["wild_dwells"]
+    assert len(outliers) == 3
+    before, after = fit(clean, recipe()), fit(disturbed, recipe())
+    assert set(outliers) <= set(after.triad.suspects)
     for one, other in zip(before.k, after.k, strict=True):
         assert np.max(np.abs(values(other) - values(one)) / uncertainties(one)) < 1.0
 

@@ -103,6 +103,13 @@ class LogColumn:
         """Dimension of the unit that the log states; "" where it states none that is known."""
         return units.TABLE[self.stated].dimension if self.stated in units.TABLE else ""
 
+    @property
+    def is_counted(self) -> bool:
+        """Whether the column holds counts, by its unit, or by its name where no unit is stated."""
+        return self.dimension.startswith("count") or (
+            not self.stated and bool(re.search(_COUNTED, self.plain))
+        )
+
     def guess_canonical(self) -> str:
         """Canonical column that a log's column most likely is, "" where nothing indicates one."""
         name = self.plain
@@ -139,16 +146,8 @@ def _guess_indication(column: LogColumn) -> str:
     ):
         return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
     if re.search(_GYRO, name) or re.search(_RATE, name) or column.dimension == "angular rate":
-        counted = column.dimension.startswith("count") or (
-            not column.stated and bool(re.search(_COUNTED, name))
-        )
-        return (
-            f"gyro_{axis}_{'lsb' if counted else 'dph'}"
-            if axis
-            else "gyro_lsb"
-            if counted
-            else "gyro_dph"
-        )
+        unit = "lsb" if column.is_counted else "dph"
+        return f"gyro_{axis}_{unit}" if axis else f"gyro_{unit}"
     return ""
 
 
@@ -196,12 +195,11 @@ def _find_table(columns: Sequence[LogColumn]) -> dict[str, str]:
         and not re.search(_GYRO, column.plain)
         and column.guess_canonical() == "gyro_dph"
     ]
-    counted = {}
-    for column in columns:
-        if column.dimension.startswith("count") or (
-            not column.stated and re.search(_COUNTED, column.plain)
-        ):
-            counted[column.name] = column.guess_canonical() or "gyro_lsb"
+    counted = {
+        column.name: column.guess_canonical() or "gyro_lsb"
+        for column in columns
+        if column.is_counted
+    }
     if len(rates) != 1 or not counted:
         return {}
     return {rates[0].name: "table_rate_dps"} | counted

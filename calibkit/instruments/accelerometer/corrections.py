@@ -31,7 +31,7 @@ COMPENSATIONS = {"k": "accel_k", "affine": "accel_affine"}
 """Compensation of a recipe → stage whose models correct the indications."""
 MIXED = "compensation = 'kq' is no longer supported, expected 'affine' or 'k'"
 IN_STEAD = "'affine' corrects scale, zero and angles together; K and Q stay in their files"
-"""What a recipe with the mixed compensation of 0.2 is told."""
+"""Why a recipe with the mixed compensation of 0.2 is not fitted, and what to state for it."""
 FIELDS = {
     "inclination_deg": "inclination",
     "toolface_deg": "toolface",

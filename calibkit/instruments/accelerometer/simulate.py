@@ -43,7 +43,7 @@ def campaign(
     temperatures_degc: tuple[float, ...] = TEMPERATURES_DEGC,
     inclinations_deg: tuple[float, ...] = (30.0, 60.0, 90.0, 120.0, 150.0),
     toolfaces: int = 8,
-    wild: int = 0,
+    outliers: int = 0,
 ) -> Campaign:
     """Log a triad at every attitude and temperature of the table, one row per dwell.
 
@@ -56,12 +56,12 @@ def campaign(
     temperatures_degc : of the soaks [°C].
     inclinations_deg : held beside the two vertical positions, which are always held [°].
     toolfaces : number of them, evenly spaced over a turn.
-    wild : number of dwells spoilt by a bumped table or a wrong entry.
+    outliers : number of dwells at which the table was bumped, or an entry is wrong.
 
     Returns
     -------
     `positions.csv`, and the truth: sensors, conditions, the table's true angles and the numbers of
-    the spoilt dwells.
+    the outliers.
 
     """
     conditions = {
@@ -71,7 +71,7 @@ def campaign(
         "temperatures_degc": temperatures_degc,
         "inclinations_deg": inclinations_deg,
         "toolfaces": toolfaces,
-        "wild": wild,
+        "wild": outliers,
     }
     rng = np.random.default_rng(seed)
     sensors = draw_triad(rng)
@@ -91,8 +91,9 @@ def campaign(
     indicated = indications(sensors, vector, sensor_degc) + rng.normal(
         0.0, noise_g, (len(angle), 3)
     )
-    spoilt = np.sort(rng.choice(len(angle), wild, replace=False))
-    indicated[spoilt] += rng.uniform(2e-3, 0.3, (wild, 3)) * rng.choice([-1.0, 1.0], (wild, 3))
+    outlier_rows = np.sort(rng.choice(len(angle), outliers, replace=False))
+    size_g = rng.uniform(2e-3, 0.3, (outliers, 3))
+    indicated[outlier_rows] += size_g * rng.choice([-1.0, 1.0], (outliers, 3))
     case = sensor_degc + rng.normal(0.0, thermometer_noise_degc, len(angle))
     columns = {
         "temp_case_degc": case,
@@ -106,7 +107,7 @@ def campaign(
         "sensors": describe(sensors),
         "inclination_deg": attitude.inclination(vector).tolist(),
         "toolface_deg": attitude.toolface(vector).tolist(),
-        "wild_dwells": spoilt.tolist(),
+        "wild_dwells": outlier_rows.tolist(),
     }
     return Campaign({"positions.csv": columns}, DECIMALS, truth)
 

@@ -20,19 +20,20 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
-from calibkit.fit.complex_step import Numbers, derivative
+from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
-from calibkit.instruments.inclinometer import (
-    published,
-    scale_fit,
-    simulate as simulated,
-    stations,
-)
+from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import estimate_roots, mounting_slopes
+from calibkit.instruments.inclinometer.root_choice import (
+    AZIMUTH,
+    estimate_roots,
+    mounting_slopes,
+    moved,
+    seek_with_slopes,
+)
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
 from calibkit.planning.exchange import Pool
@@ -90,19 +91,13 @@ class StationBench(TourBench):
         """Time in a position [s] → `judge_roots` of s = 1 at each place, u infinite where a fit
         would use its root by the history of s alone.
         """
-        tilt, azimuth = self.places.T
-        attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
-        gravity = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-        north_east_down = earth.north_east_down(self.spec.site.latitude_deg)
-        rate_dph = simulated.rotated(attitudes, north_east_down)
-        (accel_x, accel_y, _), (gyro_x, gyro_y, _) = gravity.T, rate_dph.T
         by_dwell_s = {}
         for dwell_s in self.assumed.device.dwell_s:
             # half differences of two positions; the bias walks over both steps between them
             gyro = (self.assumed.noise_of(dwell_s) ** 2 + self.assumed.size(*WALK) ** 2) / 2.0
             accel = self.assumed.size(*ACCEL) ** 2 / 2.0
-            covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(tilt), 1, 1))
-            parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
+            variances = np.array([accel, accel, gyro, gyro])
+            parts = ideal_components(self.places, self.spec.site.latitude_deg, variances)
             u, by_turn, unambiguous = self.judge_roots(parts)
             by_dwell_s[dwell_s] = np.where(unambiguous, u, np.inf), by_turn
         return by_dwell_s
@@ -226,22 +221,28 @@ class StationBench(TourBench):
                     yield able[selection].tolist()
 
 
+def ideal_components(places: Array, latitude_deg: float, variances: Array) -> Components:
+    """Components of stations of a tool without errors, s = 1, at inclinations and azimuths
+    [n, 2, °], with the variances [4] of their noise.
+    """
+    tilt, azimuth = places.T
+    attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
+    accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
+    gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth.north_east_down(latitude_deg)).T
+    covariance = np.tile(np.diag(variances), (len(tilt), 1, 1))
+    return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
+
+
 def azimuth_slopes(latitude_deg: float) -> Array:
     """Derivatives (2) [2] of the azimuth, where it is judged, by s [°] and by a turn of the gyro
     [1].
     """
-    tilt, azimuth = (np.array([angle]) for angle in USED_DEG)
-    attitudes = simulated.Attitudes(tilt, np.zeros(1), azimuth)
-    accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
-    gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth.north_east_down(latitude_deg)).T
-
-    def seek(p: Numbers) -> Numbers:
-        s, turn = p
-        turned_x, turned_y = gyro_x + turn * gyro_y, gyro_y - turn * gyro_x
-        return published.azimuth(accel_x, accel_y, s * turned_x, s * turned_y, latitude_deg)
-
-    by_s, by_turn = derivative(seek, np.array([1.0, 0.0]))[0].tolist()
-    return np.array([np.degrees(by_s), by_turn])
+    parts, one = ideal_components(np.array([USED_DEG]), latitude_deg, np.zeros(4)), np.ones(1)
+    # s = 1, whatever the root of the station
+    _, slopes = seek_with_slopes(parts, latitude_deg * one, one > 0.0, 0.0 * one, one)
+    *by_components, _, by_s = slopes[0, AZIMUTH]
+    by_turn, _ = moved(parts)
+    return np.array([np.degrees(by_s), by_components @ by_turn[0]])
 
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
