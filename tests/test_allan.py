@@ -11,9 +11,8 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.noise import allan, allan_fit, confidence, wavelets
-from calibkit.numeric.noise.allan_fit import _NotObservable, fit_noise
+from calibkit.numeric.noise.allan_fit import LAWS, NotObservable, fit_noise
 from calibkit.numeric.noise.gaps import Gaps
-from calibkit.numeric.noise.laws import LAWS
 
 NBS_9_POINTS = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
 """NBS Monograph 140 annex 8.E, as in NIST SP 1065 table 30."""
@@ -700,8 +699,7 @@ def test_chance_occurs_as_often_as_it_says():
     met = 0
     for _ in range(400):
         curve = allan.overlapping(record(generator, 600, 1.0, K=0.1), 1.0)
-        attempt = allan_fit._attempt(curve, 0)
-        met += allan_fit._chance(attempt.record, 4, others) < 0.01
+        met += allan_fit._Attempt(curve).chance(4, others) < 0.01
     assert met / 400.0 <= 0.02
 
 
@@ -732,7 +730,7 @@ def test_what_is_not_observable_carries_no_number():
     reported or not.
     """
     fit = fit_noise(allan.overlapping(record(np.random.default_rng(95), 3600, 1.0, N=0.01), 1.0))
-    assert {field.type for field in dataclasses.fields(_NotObservable)} == {str}
+    assert {field.type for field in dataclasses.fields(NotObservable)} == {str}
     assert {term.symbol for term in fit.terms} | {
         term.symbol for term in fit.not_observable
     } == set("QNBKR")

@@ -106,17 +106,14 @@ def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     assert np.array_equal(given_step.number, measured.number)
 
 
-@pytest.mark.parametrize(
-    "cuts", [[], [1], [7, 8, 9], [300], [250, 500], [0, 1000], [130_000, 262_145]]
-)
-def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
-    """Intervals that begin in one part and end in another, or lie across several, have the mean of
-    all their rows.
-    """
+@pytest.mark.parametrize("length_s", [1.0, 250.0, 140_000.0])
+def test_means_of_intervals_are_those_of_their_rows(length_s: float) -> None:
+    """Intervals of one row, of some, and of more than a chunk holds, above an origin or not."""
     values = np.random.default_rng(5).normal(size=300_000)
-    held = intervals.Intervals.find(np.arange(300_000.0), 250.0)
-    parts = np.split(values, cuts)
-    assert np.array_equal(held.means_of_parts(parts), held.means(values))
+    held = intervals.Intervals.find(np.arange(300_000.0), length_s)
+    expected = [part.mean() for part in np.split(values, held.first[1:])]
+    assert held.means(values) == pytest.approx(expected, abs=1e-12)
+    assert held.means(values, origin=3.0) == pytest.approx(np.array(expected) - 3.0, abs=1e-12)
 
 
 @given(

@@ -16,7 +16,7 @@ from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.gyro_noise import certificate, instrument as gyro_noise, simulate
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.noise import allan, wavelets
-from calibkit.numeric.noise.laws import LAWS
+from calibkit.numeric.noise.allan_fit import LAWS
 from calibkit.report.summary import number
 from calibkit.simulate import noise
 

@@ -126,13 +126,7 @@ class Fit:
         """[p, p], with the errors that are as large as their bounds."""
         return self.covariance + self.bounds @ self.bounds.T
 
-    def of(
-        self,
-        function: Callable[[Numbers], Numbers],
-        *,
-        lack_of_fit: Array | float = 0.0,
-        half_width: Array | float = 0.0,
-    ) -> Value:
+    def of(self, function: Callable[[Numbers], Numbers]) -> Value:
         """A function [...] of the parameters with its uncertainty: the one way to state a result.
 
         Degrees of freedom are 2 v²/var(v) of the estimated variance v (Satterthwaite 1946;
@@ -143,7 +137,7 @@ class Fit:
         variance = np.einsum("ip,pq,iq->i", G, self.covariance, G)
         bound = np.sum((G @ self.bounds) ** 2, axis=1)
         u = np.sqrt(np.maximum(variance, 0.0) + bound).reshape(value.shape)
-        return Value(value, u, self.dof_along(G).reshape(value.shape), lack_of_fit, half_width)
+        return Value(value, u, self.dof_along(G).reshape(value.shape))
 
     def dof_along(self, G: Array) -> Array:
         """Effective degrees of freedom [m] of combinations [m, p] of the parameters; those of an
@@ -172,16 +166,7 @@ class Fit:
 
     def part(self, places: Sequence[int] | Integers | slice) -> "Fit":
         """The fit of some of the parameters."""
-        indices = np.arange(len(self.parameters))[places]
-        return replace(
-            self,
-            parameters=self.parameters[indices],
-            covariance=self.covariance[np.ix_(indices, indices)],
-            slopes=self.slopes[:, indices[:, None], indices],
-            gain=self.gain[indices],
-            bounds=self.bounds[indices],
-            members=tuple(member.part(indices) for member in self.members),
-        )
+        return self.restated(lambda p: p[places])
 
     def linear(self, P: Array, y: Array) -> "Fit":
         """Parameters P y [m] of a published form by plain least squares, with the covariance of the

@@ -8,24 +8,20 @@ import logging
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeAlias, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
 from calibkit import plugins, recipe
 from calibkit.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
     from types import ModuleType
 
     from calibkit.certificate.content import Layout
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Input, Record, StageResult
+    from calibkit.coefficients import Input, StageResult
     from calibkit.forms import Form
-    from calibkit.frame import Examined, Log
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.write_back import Applied
     from calibkit.left_out import LeftOut
     from calibkit.report.summary import Summary
     from calibkit.sensitivities import Sensitivity
@@ -36,12 +32,8 @@ Spec: TypeAlias = Any
 """Recipe of an instrument, an object of its own class `Recipe`."""
 
 
-class Progress(Protocol):
-    """Passes items through and may show how far one is."""
-
-    def __call__(self, items: Sequence[str], activity: str) -> Iterable[str]:
-        """Yield the items."""
-        ...
+Progress: TypeAlias = "Callable[[Sequence[str], str], Iterable[str]]"
+"""Passes items through, and may show an activity and how far one is."""
 
 
 def silent(items: Sequence[str], activity: str) -> Iterable[str]:  # noqa: ARG001 (as Progress)
@@ -72,48 +64,23 @@ class Fitted(Generic[Drawing]):
     """Positions and stations that the fit did not use."""
 
 
-class Instrument(Protocol):
-    """A procedure: a module with these functions, which a command calls by their names.
-
-    What it need not have stands in it too, or in a room of its package (`ROOMS`).
-    """
-
-    Recipe: type[recipe.Recipe]
-    """Strict record of its recipes; `procedure` is a `Literal` of its name."""
-    FORMS: tuple[Form, ...]
-    """Model forms that its coefficient files hold."""
-
-    def read(self, spec: Spec, data: Path, file: str, reader: LogReader = ..., /) -> Log:
-        """Read one log of the data folder in canonical columns, by another reader where one is
-        given.
-        """
-        ...
-
-    def faults(self, spec: Spec, log: Log, /) -> Examined:
-        """Find what is wrong with a log before anything is fitted to it, and its held
-        conditions.
-        """
-        ...
-
-    def fit(
-        self, spec: Spec, data: Path, files: Sequence[str], progress: Progress, /
-    ) -> Fitted[Any]:
-        """Fit the logs of a data folder."""
-        ...
-
-    def validate(
-        self, spec: Spec, records: Mapping[str, Record], logs: Iterable[Log], /
-    ) -> tuple[dict[str, Any], Summary]:
-        """Test frozen coefficients on unseen logs, which are read one after the other."""
-        ...
-
-    def correct(self, spec: Spec, records: Mapping[str, Record], data: Path, /) -> Applied:
-        """Compensate a log; raises before the first part where it cannot be compensated."""
-        ...
-
-
+Instrument: TypeAlias = "ModuleType"
+"""A procedure: a module with the names in `REQUIRED`, and with those in `ROOMS` that it can do."""
 REQUIRED = ("Recipe", "FORMS", "read", "faults", "fit", "validate", "correct")
-"""Names that the module of every instrument has."""
+"""Names that the module of every instrument has.
+
+Recipe: strict record of its recipes; `procedure` is a `Literal` of its name.
+FORMS: model forms that its coefficient files hold.
+read(spec, data, file, reader = ...) → log of the data folder in canonical columns, by another
+    reader where one is given.
+faults(spec, log) → Examined: what is wrong with a log before anything is fitted to it, and its held
+    conditions.
+fit(spec, data, files, progress) → Fitted.
+validate(spec, records, logs) → JSON object and summary of frozen coefficients on unseen logs, which
+    are read one after the other.
+correct(spec, records, data) → Applied: a compensated log; raises before the first part where it
+    cannot be compensated.
+"""
 ROOMS = {
     "draw": "figures",
     "results": "quantities",
@@ -226,7 +193,7 @@ def find(procedure: str) -> Instrument:
 
 def optional(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `ROOMS` is any of these)
     """What an instrument need not have, by its name in `ROOMS`; None where it has none."""
-    module = cast("ModuleType", find(procedure))
+    module = find(procedure)
     if hasattr(module, name) or not module.__package__:
         return getattr(module, name, None)
     room = f"{module.__package__}.{ROOMS[name]}"

@@ -1,6 +1,6 @@
 """Model intervals of a log: which rows fall into which, and means over them."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -51,39 +51,11 @@ class Intervals:
 
     def means(self, values: Array, *, origin: float = 0.0) -> Array:
         """Mean [m] of values [rows] over each interval, above an origin."""
-
-        def above() -> Iterator[Array]:
-            for _, rows in self.groups():
-                yield values[rows] - origin if origin else values[rows]
-                chunks.release(values)
-
-        return self.means_of_parts(above())
-
-    def means_of_parts(self, parts: Iterable[Array]) -> Array:
-        """Mean [m] over each interval of values [rows] that come in consecutive parts: that of
-        `means` of all of them.
-        """
-        sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
-        intervals_per_chunk = max(1, chunks.ROWS * sums.size // self.rows)
-        row = complete = 0
-        open_parts: list[Array] = []
-        for part in parts:
-            # an interval that began in a part before ends in this one
-            if open_parts and ends[complete] <= row + part.size:
-                interval_rows = np.concatenate([*open_parts, part[: ends[complete] - row]])
-                sums[complete] = np.add.reduceat(interval_rows, [0])[0]
-                open_parts, complete = [], complete + 1
-            last = int(np.searchsorted(ends, row + part.size, side="right"))
-            for k in range(complete, last, intervals_per_chunk):
-                group_slice = slice(k, min(k + intervals_per_chunk, last))
-                rows = part[self.first[k] - row : ends[group_slice.stop - 1] - row]
-                sums[group_slice] = np.add.reduceat(rows, self.first[group_slice] - self.first[k])
-                chunks.release(part)
-            complete = last
-            if complete < sums.size:
-                open_parts.append(part[max(self.first[complete] - row, 0) :].copy())
-            row += part.size
-            chunks.release(part)
+        sums = np.empty(self.first.size)
+        for intervals, rows in self.groups():
+            part = values[rows] - origin if origin else values[rows]
+            sums[intervals] = np.add.reduceat(part, self.first[intervals] - rows.start)
+            chunks.release(values)
         return sums / self.count
 
     def last(self, values: Array) -> Array:

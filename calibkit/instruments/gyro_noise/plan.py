@@ -15,7 +15,7 @@ from calibkit.frame import values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
-from calibkit.numeric.noise.predicted import predict_terms
+from calibkit.numeric.noise.allan_fit import predict_terms
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources
 from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier

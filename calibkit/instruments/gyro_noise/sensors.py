@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calibkit.numeric.noise.laws import ACCELEROMETER_LAWS, LAWS, PowerLaw
+from calibkit.numeric.noise.allan_fit import ACCELEROMETER_LAWS, LAWS, PowerLaw
 
 
 @dataclass(frozen=True, slots=True)

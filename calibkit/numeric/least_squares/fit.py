@@ -31,7 +31,7 @@ class LinearFit:
     """[p, p], type A."""
     dof: int
     residual_rms: float
-    """Root of the weighted mean square [unit of the indication]."""
+    """Root of the mean square [unit of the indication]."""
     condition: float
     """Of the columns scaled to unit length, within a power of two each."""
     residuals: Array
@@ -43,16 +43,13 @@ class LinearFit:
         return np.sqrt(np.diag(self.covariance))
 
 
-def linear(
-    design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
-) -> LinearFit:
+def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> LinearFit:
     """Fit indication = design · coefficients by orthogonal factorisation of the scaled columns.
 
     Parameters
     ----------
     design : [n, p], one column per coefficient.
     indication : [n].
-    weights : [n], proportional to 1/variance of each row; equal when absent.
     names : what the error calls the coefficients that the data cannot determine.
 
     Returns
@@ -82,23 +79,20 @@ def linear(
         raise FitError(
             "a value that is not finite reached the fit", hint="exclude the rows that hold it"
         )
-    root = np.ones(rows) if weights is None else np.sqrt(weights)
-    weighted = design * root[:, None]
-    scale = _exact_scale(weighted)
-    scaled = weighted / scale
-    target = indication * root
+    scale = _exact_scale(design)
+    scaled = design / scale
     q, r = np.linalg.qr(scaled)
     condition = _require_full_rank(r, names)
-    solution = triangular(r, q.T @ target)
+    solution = triangular(r, q.T @ indication)
     if condition > REFINE_ABOVE:
-        solution = _refined(scaled, target, q, r, solution)
+        solution = _refined(scaled, indication, q, r, solution)
     coefficients = solution / scale
     residuals = indication - design @ coefficients
     dof = rows - columns
-    square = float(np.sum((residuals * root) ** 2))
+    square = float(np.sum(residuals**2))
     inverse = triangular(r, np.eye(columns)) / scale[:, None]
     covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
-    rms = float(np.sqrt(square / np.sum(root**2)))
+    rms = float(np.sqrt(square / rows))
     return LinearFit(coefficients, covariance, dof, rms, condition, residuals)
 
 

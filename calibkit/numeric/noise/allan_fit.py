@@ -1,19 +1,20 @@
 """Quantization, angle random walk, bias instability, rate random walk and rate ramp from an Allan
 deviation curve, by non-negative weighted least squares; `fit_noise` states how, and which terms are
-reported.
+reported, `predict_terms` what a record of a length will tell of them.
 
     σ²(τ) = 3 Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2 = Σ_j c_j τ^exponent_j
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-from calibkit.numeric.noise.allan import DeviationCurve
+from calibkit.numeric.noise.allan import DeviationCurve, Spacing, averaging_factors
 from calibkit.numeric.noise.confidence import logarithmic_grid
-from calibkit.numeric.noise.laws import LAWS, PowerLaw
 
 SIGNIFICANCE = 0.00135
 """One-sided probability (3σ of a normal) under which chance is ruled out as the cause of a term or
@@ -35,6 +36,41 @@ ITERATIONS = 20
 """Rounds of reweighting, of which a handful settle six digits."""
 FEWEST_TIMES = 6
 """Averaging times below which five coefficients leave nothing to judge the fit by."""
+DRAWS, SEED = 400, 1
+"""Curves of which a prediction is made, and of their random numbers."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLaw:
+    """One term of σ²(τ) = Σ c τ^exponent, with value = scale·√c in the unit given."""
+
+    name: str
+    symbol: str
+    unit: str
+    exponent: int
+    scale: float
+
+
+LAWS = (
+    PowerLaw("quantization", "Q", "arcsec", -2, float(1.0 / np.sqrt(3.0))),
+    PowerLaw("angle_random_walk", "N", "deg/sqrt(h)", -1, 1.0 / 60.0),
+    PowerLaw("bias_instability", "B", "deg/h", 0, float(np.sqrt(np.pi / (2.0 * np.log(2.0))))),
+    PowerLaw("rate_random_walk", "K", "deg/h/sqrt(h)", 1, 60.0 * float(np.sqrt(3.0))),
+    PowerLaw("rate_ramp", "R", "deg/h/h", 2, SECONDS_PER_HOUR * float(np.sqrt(2.0))),
+)
+"""IEEE Std 952 annex C: 3Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2, τ in s, σ in deg/h (1
+deg/h·s = 1 arcsec).
+"""
+ACCELEROMETER_LAWS = (
+    replace(LAWS[0], unit="mg*s"),
+    PowerLaw("velocity_random_walk", "N", "ug/sqrt(Hz)", -1, 1000.0),
+    replace(LAWS[2], unit="mg"),
+    replace(LAWS[3], name="acceleration_random_walk", unit="mg/sqrt(h)"),
+    replace(LAWS[4], name="acceleration_ramp", unit="mg/h"),
+)
+"""The same of an accelerometer, σ in mg: N² is σ² at 1 s, so that the one-sided amplitude spectral
+density of a data sheet is √2 N (IEEE Std 1293).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +88,7 @@ class NoiseTerm:
 
 
 @dataclass(frozen=True, slots=True)
-class _NotObservable:
+class NotObservable:
     """A noise term that the record cannot show: a status and its reason, no number."""
 
     name: str
@@ -67,41 +103,124 @@ class NoiseFit:
     """
 
     terms: tuple[NoiseTerm, ...]
-    not_observable: tuple[_NotObservable, ...]
+    not_observable: tuple[NotObservable, ...]
     tau_s: Array
     model: Array
     misfit: float
     flags: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class _AllanRecord:
-    """Allan variances and what their covariance is integrated from; f frequencies, m averaging
-    times.
+class _Attempt:
+    """Fit of all five terms to the averaging times [m] of a curve from index `first` on.
+
+    One-sided spectra per cycle/sample from the coefficients: white 2c/τ₀, flicker c/(2 ln 2 ν),
+    random walk 3c τ₀/(2π² ν²), quantization (8c/3) sin²(πν)/τ₀² (NIST SP 1065 table 3; the last for
+    differences of white angle). f frequencies ν.
+
+    Attributes
+    ----------
+    tau, variance : [m], averaging times and Allan variances.
+    design : [m, 5], powers of the averaging times.
+    coefficients, uncertainty : [5], the latter scaled up by a misfit that surprises.
+    misfit : weighted square of the residuals over its expectation.
+    surprising : whether chance is ruled out as the cause of the misfit (Satterthwaite's χ²).
+
     """
 
-    variance: Array  # [m]
-    start: Array  # [m] variances of the Allan variances to begin with
+    def __init__(self, curve: DeviationCurve, first: int = 0) -> None:
+        from scipy.special import gammaincc
 
-    shapes: Array  # [5, f] one-sided spectra of unit coefficients, per cycle/sample
-    response: Array  # [m, f] of the Allan variance: AVAR = ∫ S response
-    mean_response: Array  # [m, f] of the mean pair difference, which a ramp multiplies
-    step: Array  # [f] integration weights
-    longer: Array  # [m, m] the larger number of pairs of two averaging times
-    tau: Array  # [m]
-    design: Array  # [m, 5]
+        _require_curve(curve)
+        self.tau, self.variance = curve.tau_s[first:], curve.deviation[first:] ** 2
+        self.design, interval = _powers(self.tau), curve.interval_s
+        # variances of the Allan variances to begin with
+        self._start = 2.0 * self.variance**2 / curve.dof[first:]
+        nu, self._step = logarithmic_grid(0.01 / curve.samples, FREQUENCIES)
+        shapes = [
+            8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
+            np.full(nu.size, 2.0 / interval),
+            1.0 / (2.0 * np.log(2.0) * nu),
+            3.0 * interval / (2.0 * np.pi**2 * nu**2),
+            np.zeros(nu.size),
+        ]
+        self._shapes = np.stack(shapes)  # [5, f], spectra of unit coefficients
+        factor = curve.factor[first:].astype(np.float64)
+        pairs = curve.pairs[first:].astype(np.float64)
+        difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
+        self._response = difference**2 / 2.0  # [m, f], AVAR = ∫ S response
+        # of the mean pair difference, which a ramp multiplies
+        self._mean_response = difference * _averaging(pairs, nu)
+        self._longer = np.maximum.outer(pairs, pairs)
+        self.coefficients, spread, covariance = self.fit(np.ones(len(LAWS), dtype=bool))
+        model = self.design @ self.coefficients
+        active = self.coefficients > 0.0
+        operator = _operator(self.design, spread, active)
+        projection = np.eye(model.size) - self.design[:, active] @ operator
+        expected = covariance + np.diag((MODEL_ERROR * model) ** 2)
+        scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
+        mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
+        self.misfit = float(np.sum((self.variance - model) ** 2 / spread)) / mean
+        half_dof = mean**2 / square / 2.0
+        self.surprising = bool(gammaincc(half_dof, half_dof * self.misfit) < SIGNIFICANCE)
+        self.uncertainty = np.zeros(len(LAWS))
+        self.uncertainty[active] = np.sqrt(np.diag(operator @ covariance @ operator.T))
+        self.uncertainty *= float(np.sqrt(self.misfit) if self.surprising else 1.0)
 
+    def covariance(self, coefficients: Array) -> Array:
+        """Covariance [m, m] of the Allan variances of a record with the given noise.
 
-@dataclass(frozen=True, slots=True)
-class _Attempt:
-    """A fit of all five terms to the averaging times [m] from index `first` on."""
+        Gaussian noise: Σ over pairs of 2 cov²/(4 M_a M_b) becomes ∫ S² A_a A_b dν / max(M_a, M_b)
+        by Parseval, M the numbers of pairs. A ramp R adds R² τ_a τ_b cov(z̄_a, z̄_b), z̄ the mean pair
+        difference.
+        """
+        spectrum = coefficients @ self._shapes
+        weighted = self._response * (spectrum**2 * self._step)
+        covariance: Array = weighted @ self._response.T / self._longer
+        if coefficients[-1] == 0.0:
+            return covariance
+        mean = (self._mean_response * (spectrum * self._step)) @ self._mean_response.T
+        ramp: Array = 2.0 * coefficients[-1] * np.outer(self.tau, self.tau) * mean
+        return covariance + ramp
 
-    first: int
-    record: _AllanRecord
-    coefficients: Array  # [5]
-    uncertainty: Array  # [5] standard, scaled up by a misfit that surprises
-    misfit: float
-    surprising: bool
+    def fit(self, free_terms: Mask) -> tuple[Array, Array, Array]:
+        """Coefficients [5] ≥ 0 of the free terms, variances [m] they were weighted with, covariance
+        [m, m].
+        """
+        spread = self._start + (MODEL_ERROR * self.variance) ** 2
+        coefficients = _non_negative(self.design, self.variance, spread, free_terms)
+        covariance = self.covariance(coefficients)
+        for _ in range(ITERATIONS):
+            spread = np.diag(covariance) + (MODEL_ERROR * (self.design @ coefficients)) ** 2
+            last = coefficients
+            coefficients = _non_negative(self.design, self.variance, spread, free_terms)
+            covariance = self.covariance(coefficients)
+            if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
+                break
+        return coefficients, spread, covariance
+
+    def chance(self, term: int, other_terms: Mask) -> float:
+        """Probability that a record of the other terms alone, refitted, shows as much of this term
+        as the record does.
+        """
+        from scipy.special import gammaincc, ndtr
+
+        coefficients, spread, covariance = self.fit(other_terms)
+        active = coefficients > 0.0
+        active[term] = True
+        row = _operator(self.design, spread, active)[int(np.sum(active[:term]))]
+        noise = float(row @ covariance @ row)
+        model_error = float(row**2 @ (MODEL_ERROR * (self.design @ coefficients)) ** 2)
+        excess = float(row @ self.variance) / float(np.sqrt(noise + model_error))
+        # third cumulant of a weighted sum of periodogram ordinates, each exponentially distributed
+        skewness = 0.0
+        if noise > 0.0:
+            part = (coefficients @ self._shapes) * (row @ self._response)
+            pairs = float(part**2 @ self._step) / noise
+            skewness = 2.0 * float(part**3 @ self._step) / pairs**2 / noise**1.5
+        if skewness < 1e-3:
+            return float(ndtr(-excess))
+        shape = 4.0 / skewness**2
+        return float(gammaincc(shape, max(shape + excess * np.sqrt(shape), 0.0)))
 
 
 def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> NoiseFit:
@@ -137,16 +256,15 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     most half. Where that does not help, uncertainties are scaled up by the square root of the
     misfit; above a misfit of 10 no term is reported. Each is flagged.
     """
-    _require_curve(curve)
-    attempt, flags = _attempt(curve, 0), []
+    attempt, flags = _Attempt(curve), []
     if attempt.surprising:
         most_left_out = min(curve.tau_s.size // 2, curve.tau_s.size - FEWEST_TIMES)
         for first in range(1, most_left_out + 1):
-            if not _attempt(curve, first).surprising:
+            if not _Attempt(curve, first).surprising:
                 # the first that passes is still bent, by less than the noise
-                attempt = _attempt(curve, min(first + MARGIN, most_left_out))
+                attempt = _Attempt(curve, min(first + MARGIN, most_left_out))
                 flags.append(
-                    f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise"
+                    f"averaging times below {attempt.tau[0]:g} s left out: the noise"
                     " terms do not describe them"
                 )
                 break
@@ -158,20 +276,20 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
         flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
     observable = (attempt.coefficients > 0.0) & (not failed)
     for j in np.flatnonzero(observable).tolist():
-        observable[j] = _chance(attempt.record, j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
+        observable[j] = attempt.chance(j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
     reasons = _reasons(attempt, observable, failed=failed)
     terms: list[NoiseTerm] = []
-    absent: list[_NotObservable] = []
+    absent: list[NotObservable] = []
     for j, law in enumerate(laws):
         if not observable[j]:
-            absent.append(_NotObservable(law.name, law.symbol, reasons[j]))
+            absent.append(NotObservable(law.name, law.symbol, reasons[j]))
             continue
         value = law.scale * float(np.sqrt(attempt.coefficients[j]))
         relative = float(attempt.uncertainty[j]) / float(attempt.coefficients[j])
         # the degrees of freedom of a χ² with the coefficient's relative uncertainty
         u, dof = value * relative / 2.0, 2.0 / relative**2
         terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
-    model = np.sqrt(_design(curve.tau_s) @ attempt.coefficients)
+    model = np.sqrt(_powers(curve.tau_s) @ attempt.coefficients)
     return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, tuple(flags))
 
 
@@ -183,7 +301,7 @@ def _reasons(attempt: _Attempt, observable: Mask, *, failed: bool) -> list[str]:
         return ["the other terms can stand in for it within the noise"] * len(LAWS)
     # each of these explains alone what the reported terms leave
     absent = np.flatnonzero(~observable).tolist()
-    candidates = [j for j in absent if _chance(attempt.record, j, observable) < SIGNIFICANCE]
+    candidates = [j for j in absent if attempt.chance(j, observable) < SIGNIFICANCE]
     names = " or ".join(LAWS[j].symbol for j in candidates)
     undecided = "which" if len(candidates) > 1 else "it from others together"
     reasons = ["beside the reported terms the curve shows none of it above the noise"] * len(LAWS)
@@ -194,40 +312,36 @@ def _reasons(attempt: _Attempt, observable: Mask, *, failed: bool) -> list[str]:
     return reasons
 
 
-def weigh(curve: DeviationCurve, coefficients: Array) -> tuple[Array, Array, Array]:
-    """Design [m, 5], covariance [m, m] and variances of the weights [m] of the Allan variances of a
-    curve that is exactly that of coefficients [5].
+def predict_terms(
+    coefficients: Sequence[float],
+    samples: int,
+    interval_s: float,
+    *,
+    spacing: Spacing = "octave",
+    points: int = 1,
+) -> Array:
+    """Predicted standard uncertainties [5] of the square roots of coefficients [5] of the laws that
+    a record without gaps will show.
+
+    The coefficients cannot be negative, so that errors do not propagate linearly: they are the rms
+    error of fits to DRAWS curves, with normal errors of the covariance that the noise has.
     """
-    _require_curve(curve)
-    record = _record(curve, 0)
-    covariance = _covariance(record, coefficients)
-    return record.design, covariance, np.diag(covariance) + (MODEL_ERROR * record.variance) ** 2
-
-
-def _attempt(curve: DeviationCurve, first: int) -> _Attempt:
-    """Fit of all five terms to the averaging times from index `first` on.
-
-    It surprises where its misfit, the weighted square of the residuals over its expectation, rules
-    chance out as the cause (Satterthwaite's χ²).
-    """
-    from scipy.special import gammaincc
-
-    record = _record(curve, first)
-    coefficients, spread, covariance = _fitted(record, np.ones(len(LAWS), dtype=bool))
-    model = record.design @ coefficients
-    active = coefficients > 0.0
-    operator = _operator(record.design, spread, active)
-    projection = np.eye(model.size) - record.design[:, active] @ operator
-    expected = covariance + np.diag((MODEL_ERROR * model) ** 2)
-    scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
-    mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
-    misfit = float(np.sum((record.variance - model) ** 2 / spread)) / mean
-    half_dof = mean**2 / square / 2.0
-    surprising = bool(gammaincc(half_dof, half_dof * misfit) < SIGNIFICANCE)
-    uncertainty = np.zeros(len(LAWS))
-    uncertainty[active] = np.sqrt(np.diag(operator @ covariance @ operator.T))
-    uncertainty *= float(np.sqrt(misfit) if surprising else 1.0)
-    return _Attempt(first, record, coefficients, uncertainty, misfit, surprising)
+    true = np.asarray(coefficients, dtype=np.float64)
+    factor = averaging_factors(samples, spacing=spacing, points=points)
+    tau = np.asarray(factor * interval_s, dtype=np.float64)
+    variance = _powers(tau) @ true
+    unit_dof, deviation = np.ones(tau.size), np.sqrt(variance)
+    curve = DeviationCurve(
+        *("overlapping Allan", interval_s, samples, factor, tau, deviation),
+        *(samples - 2 * factor + 1, (), unit_dof, deviation, deviation, 0.0),
+    )
+    attempt = _Attempt(curve)
+    covariance = attempt.covariance(true)
+    spread = np.diag(covariance) + (MODEL_ERROR * variance) ** 2
+    drawn = np.random.default_rng(SEED).multivariate_normal(variance, covariance, DRAWS)
+    all_terms = np.ones(true.size, dtype=np.bool_)
+    fitted = [_non_negative(attempt.design, of_curve, spread, all_terms) for of_curve in drawn]
+    return np.asarray(np.sqrt(np.mean((np.sqrt(fitted) - np.sqrt(true)) ** 2, axis=0)))
 
 
 def _require_curve(curve: DeviationCurve) -> None:
@@ -249,40 +363,7 @@ def _require_curve(curve: DeviationCurve) -> None:
         )
 
 
-def _record(curve: DeviationCurve, first: int) -> _AllanRecord:
-    """Allan variances, spectra, filter responses and integration weights for the averaging times of
-    a curve from index `first` on.
-
-    One-sided spectra per cycle/sample from the coefficients: white 2c/τ₀, flicker c/(2 ln 2 ν),
-    random walk 3c τ₀/(2π² ν²), quantization (8c/3) sin²(πν)/τ₀² (NIST SP 1065 table 3; the last for
-    differences of white angle).
-    """
-    interval = curve.interval_s
-    nu, step = logarithmic_grid(0.01 / curve.samples, FREQUENCIES)
-    shapes = [
-        8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
-        np.full(nu.size, 2.0 / interval),
-        1.0 / (2.0 * np.log(2.0) * nu),
-        3.0 * interval / (2.0 * np.pi**2 * nu**2),
-        np.zeros(nu.size),
-    ]
-    factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
-    difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
-    variance = curve.deviation[first:] ** 2
-    return _AllanRecord(
-        variance=variance,
-        start=2.0 * variance**2 / curve.dof[first:],
-        shapes=np.stack(shapes),
-        response=difference**2 / 2.0,
-        mean_response=difference * _averaging(pairs, nu),
-        step=step,
-        longer=np.maximum.outer(pairs, pairs),
-        tau=curve.tau_s[first:],
-        design=_design(curve.tau_s[first:]),
-    )
-
-
-def _design(tau: Array) -> Array:
+def _powers(tau: Array) -> Array:
     """Powers of the averaging times [m, 5], one column per term."""
     return np.asarray(tau[:, None] ** np.array([float(law.exponent) for law in LAWS]))
 
@@ -293,40 +374,7 @@ def _averaging(length: Array, nu: Array) -> Array:
     return np.asarray(sine / np.outer(length, np.sin(np.pi * nu)))
 
 
-def _covariance(record: _AllanRecord, coefficients: Array) -> Array:
-    """Covariance [m, m] of the Allan variances of a record with the given noise.
-
-    Gaussian noise: Σ over pairs of 2 cov²/(4 M_a M_b) becomes ∫ S² A_a A_b dν / max(M_a, M_b) by
-    Parseval. A ramp R adds R² τ_a τ_b cov(z̄_a, z̄_b), z̄ the mean pair difference.
-    """
-    spectrum = coefficients @ record.shapes
-    weighted = record.response * (spectrum**2 * record.step)
-    covariance: Array = weighted @ record.response.T / record.longer
-    if coefficients[-1] == 0.0:
-        return covariance
-    mean = (record.mean_response * (spectrum * record.step)) @ record.mean_response.T
-    ramp: Array = 2.0 * coefficients[-1] * np.outer(record.tau, record.tau) * mean
-    return covariance + ramp
-
-
-def _fitted(record: _AllanRecord, free_terms: Mask) -> tuple[Array, Array, Array]:
-    """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
-    [m, m].
-    """
-    design, variance = record.design, record.variance
-    spread = record.start + (MODEL_ERROR * variance) ** 2
-    coefficients = non_negative(design, variance, spread, free_terms)
-    covariance = _covariance(record, coefficients)
-    for _ in range(ITERATIONS):
-        spread = np.diag(covariance) + (MODEL_ERROR * (design @ coefficients)) ** 2
-        last, coefficients = coefficients, non_negative(design, variance, spread, free_terms)
-        covariance = _covariance(record, coefficients)
-        if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
-            break
-    return coefficients, spread, covariance
-
-
-def non_negative(design: Array, variance: Array, spread: Array, free_terms: Mask) -> Array:
+def _non_negative(design: Array, variance: Array, spread: Array, free_terms: Mask) -> Array:
     """Weighted least squares with non-negative coefficients [5], zero where not allowed (Lawson &
     Hanson 1974).
     """
@@ -352,26 +400,3 @@ def _weighted(design: Array, spread: Array, active: Mask) -> tuple[Array, Array,
     weighted = design[:, active] * weight[:, None]
     scale = np.linalg.norm(weighted, axis=0)
     return weighted / scale, scale, weight
-
-
-def _chance(record: _AllanRecord, term: int, other_terms: Mask) -> float:
-    """Probability that a record of the other terms alone, refitted, shows as much of this term as
-    the record does.
-    """
-    from scipy.special import gammaincc, ndtr
-
-    coefficients, spread, covariance = _fitted(record, other_terms)
-    active = coefficients > 0.0
-    active[term] = True
-    row = _operator(record.design, spread, active)[int(np.sum(active[:term]))]
-    noise = float(row @ covariance @ row)
-    model_error = float(row**2 @ (MODEL_ERROR * (record.design @ coefficients)) ** 2)
-    excess = float(row @ record.variance) / float(np.sqrt(noise + model_error))
-    # third cumulant of a weighted sum of periodogram ordinates, each exponentially distributed
-    part = (coefficients @ record.shapes) * (row @ record.response)
-    pairs = float(part**2 @ record.step) / noise if noise > 0.0 else np.inf
-    skewness = 2.0 * float(part**3 @ record.step) / pairs**2 / noise**1.5 if noise > 0.0 else 0.0
-    if skewness < 1e-3:
-        return float(ndtr(-excess))
-    shape = 4.0 / skewness**2
-    return float(gammaincc(shape, max(shape + excess * np.sqrt(shape), 0.0)))
