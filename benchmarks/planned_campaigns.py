@@ -91,7 +91,8 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     )
     # the K-factor beside it takes as long again
     spec = spec.model_copy(update={"k": spec.k.model_copy(update={"enabled": False})})
-    model = fit_triad(dwells, spec).affine
+    _, results = fit_triad(dwells, spec)
+    (model,) = results[-1].models
     found = {one.name: one for one in model.coefficients}
     error = np.array([found[name].value for name in predicted]) - truth
     u = np.array([found[name].standard_uncertainty for name in predicted])

@@ -9,9 +9,8 @@ from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import published
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.numeric import attitude
-from triad_dwells import WHITE, collect, expanded, recipe, uncertainties, values
+from triad_dwells import WHITE, collect, expanded, fit_triad, recipe, uncertainties, values
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_q.json").read_text())
 AXES = np.array(AUTHORITY["axes"])

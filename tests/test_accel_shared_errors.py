@@ -11,10 +11,10 @@ from calibkit.instruments.accelerometer import forms, shared_errors
 from calibkit.instruments.accelerometer.corrections import Correction, DwellErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.findings import judge_unexplained, remark_on_dwells
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.recipe.tables import Errors
+from triad_dwells import fit_triad
 
 MANY = np.array([(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)])
 SIX = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)])

@@ -14,10 +14,9 @@ from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.instruments.accelerometer import equation
 from calibkit.instruments.accelerometer.equation import AXES, Terms
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
-from triad_dwells import WHITE, collect, recipe
+from triad_dwells import WHITE, collect, fit_triad, recipe
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_k.json").read_text())
 ROWS = np.array(AUTHORITY["rows"])

@@ -7,9 +7,8 @@ from hypothesis import given, settings, strategies as st
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import profile_intervals, published
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.triad import solve_triad
-from triad_dwells import collect, nine, recipe
+from triad_dwells import collect, fit_triad, nine, recipe
 
 TRUTH = np.array([1.012, 0.985, 1.004, 0.011, -0.02, 0.007, 0.0043, -0.0087, 0.0121])
 NOISE_G = 2e-5

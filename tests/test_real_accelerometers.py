@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.accelerometer import published
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.numeric import dwells
-from triad_dwells import collect, nine, recipe
+from triad_dwells import collect, fit_triad, nine, recipe
 
 LENGTHS = recipe(
     loss="least_squares",

@@ -15,11 +15,12 @@ from calibkit.instruments.accelerometer import (
     instrument as accelerometer,
     plausibility,
 )
-from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad, list_results
+from calibkit.instruments.accelerometer.fit import find_sensitivities, list_results
 from calibkit.numeric import earth
 from calibkit.recipe.tables import Errors
 from calibkit.sensitivities import InputError
 from conftest import ROOT
+from triad_dwells import fit_triad
 
 SHIFTS = [
     ("rate_table", "table_rate_dps", "scale", 1e-4),
@@ -194,7 +195,9 @@ def test_a_larger_error_of_the_inclination_moves_results_as_predicted_while_effe
     in it and takes most of it out, and the prediction is the one that does not trust in that.
     """
     spec, held, fitted = dwells_of_the_sample()
-    predicted = merged(find_sensitivities(fitted, held, spec), "inclination_deg", "offset")
+    predicted = merged(
+        find_sensitivities(fitted.triad, fitted.results, held, spec), "inclination_deg", "offset"
+    )
     components = [
         {"group": c.group, "effect": c.effect, "value": c.value, "unit": c.unit, "dof": 1e9}
         for c in fitted.affine.components
@@ -202,8 +205,8 @@ def test_a_larger_error_of_the_inclination_moves_results_as_predicted_while_effe
     sizes = Errors(component=components, groups=tuple({c["group"] for c in components}))
 
     def values(spec, dwells):
-        found = list_results(fit_triad(dwells, spec), dwells, None, ())
-        return sensitivities._values(found)
+        triad = fit_triad(dwells, spec).triad
+        return sensitivities._values(list_results(triad, dwells, spec))
 
     with_sizes = spec.model_copy(update={"errors": sizes})
     before = values(with_sizes, held)

@@ -8,11 +8,10 @@ import pytest
 from calibkit.instruments.accelerometer import published, simulate
 from calibkit.instruments.accelerometer.corrections import DwellErrors
 from calibkit.instruments.accelerometer.equation import Terms
-from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
-from triad_dwells import collect, recipe, uncertainties, values
+from triad_dwells import collect, fit_triad, recipe, uncertainties, values
 
 PLAIN = recipe(loss="least_squares")
 SECOND_ORDER = recipe(loss="least_squares", affine={"second_order": True, "third_order": True})

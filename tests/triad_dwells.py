@@ -1,8 +1,11 @@
 """Dwells of a triad and recipes, as the tests of its fit state them."""
 
+from types import SimpleNamespace
+
 import numpy as np
 from scipy import stats
 
+from calibkit.instruments.accelerometer import fit
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
@@ -40,6 +43,21 @@ def collect(indication, temperature=25.0, angles=None, *, noise=None, log=None):
         np.zeros(count, dtype=np.int64) if log is None else log,
         tuple(f"a.csv:{row}" for row in range(count)),
         (),
+    )
+
+
+def fit_triad(dwells, spec):
+    """Triad, its flags, coefficient files and the models in them: K of each axis, Q, the triad."""
+    triad, results = fit.fit_triad(dwells, spec)
+    models = {result.stage: result.models for result in results}
+    (q,), (affine,) = (models.get(stage, (None,)) for stage in ("accel_q", "accel_affine"))
+    return SimpleNamespace(
+        triad=triad,
+        results=results,
+        flags=triad.flags,
+        k=models.get("accel_k", ()),
+        q=q,
+        affine=affine,
     )
 
 

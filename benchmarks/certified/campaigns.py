@@ -25,7 +25,7 @@ from calibkit.instruments.accelerometer import (
     simulate as triad,
     simulate_magnitude as tumble,
 )
-from calibkit.instruments.accelerometer.fit import fit_triad, list_results
+from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.bias import simulate as sweep
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.gyro_noise import simulate as static
@@ -131,7 +131,7 @@ def accelerometer(number: int, _: Errors) -> tuple[Frames, Truth]:
     frame = pd.DataFrame(dict(columns))
     log = Log("positions", "positions.csv", "", len(frame), frame)
     held = dwells.collect_dwells([log], spec)
-    results = list_results(fit_triad(held, spec), held, None, ())
+    _, results = fit_triad(held, spec)
     identity = Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, ())
     records = {one.file: one.as_record(identity, "") for one in results}
     degc = (-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0)

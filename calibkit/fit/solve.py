@@ -99,6 +99,10 @@ class Fit:
     """[v, p, p], derivatives of the covariance by the variances."""
     noise_shares: Array = field(repr=False)
     """[parts, n], what the first variances add to the variance of the noise of each residual."""
+    jacobian: Array = field(repr=False)
+    """[n, p], derivatives of the residuals by the parameters that were solved for; 0 by one that
+    was not free.
+    """
     gain: Array = field(repr=False)
     """[p, n], change of the parameters by a change of what the residuals should be."""
     bounds: Array = field(repr=False)
@@ -742,6 +746,8 @@ class _Problem:
         sizes = zip(errors_of_sizes, np.sqrt(theta).tolist(), size_u.tolist(), strict=True)
         parameters = self.start.copy()
         parameters[self.free] = p
+        jacobian = np.zeros((self.n, len(self.start)))
+        jacobian[:, self.free] = linear_form.J[: self.n] * self.relative[:, None]
         fit = Fit(
             parameters=parameters,
             covariance=embed @ covariance @ embed.T,
@@ -757,6 +763,7 @@ class _Problem:
             variance_covariance=variance_covariance,
             slopes=embed @ slopes @ embed.T,
             noise_shares=self.shares[:, : self.n] * self.relative**2,
+            jacobian=jacobian,
             gain=gain,
             bounds=np.zeros((len(self.start), 0)),
             solution=solution,

@@ -14,7 +14,7 @@ triad changes nothing over temperature.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -124,6 +124,14 @@ class Terms:
         return max(term.power for term in self.listed)
 
     @property
+    def polynomials(self) -> dict[str, list[int]]:
+        """Symbol → places of its terms, in ascending powers of temperature."""
+        places: dict[str, list[int]] = {}
+        for k, term in enumerate(self.listed):
+            places.setdefault(term.symbol, []).append(k)
+        return places
+
+    @property
     def nominal(self) -> Array:
         """Parameters [p] of a triad without an error."""
         return self.of_constants(np.ones(3), np.zeros(3))
@@ -151,25 +159,29 @@ class Terms:
         to those in powers of °C.
         """
         powers = polynomial.to_raw_powers(middle, half, max(self.order, 1))
-        matrix = np.zeros((len(self.listed),) * 2, dtype=np.longdouble)
-        for row, term in enumerate(self.listed):
-            for column, other in enumerate(self.listed):
-                if term.symbol == other.symbol:
-                    matrix[row, column] = powers[term.power, other.power]
+        matrix = np.eye(len(self.listed), dtype=np.longdouble)
+        for places in self.polynomials.values():
+            orders = [self.listed[k].power for k in places]
+            matrix[np.ix_(places, places)] = powers[np.ix_(orders, orders)]
         return matrix
 
     def sum_terms(self, kinds: str, p: Numbers, components: Numbers, t: Array) -> Numbers:
-        """Sum [n, 3] of the terms of some kinds, axis by axis: parameter times power of temperature
-        [n] times components [n, 3].
+        """Sum [n, 3] of the terms of some kinds, axis by axis: polynomial of temperature [n] times
+        components [n, 3].
         """
-        total = np.zeros(components.shape, dtype=np.result_type(p, components))
-        for value, term in zip(p, self.listed, strict=True):
+        columns = components.T.copy()  # an axis in a row of its own: strides take the time
+        total = np.zeros(columns.shape, dtype=np.result_type(p, components))
+        powers: list[Any] = [1.0, t]
+        while len(powers) <= self.order:
+            powers.append(powers[-1] * t)
+        for places in self.polynomials.values():
+            term = self.listed[places[0]]
             if term.kind in kinds:
-                size = value * t**term.power if term.power else value
+                size = sum(p[k] * powers[self.listed[k].power] for k in places)
                 for axis in term.factors:
-                    size = size * components[:, axis]
-                total[:, term.axis] += size
-        return total
+                    size = size * columns[axis]
+                total[term.axis] += size
+        return total.T
 
     def corrected(self, p: Numbers, indication: Array, t: Array) -> Numbers:
         """Gravity [n, 3] that indications [n, 3] mean, by (1) and (2); temperatures t [n] are in
@@ -193,6 +205,12 @@ class Terms:
     def small_angles(self, p: Numbers, t: float) -> Numbers:
         """Q1, Q2, Q3 [3] [rad] at a temperature."""
         return published.small_angles(self.axes(p, t))
+
+    def at_temperature(self, p: Numbers, t: float) -> Numbers:
+        """Scale factors, zeros [g] and Q [rad] [9] at a temperature."""
+        along_axes = np.ones((1, 3)), np.array([t])
+        k, z = (self.sum_terms(kind, p, *along_axes)[0] for kind in "kz")
+        return np.concatenate([k, z, self.small_angles(p, t)])
 
     def slopes(self, p: Array, indication: Array, t: Array) -> Array:
         """Derivatives [n, 3, p] of the corrected values by the parameters."""

@@ -5,7 +5,6 @@ criteria that fail whatever the recipe accepts.
 import numpy as np
 
 from calibkit.coefficients import Criterion, at_most
-from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.frame import Remark
 from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.dwells import DwellSet
@@ -18,7 +17,7 @@ from calibkit.instruments.accelerometer.shared_errors import (
     number_soaks,
     tells_time,
 )
-from calibkit.instruments.accelerometer.triad import Triad, residual
+from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric import lack_of_fit
 from calibkit.recipe.shared_errors import warn_of_few_levels
 
@@ -108,13 +107,7 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
     attitudes and unchecked dwells.
     """
     t, terms, fit = float(triad.mapped(temperature)), triad.terms, triad.fit
-    along_axes = np.ones((1, 3)), np.array([t])
-
-    def results(p: Numbers) -> Numbers:
-        scale, zero = (terms.sum_terms(kind, p, *along_axes)[0] for kind in "kz")
-        return np.concatenate([scale, zero, terms.small_angles(p, t)])
-
-    width = fit.of(results).expanded
+    width = fit.of(lambda p: terms.at_temperature(p, t)).expanded
     flags: list[str] = []
     if fit.dof < FEW_DOF:
         flags.append(
@@ -123,8 +116,7 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
         )
     # scale factors, zeros and angles as lengths at the attitudes see them: the fit's own columns
     # have the prior of the angles, and depend on the size of the zeros
-    of_dwells = triad.mapped(dwells.temperature)
-    down = terms.corrected(fit.parameters, dwells.indication, of_dwells)
+    down = terms.corrected(fit.parameters, dwells.indication, triad.mapped(dwells.temperature))
     design = np.column_stack([down**2, down, down * np.roll(down, 1, axis=1)])
     condition = float(np.linalg.cond(design / np.linalg.norm(design, axis=0)))
     if condition > ILL_CONDITIONED:
@@ -141,10 +133,7 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
             reference = "itself" if name[0] == "k" else "gravity"
             flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {reference} only (95 %)")
     # change of a fitted residual by its own reference: near 1, no other dwell checks it
-    jacobian = derivative(
-        lambda p: residual(p, dwells, terms, of_dwells, lengths=True), fit.parameters
-    )
-    unchecked = np.flatnonzero(np.einsum("np,pn->n", jacobian, fit.gain) > 0.99)
+    unchecked = np.flatnonzero(np.sum(fit.jacobian.T * fit.gain, axis=0) > 0.99)
     if unchecked.size:
         flags.append(
             f"no other dwell checks dwell {', '.join(map(str, unchecked))} (leverage above 0.99)"
@@ -160,8 +149,9 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
     from scipy.special import stdtrit
 
     fit, terms, per_dwell = triad.fit, triad.terms, triad.residuals.shape[1]
-    t, gravity = triad.mapped(dwells.temperature), dwells.reference
+    gravity = dwells.reference
     if per_dwell == 1:
+        t = triad.mapped(dwells.temperature)
         gravity = terms.corrected(fit.parameters, dwells.indication, t)
     soak = number_soaks(dwells.temperature, dwells.log)
     groups = {
@@ -173,12 +163,9 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
     for name, level in groups.items():
         component_level = per_dwell * level[:, None] + np.arange(per_dwell)
         labels[name] = np.where(fit.used, component_level.ravel(), -1)
-    jacobian = derivative(
-        lambda p: residual(p, dwells, terms, t, lengths=per_dwell == 1).ravel(), fit.parameters
-    )
-    u = np.sqrt(np.einsum("np,pq,nq->n", jacobian, fit.covariance, jacobian))
-    k = float(stdtrit(float(np.median(fit.of(lambda p: p).dof)), 0.975))
-    expanded = k * float(np.sqrt(np.mean(u**2)))
+    variance = np.sum((fit.jacobian @ fit.covariance) * fit.jacobian, axis=1)
+    k = float(stdtrit(float(np.median(fit.dof_along(np.eye(len(terms.listed))))), 0.975))
+    expanded = k * float(np.sqrt(np.mean(variance)))
     failed = []
     for misfit in lack_of_fit.find(-fit.noise_residual, labels):
         if abs(misfit.size) > expanded:

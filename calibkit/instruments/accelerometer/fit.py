@@ -1,19 +1,20 @@
-"""Dwells of a triad → models of its K-factor, Q-factor and of the triad over temperature.
+"""Dwells of a triad → coefficient files of its K-factor, Q-factor and of the triad over
+temperature.
 
 `fit_triad` tells the story: which terms the dwells determine (`determination`), the equation fitted
-with the errors that dwells share (`triad`), K and Q as published, and what is doubtful
-(`findings`).
+with the errors that dwells share (`triad`), what is doubtful (`findings`), and K and Q as published
+(`list_results`).
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Condition, Figure, Parameter, StageResult
 from calibkit.errors import FitError
 from calibkit.fit.solve import sensitivities
 from calibkit.forms import components_of
@@ -44,28 +45,9 @@ ROUNDING_G = 1e-9
 """Difference of median absolute residuals [g] that is rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class TriadFit:
-    """Models fitted to a set of dwells, with their flags."""
-
-    triad: Triad
-    k: tuple[Model, ...]
-    """K models of the three axes; empty where the recipe does not enable K."""
-    k_not_fitted: tuple[str, ...]
-    """Coefficients fixed at zero by the recipe's orders, one text per axis."""
-    q: Model | None = None
-    q_exact: tuple[Figure, ...] = ()
-    """Entries of the exact matrix of Q."""
-    affine: Model | None = None
-    """The triad over temperature."""
-    intervals: tuple[Figure, ...] = ()
-    """Ends of the 95 % profile intervals of the length of gravity, where lmfit is asked for."""
-    flags: tuple[str, ...] = ()
-
-
-def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
-    """Fit the models that the recipe enables; raises FitError naming the coefficients that the
-    dwells do not determine.
+def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Triad, tuple[StageResult, ...]]:
+    """The triad with all its flags, and the coefficient files that the recipe enables; raises
+    FitError naming the coefficients that the dwells do not determine.
     """
     lengths = spec.reference.kind == "magnitude"
     by_lmfit = lengths and spec.reference.solver == "lmfit"
@@ -81,19 +63,51 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     loss = "least_squares" if by_lmfit else spec.loss
     triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), loss, uncorrected)
     flags += (*doubts, *findings.flag_fit(triad, dwells))
+    if lengths:
+        flags += findings.flag_lengths(triad, dwells, choose_temperature(dwells, spec))
 
-    # 3. The models of the coefficient files: K and Q as published, and the triad in powers of °C.
-    fitted = list_models(dwells, spec, triad)
-    if lengths and fitted.q is not None:
-        flags += findings.flag_lengths(triad, dwells, fitted.q.value("temperature"))
-
-    # 4. By lmfit, intervals of the nine parameters that a length determines.
+    # 3. By lmfit, intervals of the nine parameters that a length determines.
     ends: tuple[Figure, ...] = ()
     if by_lmfit:
         intervals = profile_intervals.find_intervals(triad, dwells)
         ends, doubts = profile_intervals.list_figures(intervals)
         flags += doubts
-    return replace(fitted, intervals=ends, flags=flags)
+
+    # 4. Largest standard uncertainties of inclination, and of toolface times sin(inclination)
+    # within the recipe's range, over the dwells that were used.
+    used = dwells.without(triad.suspects)
+    t, indication = triad.mapped(used.temperature), used.indication
+    vector = terms.corrected(triad.fit.parameters, indication, t)
+    tilt, roll = attitude.inclination(vector), attitude.toolface(vector)
+    # by the vector: of the toolface times sin(inclination), which has one at the poles too
+    slopes = np.array(angle_slopes(np.radians(tilt), np.radians(roll)))
+    slopes /= np.linalg.norm(vector, axis=1)[:, None]
+    by_coefficients = triad.fit.of(
+        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
+    ).u
+    by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
+    u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
+    low, high = spec.toolface_range_deg
+    by_angle = {
+        "inclination": u_inclination,
+        "toolface_sin": u_toolface_sin[(tilt >= low) & (tilt <= high)],
+    }
+    of_angles = tuple(
+        Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
+        for name, u in by_angle.items()
+        if u.size
+    )
+    triad = replace(triad, flags=flags)
+    return triad, list_results(triad, dwells, spec, intervals=ends, of_angles=of_angles)
+
+
+def choose_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:
+    """Temperature of Q [°C]: the recipe's, or that of the dwells which is nearest to it; the mean
+    of the dwells where the triad knows no temperature.
+    """
+    if spec.affine.enabled:
+        return float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
+    return float(dwells.temperature.mean())
 
 
 def choose_loss(
@@ -107,18 +121,19 @@ def choose_loss(
     differ by more than U, both values are flagged. Raises FitError where no fit is better than
     none.
     """
-    least_squares = fit_with(loss="least_squares")
-    left_by_plain, raw = _median_length(least_squares.residuals), _median_length(uncorrected)
     tough, worse = None, ""
     if loss == "robust":
         try:
             tough = fit_with(loss="robust")
         except FitError as error:
             worse = error.message
+    # a robust fit that leaves no dwell out is that of least squares
+    least_squares = tough if tough and not tough.suspects else fit_with(loss="least_squares")
+    left_by_plain, raw = _median_length(least_squares.residuals), _median_length(uncorrected)
     if tough is not None:
         left = _median_length(tough.residuals)
         if left > WORSE * min(left_by_plain, raw) + ROUNDING_G:
-            if tough.suspects:  # without them the two differ by chance
+            if tough is not least_squares:
                 worse = (
                     f"the robust fit leaves a median residual of {left:.2e} g, least squares"
                     f" {left_by_plain:.2e} g, no correction {raw:.2e} g: look for an error that"
@@ -158,44 +173,91 @@ def _median_length(residuals: Array) -> float:
     return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
-def list_models(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> TriadFit:
-    """Models of a triad, as the recipe enables them; raises FitError for axes in one plane and for
-    a left-handed triad.
+def list_results(
+    triad: Triad,
+    dwells: DwellSet,
+    spec: AccelerometerRecipe,
+    *,
+    intervals: tuple[Figure, ...] = (),
+    of_angles: tuple[Figure, ...] = (),
+) -> tuple[StageResult, ...]:
+    """Coefficient files of a triad: K, Q, and the triad in powers of °C, as the recipe enables
+    them; raises FitError for axes in one plane and for a left-handed triad.
     """
     lengths, terms, fit = spec.reference.kind == "magnitude", triad.terms, triad.fit
-    k = fit_k(dwells, spec, triad) if spec.k.enabled and not lengths else ()
-    k_not_fitted = []
-    for model, orders in zip(k, spec.k.axes, strict=False):
-        missing = [K for n, K in enumerate(published.K_NAMES) if n not in orders.fitted]
-        if missing:
-            k_not_fitted.append(f"{model.name}: {', '.join(missing)} not fitted, taken as 0")
+    t, p, gravity = triad.mapped(dwells.temperature), fit.parameters, spec.site.local_gravity()
+    site = () if gravity is None else (Condition("local_gravity", gravity, "m/s^2"),)
+    flags = tuple(dict.fromkeys((*dwells.flags, *triad.flags)))
+    residual_and_range: dict[str, Any] = {"residual_unit": "g", "valid": dwells.valid}
+    results = []
+
+    # 1. K = P g of the dwells that the triad's fit kept. What K is uncertain by, P V Pᵀ, comes from
+    # the errors of the triad's own fit.
+    if spec.k.enabled and not lengths:
+        used = fit.used.reshape(-1, 3)
+        weight = used / dwells.relative_noise(lengths=False).reshape(-1, 3)
+        by_triad, models = terms.corrected(p, dwells.indication, t), []
+        to_raw = published.to_degrees(triad.middle, triad.half)
+        for axis, (name, orders) in enumerate(zip(forms.K_MODELS, spec.k.axes, strict=True)):
+            design, numbers = published.columns(dwells.indication, t, axis), [*orders.fitted]
+            P, root = np.zeros((10, 3 * len(t))), weight[:, axis]
+            P[numbers, axis::3] = np.linalg.pinv(design[:, numbers] * root[:, None]) * root
+            fit_of_k = fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
+            # in extended precision, because K3 and K7 lose digits in double
+            raw, covariance = polynomial.in_raw_powers(
+                fit_of_k.parameters, fit_of_k.total_covariance, to_raw
+            )
+            by_k, rows = design @ fit_of_k.parameters, used[:, axis]
+            left = (dwells.reference[:, axis] - by_k)[rows]
+            lack_of_fit = rms((by_k - by_triad[:, axis])[rows])
+            scaled = zip(published.K_NAMES, fit_of_k.parameters.tolist(), strict=True)
+            model = forms.K.write(
+                name,
+                list(zip(published.K_NAMES, raw.tolist(), published.K_UNITS, strict=True)),
+                covariance,
+                dof=fit.dof,
+                residual_rms=float(np.sqrt(left @ left / max(len(left) - len(numbers), 1))),
+                parameters=(
+                    Parameter("middle", triad.middle, "degC"),
+                    Parameter("half", triad.half, "degC"),
+                    *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
+                    Parameter("lack_of_fit", lack_of_fit, "g"),
+                ),
+                effective_dof=fit_of_k.dof_along(to_raw.astype(np.float64)),
+                components=components_of(fit.shared),
+                **residual_and_range,
+            )
+            models.append(model)
+        results.append(
+            StageResult("accel_k", tuple(models), (), (*flags, *spec.k.not_fitted), site)
+        )
     if not (lengths or spec.affine.enabled):
-        return TriadFit(triad, k, tuple(k_not_fitted))
-    # Q at the recipe's temperature, or that of the dwells which is nearest to it; at the mean of
-    # the dwells where the triad knows no temperature
-    q_degc = float(dwells.temperature.mean())
-    if spec.affine.enabled:
-        q_degc = float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
-    t, p = float(triad.mapped(q_degc)), fit.parameters
-    scale = terms.sum_terms("k", p, np.ones((1, 3)), np.array([t]))
-    published.axes_from_sensitivity(np.asarray(terms.axes(p, t) / scale.T, dtype=np.float64))
+        return tuple(results)
+
+    # 2. Q of the axes at one temperature, and its exact matrix.
+    q_degc = choose_temperature(dwells, spec)
+    q_t = float(triad.mapped(q_degc))
+    scale = terms.at_temperature(p, q_t)[:3]
+    published.axes_from_sensitivity(terms.axes(p, q_t) / scale[:, None])
     q = forms.Q.write_fit(
         "triad",
-        fit.restated(lambda p: terms.small_angles(p, t)),
+        fit.restated(lambda p: terms.small_angles(p, q_t)),
         [(name, "rad") for name in published.Q_NAMES],
         residual_rms=triad.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
         parameters=(Parameter("temperature", q_degc, "degC"),),
+        **residual_and_range,
     )
     exact = fit.of(
-        lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, t)))
+        lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, q_t)))
     )
     q_exact = [
         Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
         for i, row in enumerate(AXES)
         for j, column in enumerate(AXES[: i + 1])
     ]
+    results.append(StageResult("accel_q", (q,), (*q_exact, *intervals), flags, site))
+
+    # 3. The triad over temperature.
     values, covariance = polynomial.in_raw_powers(p, fit.total_covariance, triad.to_degrees)
     axes = ("length",) if lengths else AXES
     affine = forms.TRIAD.write(
@@ -204,86 +266,20 @@ def list_models(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> Tr
         covariance,
         dof=fit.dof,
         residual_rms=triad.residual_rms,
-        residual_unit="g",
-        valid=dwells.valid,
         parameters=tuple(
             Parameter(f"noise_{axis}", size, "g")
             for axis, size in zip(axes, triad.noise.tolist(), strict=True)
         ),
         effective_dof=fit.dof_along(triad.to_degrees.astype(np.float64)),
         components=components_of(fit.shared),
+        **residual_and_range,
     )
-    return TriadFit(triad, k, tuple(k_not_fitted), q, tuple(q_exact), affine)
-
-
-def fit_k(dwells: DwellSet, spec: AccelerometerRecipe, triad: Triad) -> tuple[Model, ...]:
-    """K models of the three axes: K = P g of the dwells that the triad's fit kept. What K is
-    uncertain by, P V Pᵀ, comes from the errors of the triad's own fit.
-    """
-    t, used = triad.mapped(dwells.temperature), triad.fit.used.reshape(-1, 3)
-    weight = used / dwells.relative_noise(lengths=False).reshape(-1, 3)
-    by_triad = triad.terms.corrected(triad.fit.parameters, dwells.indication, t)
-    to_raw = published.to_degrees(triad.middle, triad.half)
-    models = []
-    for axis, (name, orders) in enumerate(zip(forms.K_MODELS, spec.k.axes, strict=True)):
-        design, numbers = published.columns(dwells.indication, t, axis), [*orders.fitted]
-        P, root = np.zeros((10, 3 * len(t))), weight[:, axis]
-        P[numbers, axis::3] = np.linalg.pinv(design[:, numbers] * root[:, None]) * root
-        fit = triad.fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
-        # in extended precision, because K3 and K7 lose digits in double
-        raw, covariance = polynomial.in_raw_powers(fit.parameters, fit.total_covariance, to_raw)
-        by_k, rows = design @ fit.parameters, used[:, axis]
-        left = (dwells.reference[:, axis] - by_k)[rows]
-        lack_of_fit = rms((by_k - by_triad[:, axis])[rows])
-        scaled = zip(published.K_NAMES, fit.parameters.tolist(), strict=True)
-        model = forms.K.write(
-            name,
-            list(zip(published.K_NAMES, raw.tolist(), published.K_UNITS, strict=True)),
-            covariance,
-            dof=fit.dof,
-            residual_rms=float(np.sqrt(left @ left / max(len(left) - len(numbers), 1))),
-            residual_unit="g",
-            valid=dwells.valid,
-            parameters=(
-                Parameter("middle", triad.middle, "degC"),
-                Parameter("half", triad.half, "degC"),
-                *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
-                Parameter("lack_of_fit", lack_of_fit, "g"),
-            ),
-            effective_dof=fit.dof_along(to_raw.astype(np.float64)),
-            components=components_of(triad.fit.shared),
-        )
-        models.append(model)
-    return tuple(models)
-
-
-def list_results(
-    fitted: TriadFit,
-    dwells: DwellSet,
-    gravity_mps2: float | None,
-    attitude_figures: tuple[Figure, ...],
-) -> tuple[StageResult, ...]:
-    """Coefficient files of the models that were fitted."""
-    conditions = (
-        (Condition("local_gravity", gravity_mps2, "m/s^2"),) if gravity_mps2 is not None else ()
-    )
-    flags = tuple(dict.fromkeys((*dwells.flags, *fitted.flags)))
-    results = []
-    if fitted.k:
-        of_k = (*flags, *fitted.k_not_fitted)
-        results.append(StageResult("accel_k", fitted.k, (), of_k, conditions))
-    if fitted.q is not None and fitted.affine is not None:
-        results += [
-            StageResult(
-                "accel_q", (fitted.q,), (*fitted.q_exact, *fitted.intervals), flags, conditions
-            ),
-            StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
-        ]
+    results.append(StageResult("accel_affine", (affine,), of_angles, flags, site))
     return tuple(results)
 
 
 def find_sensitivities(
-    fitted: TriadFit, dwells: DwellSet, spec: AccelerometerRecipe
+    triad: Triad, results: Sequence[StageResult], dwells: DwellSet, spec: AccelerometerRecipe
 ) -> tuple[Sensitivity, ...]:
     """Sensitivities of the coefficients of a fit to `dwells`, by fits to dwells that are shifted by
     an error of the thermometer, of the table's angles and, where it divides what is logged, of
@@ -306,7 +302,6 @@ def find_sensitivities(
             field = FIELDS[error.input]
             shifted_fields = {field: error.shift(getattr(dwells, field))}
         shifted.append(replace(dwells, **shifted_fields))
-    triad, refits = fitted.triad, {}
     equation, *shifted_equations = (
         partial(
             residual,
@@ -317,38 +312,9 @@ def find_sensitivities(
         )
         for rows in (dwells, *shifted)
     )
+    refits = {}
     changes = sensitivities(equation, shifted_equations, triad.fit)
-    for error, moved_dwells, change in zip(errors, shifted, changes, strict=True):
+    for error, shifted_dwells, change in zip(errors, shifted, changes, strict=True):
         fit = replace(triad.fit, parameters=triad.fit.parameters + change)
-        refit = list_models(moved_dwells, spec, replace(triad, fit=fit))
-        refits[error] = list_results(refit, moved_dwells, gravity, ())
-    return differentiate(errors, list_results(fitted, dwells, gravity, ()), refits.__getitem__)
-
-
-def propagate_uncertainty(
-    triad: Triad, dwells: DwellSet, toolface_range_deg: tuple[float, float]
-) -> tuple[Figure, ...]:
-    """Largest standard uncertainties (type A) of inclination and toolface over the dwells, by the
-    coefficients and the residual of a triad.
-
-    The toolface uncertainty is multiplied by sin(inclination) and limited to the inclination range.
-    """
-    t, terms, indication = triad.mapped(dwells.temperature), triad.terms, dwells.indication
-    vector = terms.corrected(triad.fit.parameters, indication, t)
-    tilt, roll = attitude.inclination(vector), attitude.toolface(vector)
-    # by the vector: of inclination, and of toolface times sin(inclination), which has one at the
-    # poles too
-    slopes = np.array(angle_slopes(np.radians(tilt), np.radians(roll)))
-    slopes /= np.linalg.norm(vector, axis=1)[:, None]
-    by_coefficients = triad.fit.of(
-        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
-    ).u
-    by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
-    u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
-    inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
-    by_angle = (("inclination", u_inclination), ("toolface_sin", u_toolface_sin[inside]))
-    return tuple(
-        Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
-        for name, u in by_angle
-        if u.size
-    )
+        refits[error] = list_results(replace(triad, fit=fit), shifted_dwells, spec)
+    return differentiate(errors, results, refits.__getitem__)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Criterion, Figure, Input
+from calibkit.coefficients import Criterion, Input
 from calibkit.errors import FitError, RecipeError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest, write_back
@@ -21,12 +21,7 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.corrections import Correction, DwellErrors
 from calibkit.instruments.accelerometer.figures import TriadReport
-from calibkit.instruments.accelerometer.fit import (
-    find_sensitivities,
-    fit_triad,
-    list_results,
-    propagate_uncertainty,
-)
+from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
@@ -108,15 +103,11 @@ def fit(
     refuse(implausible)
     if implausible:
         dwells = dwells.without(implausible_rows, map(str, implausible))
-    fitted = fit_triad(dwells, spec)
-    suspects = fitted.triad.suspects
-    counted = dwells.without(suspects) if suspects else dwells
-    uncertainty: tuple[Figure, ...] = ()
-    if fitted.affine is not None:
-        uncertainty = propagate_uncertainty(fitted.triad, counted, spec.toolface_range_deg)
-    results = list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
-    influences = find_sensitivities(fitted, dwells, spec)
+    triad, results = fit_triad(dwells, spec)
+    influences = find_sensitivities(triad, results, dwells, spec)
     # what follows is shown, and changes no number
+    suspects = triad.suspects
+    counted = dwells.without(suspects) if suspects else dwells
     raw = DwellErrors.compare(counted, spec)
     by_stage = {
         result.stage: DwellErrors.compare(counted, spec, Correction.of(result))
@@ -131,16 +122,18 @@ def fit(
         spec,
         f"The fitted dwells before and after{out}",
     )
-    components = list_components("Errors that dwells share", [fitted.affine or fitted.k[0]])
+    components = list_components("Errors that dwells share", results[-1].models[:1])
     tables = [components] if components.rows else []
     tables.append(compared)
-    if uncertainty:
-        rows = tuple((figure.name, number(figure.value, 2), figure.unit) for figure in uncertainty)
+    if results[-1].stage == "accel_affine":
+        rows = tuple(
+            (figure.name, number(figure.value, 2), figure.unit) for figure in results[-1].figures
+        )
         title = "Uncertainty of one corrected dwell (type A)"
         tables.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
-    flags = dict.fromkeys((*dwells.flags, *remarks, *fitted.flags))
-    criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(fitted.triad, dwells))
+    flags = dict.fromkeys((*dwells.flags, *remarks, *triad.flags))
+    criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(triad, dwells))
     overview = corrections.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
@@ -148,7 +141,7 @@ def fit(
         tuple(Input.of(log) for log in logs),
         Summary(spec.title, tuple(tables), tuple(flags), criteria, overview=overview),
         TriadReport(counted, raw, corrected, spec),
-        lacks=fitted.k_not_fitted,
+        lacks=spec.k.not_fitted if results[0].stage == "accel_k" else (),
         sensitivities=influences,
         left_out=(left_out,) if suspects else (),
     )

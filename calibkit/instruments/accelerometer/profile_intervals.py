@@ -53,9 +53,9 @@ def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, flo
     def residual(p: Numbers) -> Numbers:
         return (corrected_length(p, indication) - 1.0) / noise
 
-    t, p = triad.mapped(dwells.temperature.mean()), triad.fit.parameters
-    k, z = (triad.terms.sum_terms(kind, p, np.ones((1, 3)), t.reshape(1))[0] for kind in "kz")
-    begin = np.concatenate([1.0 / k, z / k, triad.terms.small_angles(p, float(t))])
+    t = float(triad.mapped(dwells.temperature.mean()))
+    k, z, Q = np.split(triad.terms.at_temperature(triad.fit.parameters, t), 3)
+    begin = np.concatenate([1.0 / k, z / k, Q])
     fit = solve(residual, begin, noise=np.ones(len(noise)), estimate_noise=not stated, names=NAMES)
     solution, u = fit.parameters, np.sqrt(np.diag(fit.covariance))
     # lmfit finds the ends to 5e-5 of a parameter's value, which for a scale factor near 1 with an

@@ -60,6 +60,16 @@ class _KSpec(KAxisSpec):
         """Orders of x, y and z."""
         return self.x or self, self.y or self, self.z or self
 
+    @property
+    def not_fitted(self) -> tuple[str, ...]:
+        """Coefficients that the orders leave out, one text for each axis that has any."""
+        texts = []
+        for name, orders in zip("xyz", self.axes, strict=True):
+            missing = [f"K{n}" for n in range(10) if n not in orders.fitted]
+            if missing:
+                texts.append(f"accel_{name}: {', '.join(missing)} not fitted, taken as 0")
+        return tuple(texts)
+
 
 class _AffineSpec(Table):
     """The affine triad M(t)(V − b(t)): orders over temperature, higher-order terms, nuisance

@@ -199,12 +199,12 @@ def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
 
 
 def bounded_errors(
-    fit: Fit, candidates: Sequence[Shared], jacobian: Array, by_scale: Array, per_dwell: int
+    fit: Fit, candidates: Sequence[Shared], by_scale: Array, per_dwell: int
 ) -> tuple[tuple[Shared, ...], tuple[str, ...]]:
     """Errors that are in U alone, as large as the data allow, and flags.
 
-    `offered` are the errors offered to the fit, `jacobian` [n, p] is that of its residuals,
-    `by_scale` [n, 3] their derivatives by a scale factor of each axis.
+    `candidates` are the errors that the dwells can show, `by_scale` [n, 3] derivatives of the
+    residuals by a scale factor of each axis.
 
     A zero that drifts is in U however small it looks. Sensors have errors of second order that the
     model lacks: a corrected component a has an error b a², and U of a scale factor of that size,
@@ -212,7 +212,7 @@ def bounded_errors(
     for the likelihood to ask for, h = √(6/3 / mean(left²/σ²)): such may lie anywhere below, of
     three sensors alike.
     """
-    fitted = {(size.error.group, size.error.effect): size for size in fit.shared}
+    fitted, jacobian = {(s.error.group, s.error.effect): s for s in fit.shared}, fit.jacobian
     by_name = {(error.group, error.effect): error for error in candidates}
     bounded, flags = [], list[str]()
     drift, second = by_name.get(DRIFT), by_name.get(SECOND_ORDER)

@@ -17,7 +17,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit import robust
-from calibkit.fit.complex_step import Numbers, derivative, length
+from calibkit.fit.complex_step import Numbers, length
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import Fit, solve, stand_out_together
 from calibkit.instruments.accelerometer import determination, shared_errors
@@ -81,7 +81,6 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     middle, half = (low + high) / 2.0, (high - low) / 2.0 or 1.0
     t = (dwells.temperature - middle) / half
     equation = partial(residual, dwells=dwells, terms=terms, t=t, lengths=lengths)
-    slopes = partial(derivative, lambda p: equation(p).ravel())
     noise, used = dwells.relative_noise(lengths=lengths), np.ones(len(t) * per_dwell, dtype=bool)
 
     # 1. Least squares; where outliers are to be left out, a robust start: each component is fitted
@@ -99,7 +98,8 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
             else:
                 scale[axis], zero[axis] = np.polyfit(G, g, 1)
         start = terms.of_constants(scale, -zero)
-    values = solve(equation, start, priors=priors, noise=noise, names=terms.names).parameters
+    solve_from = partial(solve, equation, priors=priors, noise=noise, names=terms.names)
+    first = solve_from(start)
     if loss == "robust":
         levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
         if lengths:  # what they do not see of angles is known by the prior alone
@@ -107,7 +107,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         else:
             of_components = [terms.of_axis(axis) for axis in range(3)]
             levels.append(shared_errors.number_attitudes(dwells.reference))
-        left, jacobian = equation(values).ravel() / noise, slopes(values) / noise[:, None]
+        left, jacobian = first.residual / noise, first.jacobian / noise[:, None]
         for component, places in enumerate(of_components):
             rows = slice(component, None, per_dwell)
             good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
@@ -115,34 +115,27 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
             used[rows] = np.any(
                 [good, *(stand_out_together(good, level) for level in levels)], axis=0
             )
-        values = solve(
-            equation, values, priors=priors, noise=noise, used=used, names=terms.names
-        ).parameters
+        if not used.all():
+            first = solve_from(first.parameters, used=used)
 
     # 2. The fit with the errors that dwells share. Errors of a dwell act on its gravity vector, of
     # which a length is the part along gravity.
     directions, gravity = np.broadcast_to(np.eye(3), (len(t), 3, 3)), dwells.reference
     if lengths:
-        gravity = terms.corrected(values, dwells.indication, t)
+        gravity = terms.corrected(first.parameters, dwells.indication, t)
         directions = (gravity / length(gravity)[:, None])[:, None, :]
     candidates = shared_errors.state_errors(dwells, gravity, directions, spec)
-    fit = solve(
-        equation,
-        values,
-        shared_errors.separable(candidates, slopes(values)),
-        priors=priors,
+    fit = solve_from(
+        first.parameters,
+        shared_errors.separable(candidates, first.jacobian),
         channel=np.tile(np.arange(per_dwell), len(t)),
-        noise=noise,
         used=used,
         leave_out=loss == "robust",
-        names=terms.names,
     )
 
     # 3. Errors that are in U alone.
     by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
-    bounds, flags = shared_errors.bounded_errors(
-        fit, candidates, slopes(fit.parameters), by_scale, per_dwell
-    )
+    bounds, flags = shared_errors.bounded_errors(fit, candidates, by_scale, per_dwell)
     if not fit.converged:
         flags += ("the fit did not come to rest: look at the residuals before you rely on it",)
     residuals = fit.residual.reshape(-1, per_dwell)
