@@ -18,9 +18,8 @@ from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate import certify
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import silent
-from calibkit.instruments.fog_thermal import compensate, ramps, tables
+from calibkit.instruments.fog_thermal import compensate, ramps
 from calibkit.instruments.fog_thermal.figures import DriftReport, before_after_page
-from calibkit.numeric.dispersion import rms
 from calibkit.report import documents, pdf
 from calibkit.report.figures import png
 
@@ -91,15 +90,8 @@ def picture(run: store.StoredRun, out: Path) -> None:
     read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
     prepared = [ramps.prepare(log, spec, ramps.find_faults(log, spec)) for log in read]
     found = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in prepared]
-    view = DriftReport(
-        "Simulated gyro, ramps that were not fitted",
-        spec.drift.interval_s,
-        tuple(tables.log_view(log, model) for log in prepared),
-        (),
-        (),
-        (),
-        noise=rms([log.split.noise for log in found]),
-    )
+    title, interval_s = "Simulated gyro, ramps that were not fitted", spec.drift.interval_s
+    view = DriftReport(title, interval_s, tuple(prepared), tuple(found))
     (out / "fog_thermal.png").write_bytes(png(before_after_page(view), dpi=90))
 
 

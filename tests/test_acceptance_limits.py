@@ -28,6 +28,7 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
+from calibkit.numeric.thermal.left_out import LeftOutErrors
 from calibkit.recipe.type_b import TypeB
 
 RECIPES = Path(__file__).parents[1] / "recipes"
@@ -46,7 +47,8 @@ UNTURNED = {
 
 def fog_log(*, before=4.0, after=0.25, gain=1.0):
     """Figures of one compensated log."""
-    return LogFigures("ramp.csv", before, after, NoiseSplit(after, 0.0, 0.0), gain, 0.0, after, ())
+    split, output = NoiseSplit(after, 0.0, 0.0), np.zeros(0)
+    return LogFigures("ramp.csv", before, after, split, gain, 0.0, after, (), output)
 
 
 def fog_drift(value, **limits):
@@ -63,10 +65,13 @@ def fog_gain(value, **limits):
 def fog_fit(figures, share=0.25, **limits):
     """Criteria of a fit in recursive mode."""
     spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
+    errors = LeftOutErrors("level T", (np.full(4, share),), (np.ones(4),))
     export = SimpleNamespace(
-        share_of_raw=share, model=SimpleNamespace(mode="recursive", exported=True)
+        errors=(errors,),
+        left_out_noise=1.0,
+        model=SimpleNamespace(mode="recursive", exported=True),
     )
-    return fog._fit_criteria(spec, export, (), figures)
+    return fog._fit_criteria(spec, export, figures)
 
 
 def fog_over_noise(value, **limits):

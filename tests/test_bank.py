@@ -284,7 +284,7 @@ def test_a_difference_of_turn_on_biases_between_the_ways_enters_the_uncertainty(
             model_error=0.003,
         )
         drift = compensate.DriftModel((), model, 10.0, "recursive", 25.0)
-        return decision.widen_by_turn_on(decision.Export(drift, "lagged", 0.1, ()), logs)
+        return decision.widen_by_turn_on(decision.Export(drift, (), (), ()), logs)
 
     time = np.arange(0.0, 6600.0, 10.0)
     logs = [

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import numpy as np
 import pytest
@@ -641,6 +642,21 @@ def test_a_pinned_order_means_the_published_scheme(campaign, tmp_path, calibkit)
     assert outcome.code == 0
     models = store.load(tmp_path / "S" / "r001").records["drift_rate.json"].models
     assert {model.form for model in models} == {"fog-drift-rate/1"}
+
+
+def test_a_pinned_order_that_no_rate_can_test_is_judged_on_the_fitted_ramps(
+    campaign, tmp_path, calibkit
+):
+    """A cubic through four rates leaves more on one of its own ramps than there was: flagged with
+    both numbers, and the first screen says on what it was tested.
+    """
+    fit = ("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path)
+    outcome = calibkit(*fit, "--set", "drift.order=3", "--set", "acceptance.min_reduction=1")
+    said = re.sub(r"\s+", " ", outcome.out + outcome.err)
+    assert "REJECTED: drift reduction on the fitted ramps alone 0." in said
+    assert "tested on no ramp that was left out of its fit" in said
+    assert re.search(r"heating_\d+: drift of [\d.]+ deg/h before compensation, [\d.]+ deg/h", said)
+    assert "No drift term" not in said
 
 
 def test_ramps_of_one_direction_are_flagged_by_fit_and_apply(campaign, tmp_path, calibkit):

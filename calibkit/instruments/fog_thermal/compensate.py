@@ -14,7 +14,7 @@ from typing import Literal, Self
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.coefficients import Record
+from calibkit.coefficients import Figure, Record
 from calibkit.errors import CoefficientError, FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import forms, ramps
@@ -184,11 +184,26 @@ class LogFigures:
     gain_one_step: float
     after_one_step: float
     flags: tuple[str, ...]
+    output: Array
+    """Compensated block means [n, °/h], recursive."""
 
     @property
     def reduction(self) -> float:
         """Ratio of the drift rms before to that after."""
         return self.before / self.after if self.after > 0.0 else float("inf")
+
+    def figures(self) -> list[Figure]:
+        """Figures of drift_rate.json."""
+        left, u = self.split.left, self.split.left_uncertainty
+        return [
+            Figure(f"drift_rms_before.{self.name}", self.before, "deg/h", 0.0),
+            Figure(f"drift_rms_after.{self.name}", self.after, "deg/h", 0.0),
+            Figure(f"noise_rms.{self.name}", self.split.noise, "deg/h", 0.0),
+            Figure(f"drift_left_rms.{self.name}", left, "deg/h", u),
+            Figure(f"rate_gain_recursive.{self.name}", self.gain_recursive, "1", 0.0),
+            Figure(f"one_step_rms_after.{self.name}", self.after_one_step, "deg/h", 0.0),
+            Figure(f"rate_gain_one_step.{self.name}", self.gain_one_step, "1", 0.0),
+        ]
 
     @classmethod
     def summarize(cls, name: str, blocks: DriftBlocks, model: DriftModel) -> Self:
@@ -209,6 +224,7 @@ class LogFigures:
             gain("one_step"),
             drift_figures.drift_rms(drift.subtract(indication, "one_step")[1:], group),
             drift.flags(name),
+            output,
         )
 
 

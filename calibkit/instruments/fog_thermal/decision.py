@@ -18,13 +18,14 @@ from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
-from calibkit.instruments.fog_thermal.gradient_choice import SideChoice
+from calibkit.instruments.fog_thermal.gradient_choice import LeftOutRates, SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
 from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.numeric.thermal.left_out import LeftOutErrors
 
 CHANCE = 4.0
 """Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
@@ -38,71 +39,61 @@ SETTLED_LAGS = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Export:
-    """Exported drift term, its share of the raw drift on left-out ramps (None if not tested), and
+    """Exported drift term, the errors of all tested models on left-out ramps or rates and those of
+    the exported one (of the published scheme of each side; empty where nothing was left out), and
     flags with the reason.
     """
 
     model: DriftModel
-    name: str
-    share_of_raw: float | None
+    tested: tuple[LeftOutErrors, ...]
+    errors: tuple[LeftOutErrors, ...]
     flags: tuple[str, ...]
+    untested: tuple[str, ...] = ()
+    """Why families of models could not be tested with these ramps, a sentence each."""
 
-    def result(
-        self,
-        choices: Sequence[SideChoice],
-        levels: ThermalChoice,
-        logs: Sequence[LogFigures],
-        recipe: FogThermalRecipe,
-    ) -> StageResult:
+    @property
+    def name(self) -> str:
+        """Name of the model; none where no drift term is exported."""
+        if self.model.polynomials:
+            return "gradient_rate"
+        return self.errors[0].name if self.model.exported else "none"
+
+    @property
+    def left_out_noise(self) -> float:
+        """What noise alone gives on left-out ramps [°/h]: that of the model which leaves least of
+        it.
+        """
+        return min((split_noise(errors.errors).noise for errors in self.tested), default=0.0)
+
+    def result(self, logs: Sequence[LogFigures], recipe: FogThermalRecipe) -> StageResult:
         """drift_rate.json: the exported model, and the drift figures of all tests and logs with
         rate gains.
         """
-        figures = []
-        for side in choices:
-            if side.tested:
-                name = f"raw_drift_rms.{side.side}"
-                figures.append(Figure(name, side.tested[0].pooled_raw, "deg/h", 0.0))
-            for rates in side.tested:
-                name = f"leave_one_rate_out_rms.{side.side}.order_{rates.order}"
-                figures.append(Figure(name, rates.pooled, "deg/h", 0.0))
-        if levels.tested:
-            raw = levels.tested[0].pooled_raw
-            figures.append(Figure("raw_drift_rms.ramps", raw, "deg/h", 0.0))
-        for tested in levels.tested:
-            name = f"leave_one_ramp_out_rms.{tested.name}"
-            figures.append(Figure(name, tested.pooled, "deg/h", 0.0))
-        if levels.chosen_errors is not None:
-            left_out = split_noise(levels.chosen_errors.errors)
+        figures: list[Figure] = []
+        for errors in self.tested:
+            raw_name, name = _figure_names(errors)
+            if raw_name not in {figure.name for figure in figures}:
+                figures.append(Figure(raw_name, errors.pooled_raw, "deg/h", 0.0))
+            figures.append(Figure(name, errors.pooled, "deg/h", 0.0))
+        if self.errors:
+            split = split_noise([error for errors in self.errors for error in errors.errors])
             figures += [
-                Figure("left_out_noise_rms", left_out.noise, "deg/h", 0.0),
-                Figure("left_out_drift_rms", left_out.left, "deg/h", left_out.left_uncertainty),
+                Figure("left_out_noise_rms", split.noise, "deg/h", 0.0),
+                Figure("left_out_drift_rms", split.left, "deg/h", split.left_uncertainty),
             ]
         for log in logs:
-            split = log.split
-            figures += [
-                Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
-                Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
-                Figure(f"noise_rms.{log.name}", split.noise, "deg/h", 0.0),
-                Figure(f"drift_left_rms.{log.name}", split.left, "deg/h", split.left_uncertainty),
-                Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
-                Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
-                Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
-            ]
-        flags = [*self.flags, *(f"not tested: {reason}" for reason in levels.refused)]
+            figures += log.figures()
+        flags = [*self.flags]
         if recipe.drift.compensation == "one_step":
             flags.append(
                 "one_step compensation is a first difference: it removes the true rate"
                 " (rate gain 0)"
             )
-        models = [
-            forms.write_rates(polynomial, recipe.drift.interval_s)
-            for polynomial in self.model.polynomials
-        ]
+        interval_s = recipe.drift.interval_s
+        models = [forms.write_rates(rates, interval_s) for rates in self.model.polynomials]
         if self.model.thermal is not None:
-            models.append(forms.write_thermal(self.model.thermal, recipe.drift.interval_s))
-        return StageResult(
-            "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
-        )
+            models.append(forms.write_thermal(self.model.thermal, interval_s))
+        return StageResult("drift_rate", tuple(models), tuple(figures), flags=tuple(flags))
 
 
 def decide(
@@ -112,62 +103,65 @@ def decide(
     helps. Raises FitError where no scheme could be tested.
     """
     spec, thermal = recipe.drift, levels.model
-    rates = tuple(choice.polynomial for choice in choices if choice.polynomial is not None)
-    share_rates, share_levels = _share_of_rates(choices), None
-    if levels.chosen_errors is not None:
-        share_levels = levels.chosen_errors.pooled / levels.chosen_errors.pooled_raw
+    polynomials = tuple(side.polynomial for side in choices if side.polynomial is not None)
+    of_rates = tuple(
+        errors
+        for side in choices
+        for errors in side.tested
+        if side.polynomial is not None and errors.order == side.polynomial.order
+    )
+    of_levels = () if levels.chosen_errors is None else (levels.chosen_errors,)
     if spec.model in ("level", "lagged", "bank"):
-        rates = ()
-    if rates and thermal is not None:
-        if share_rates is not None and share_levels is not None and share_rates < share_levels:
+        polynomials = ()
+    if polynomials and thermal is not None:
+        if of_rates and share_of_raw(of_rates) < share_of_raw(of_levels):
             thermal = None
         else:
-            rates = ()
-    model = DriftModel(
-        rates, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
-    )
-    if thermal is not None and levels.chosen_errors is not None:
+            polynomials = ()
+    tested = (*(errors for side in choices for errors in side.tested), *levels.tested)
+    reasons = [flag for side in choices for flag in side.flags]
+    untested = [flag for side in choices if not side.tested for flag in side.flags]
+    untested += [*levels.refused, *([] if levels.tested else filter(None, [levels.reason]))]
+    flags: list[str] = reasons
+    exported_errors: tuple[LeftOutErrors, ...] = of_rates if polynomials else ()
+    if thermal is not None:
         flags = [*thermal.flags, Remark(f"exported: {levels.reason}")]
+        exported_errors = of_levels
         if thermal.entangled:
             flags.append(
                 f"uncertainties of {', '.join(thermal.entangled)} hold together, through the"
                 " covariance, not singly"
             )
-        return Export(model, levels.chosen_errors.name, share_levels, tuple(flags))
-    reasons = [flag for side in choices for flag in side.flags]
-    if rates:
-        return Export(model, "gradient_rate", share_rates, tuple(reasons))
-    if levels.reason:
-        reasons.append(levels.reason)
-    if not levels.tested and not any(side.tested for side in choices):
-        raise FitError(
-            f"no family of models can be determined: {'; '.join(reasons)}",
-            hint=(
-                f"measure {choice.LEAST_RAMPS} ramps or more, better at two rates each way, each"
-                " from soak to soak"
-            ),
-        )
-    return Export(model, "none", None, (f"no drift term exported: {'; '.join(reasons)}",))
+    elif not polynomials:
+        reasons += filter(None, [levels.reason])
+        if not tested:
+            raise FitError(
+                f"no family of models can be determined: {'; '.join(reasons)}",
+                hint=(
+                    f"measure {choice.LEAST_RAMPS} ramps or more, better at two rates each way,"
+                    " each from soak to soak"
+                ),
+            )
+        flags = [f"no drift term exported: {'; '.join(reasons)}"]
+    flags += [f"not tested: {reason}" for reason in levels.refused]
+    model = DriftModel(
+        polynomials, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
+    )
+    return Export(model, tested, exported_errors, tuple(flags), tuple(untested))
 
 
-def list_undetermined(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[str]:
-    """Why families of models could not be tested with these ramps, a sentence each."""
-    untested = [flag for side in choices if not side.tested for flag in side.flags]
-    return [*untested, *levels.refused, *([] if levels.tested else filter(None, [levels.reason]))]
+def _figure_names(errors: LeftOutErrors) -> tuple[str, str]:
+    """Names of the figures of the raw drift on what was left out, and of what a model leaves."""
+    if isinstance(errors, LeftOutRates):
+        name = f"leave_one_rate_out_rms.{errors.side}.order_{errors.order}"
+        return f"raw_drift_rms.{errors.side}", name
+    return "raw_drift_rms.ramps", f"leave_one_ramp_out_rms.{errors.name}"
 
 
-def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
-    """Share of the raw drift on left-out rates after compensation by the exported orders, over both
-    sides.
-    """
-    left, raw = 0.0, 0.0
-    for side in choices:
-        order = None if side.polynomial is None else side.polynomial.order
-        for result in side.tested:
-            if result.order == order:
-                left += float(np.sum(result.squares))
-                raw += float(np.sum(result.raw_squares))
-    return float(np.sqrt(left / raw)) if raw else None
+def share_of_raw(errors: Sequence[LeftOutErrors]) -> float:
+    """Share of the raw drift that is left on what was left out."""
+    left = sum(float(np.sum(entry.squares)) for entry in errors)
+    return math.sqrt(left / sum(float(np.sum(entry.raw_squares)) for entry in errors))
 
 
 def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

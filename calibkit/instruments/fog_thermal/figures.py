@@ -9,17 +9,19 @@ import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.numeric import chunks
+from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
-from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
+from calibkit.report.figures import DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
+    from calibkit.instruments.fog_thermal.compensate import LogFigures
     from calibkit.instruments.fog_thermal.numeric import published
-    from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
     from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
+    from calibkit.instruments.fog_thermal.ramps import PreparedLog
 
 
 SHOWN, GAP_H = 12, 0.2
@@ -28,62 +30,30 @@ COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
 
 
 @dataclass(frozen=True, slots=True)
-class DriftLog:
-    """Block means [n] of a log: time [s], case temperature [°C], raw, denoised and compensated
-    indication [°/h].
-    """
-
-    name: str
-    time: Array
-    temperature: Array
-    raw: Array
-    denoised: Array
-    compensated: Array
-
-
-@dataclass(frozen=True, slots=True)
-class TestedModel:
-    """Drift rms on ramps left out of the fit of one model, raw and after compensation [°/h]."""
-
-    name: str
-    raw: float
-    left: float
-    split: NoiseSplit
-    """Noise and drift in what is left."""
-    exported: bool
-
-    @property
-    def share(self) -> float:
-        """Ratio of the drift rms after compensation to raw [1]."""
-        return self.left / self.raw
-
-
-@dataclass(frozen=True, slots=True)
 class DriftReport:
     """Data of all figures."""
 
     title: str
     interval_s: float
-    logs: tuple[DriftLog, ...]
-    ramps: tuple[published.RampFit, ...]
-    polynomials: tuple[published.RatePolynomial, ...]
-    tested: tuple[TestedModel, ...]
+    logs: tuple[PreparedLog, ...]
+    compensated: tuple[LogFigures, ...]
+    """Of each log."""
+    ramps: tuple[published.RampFit, ...] = ()
+    polynomials: tuple[published.RatePolynomial, ...] = ()
     polynomials_exported: bool = False
     hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
     """Hysteresis curves and their labels."""
-    noise: float = 0.0
-    """What noise alone gives of the 100 s means (rms) [°/h]."""
 
     def residuals(self) -> dict[str, Array]:
         """Columns of a tidy table, one row per model interval: the compensated indication about the
         mean of its log.
         """
         parts = {
-            "run": [np.full(log.time.size, log.name, dtype=object) for log in self.logs],
-            "time_s": [log.time for log in self.logs],
-            "temp_case_degc": [log.temperature for log in self.logs],
-            "gyro_dph": [log.raw for log in self.logs],
-            "residual_dph": [log.compensated - log.compensated.mean() for log in self.logs],
+            "run": [np.full(log.raw.time.size, log.name, dtype=object) for log in self.logs],
+            "time_s": [log.raw.time for log in self.logs],
+            "temp_case_degc": [log.raw.case for log in self.logs],
+            "gyro_dph": [log.raw.indication for log in self.logs],
+            "residual_dph": [log.output - log.output.mean() for log in self.compensated],
         }
         return {name: np.concatenate(columns) for name, columns in parts.items()}
 
@@ -107,19 +77,22 @@ def before_after_page(report: DriftReport) -> Figure:
         2, 1, title=f"{report.title}: drift before and after compensation{truncation}", height=6.0
     )
     group, start = max(1, round(100.0 / report.interval_s)), 0.0
-    for number, log in enumerate(first_logs):
-        passed = start + (log.time - log.time[0]) / SECONDS_PER_HOUR
-        smooth, hours = log.denoised - log.denoised.mean(), _means(passed, group)
+    for number, (log, compensated) in enumerate(zip(first_logs, report.compensated, strict=False)):
+        passed = start + (log.raw.time - log.raw.time[0]) / SECONDS_PER_HOUR
+        smooth, hours = log.denoised.indication, _means(passed, group)
         legend = "denoised" if number == 0 else "_nolegend_"
-        axes[0].plot(passed, smooth, color=DENOISED, lw=0.8, zorder=3, label=legend)
-        curves = ((log.raw, RAW, 2.0, "before"), (log.compensated, GOOD, 1.2, "after"))
+        axes[0].plot(passed, smooth - smooth.mean(), color=DENOISED, lw=0.8, zorder=3, label=legend)
+        curves = (
+            (log.raw.indication, RAW, 2.0, "before"),
+            (compensated.output, GOOD, 1.2, "after"),
+        )
         for values, colour, width, label in curves:
             drift = _means(values - values.mean(), group)
             legend = label if number == 0 else "_nolegend_"
             axes[0].plot(hours, drift, color=colour, lw=width, label=legend)
-        axes[1].plot(hours, _means(log.temperature, group), color=INK)
+        axes[1].plot(hours, _means(log.raw.case, group), color=INK)
         start = float(hours[-1]) + GAP_H
-    band = 2.0 * report.noise
+    band = 2.0 * rms([log.split.noise for log in report.compensated])
     if band > 0.0:
         axes[0].axhspan(-band, band, color=DENOISED, alpha=0.2, lw=0, label="noise alone (k = 2)")
     axes[0].legend(loc="best", ncols=4)
@@ -131,13 +104,13 @@ def before_after_page(report: DriftReport) -> Figure:
 
 
 def _coefficients_page(report: DriftReport) -> Figure:
-    """a_j over temperature rate with error bars (k = 2), the polynomials over their fitted ranges,
-    and the test results.
+    """a_j over temperature rate with error bars (k = 2), and the polynomials over their fitted
+    ranges.
     """
     figure, axes = page(
-        2, 2, title=f"{report.title}: drift coefficients per {report.interval_s:g} s interval"
+        3, 1, title=f"{report.title}: drift coefficients per {report.interval_s:g} s interval"
     )
-    for j, ax in enumerate(axes[:3]):
+    for j, ax in enumerate(axes):
         for ramp in report.ramps:
             colour = SIDES["heating" if ramp.rate > 0.0 else "cooling"]
             ax.errorbar(
@@ -160,32 +133,6 @@ def _coefficients_page(report: DriftReport) -> Figure:
             ylabel=COEFFICIENTS[j],
             title=f"a{j}: bars k = 2, dashed: not exported",
         )
-    # each tested model's share of the raw drift on left-out ramps; raw is 1
-    ax = axes[3]
-    ordered = sorted(report.tested, key=lambda entry: -entry.share)
-    ax.barh(
-        [entry.name for entry in ordered],
-        [min(entry.share, 3.0) for entry in ordered],
-        color=[GOOD if entry.exported else RAW for entry in ordered],
-        height=0.7,
-    )
-    for row, entry in enumerate(ordered):
-        ax.text(
-            min(entry.share, 3.0) + 0.03,
-            row,
-            f"{entry.share:.3g}",
-            va="center",
-            fontsize=8,
-            color=INK,
-        )
-        ax.plot([entry.split.noise / entry.raw] * 2, [row - 0.35, row + 0.35], color=INK, lw=1.2)
-    ax.axvline(1.0, color=ALERT, ls="--", lw=0.9)
-    ax.set(
-        xlabel="drift left on withheld ramps, share of raw (dashed: raw)",
-        title="each ramp left out (green: exported, bar: noise alone)",
-    )
-    ax.set_xlim(0.0, 3.4)
-    ax.grid(visible=False, axis="y")
     return figure
 
 
@@ -201,10 +148,11 @@ def _residual_page(report: DriftReport) -> Figure:
         height=2.8 * rows + 2.0,
     )
     group = max(1, round(100.0 / report.interval_s))
-    for log in report.logs:
-        left = _means(log.compensated - log.compensated.mean(), group)
-        colour = SIDES["heating" if log.temperature[-1] > log.temperature[0] else "cooling"]
-        axes[0].plot(_means(log.temperature, group), left, color=colour, lw=0.9, alpha=0.8)
+    for log, compensated in zip(report.logs, report.compensated, strict=True):
+        case, output = log.raw.case, compensated.output
+        left = _means(output - output.mean(), group)
+        colour = SIDES["heating" if case[-1] > case[0] else "cooling"]
+        axes[0].plot(_means(case, group), left, color=colour, lw=0.9, alpha=0.8)
     axes[0].set(
         xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling"
     )

@@ -51,6 +51,7 @@ class FittedRamp:
 class LeftOutRates(LeftOutErrors):
     """Errors of one order on the logs of rates that were left out, one log for each ramp."""
 
+    side: str
     order: int
     fitted: Array
     """Mean squares [ramps, (°/h)²] of what the model fitted to all rates leaves."""
@@ -144,7 +145,7 @@ def left_out_rates(
         all_rates = published.fit_over_rates(ramps, order, side)
         fitted = np.array([np.mean(compensated(all_rates, log) ** 2) for log in logs])
         name = f"gradient_rate {side}, order {order}"
-        tested.append(LeftOutRates(name, tuple(errors), raw, order=order, fitted=fitted))
+        tested.append(LeftOutRates(name, tuple(errors), raw, side=side, order=order, fitted=fitted))
     return tested
 
 

@@ -1,5 +1,5 @@
-"""Results of a gyro's thermal run → data of the report's figures, tables and first screens: drift
-on ramps that were not fitted, what noise alone gives, the model, the largest U, a row per log.
+"""Results of a gyro's thermal run → tables and first screens: drift on ramps that were not fitted,
+what noise alone gives, the model, the largest U, a row per log.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,13 +9,9 @@ from calibkit.arrays import Array
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.decision import Export
-from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, TestedModel
-from calibkit.instruments.fog_thermal.gradient_choice import FittedRamp, SideChoice
-from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.gradient_choice import LeftOutRates
 from calibkit.instruments.fog_thermal.numeric.drift_figures import split_noise
-from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
 from calibkit.report.overview import KeyValue, Overview, describe_span
@@ -29,83 +25,29 @@ _UNIT = "°/h"
 _HEADS = ("before", "after", "noise alone", "drift left", "rate gain")
 
 
-def drift_report(
-    recipe: FogThermalRecipe,
-    logs: Sequence[PreparedLog],
-    compensated: Sequence[LogFigures],
-    ramps: Sequence[FittedRamp],
-    choices: Sequence[SideChoice],
-    tested: Sequence[TestedModel],
-    model: DriftModel,
-    hysteresis: tuple[tuple[str, Hysteresis], ...],
-) -> DriftReport:
-    """Data of the figures of a fit."""
-    return DriftReport(
-        recipe.title or recipe.procedure,
-        model.interval_s,
-        tuple(log_view(log, model) for log in logs),
-        tuple(item.fit for item in ramps),
-        tuple(choice.polynomial for choice in choices if choice.polynomial is not None),
-        tuple(tested),
-        bool(model.polynomials),
-        hysteresis,
-        rms([log.split.noise for log in compensated]),
-    )
-
-
-def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
-    """Data of one log for the figures."""
-    return DriftLog(
-        log.name,
-        log.raw.time,
-        log.raw.case,
-        log.raw.indication,
-        log.denoised.indication,
-        model.drift_along(log.raw).subtract(log.raw.indication, "recursive"),
-    )
-
-
-def list_tested(
-    choices: Sequence[SideChoice], levels: ThermalChoice, export: Export
-) -> tuple[TestedModel, ...]:
-    """Results of all models tested on left-out ramps or rates; each order of the published scheme
-    is listed.
+def tabulate_tested(export: Export) -> Table:
+    """Table of the drift rms that tested models leave on left-out ramps or rates; each order of the
+    published scheme is listed.
     """
-    exported = {export.name} | {
-        f"gradient_rate {side.side}, order {side.polynomial.order}"
-        for side in choices
-        if side.polynomial is not None and export.model.polynomials
-    }
-    tested = [*(result for side in choices for result in side.tested), *levels.tested]
-    splits = [split_noise(result.errors) for result in tested]
-    noise = min((split.noise for split in splits), default=0.0)
-    return tuple(
-        TestedModel(
-            *(result.name, result.pooled_raw, result.pooled, split.at_most(noise)),
-            result.name in exported,
+    exported = {errors.name for errors in export.errors}
+    rows = []
+    for errors in export.tested:
+        left = split_noise(errors.errors).at_most(export.left_out_noise)
+        rows.append(
+            (
+                errors.name,
+                number(errors.pooled_raw),
+                number(errors.pooled),
+                number(left.noise),
+                f"{number(left.left, 2)} (+{number(left.left_uncertainty, 1)})",
+                f"{errors.pooled / errors.pooled_raw:.3f}",
+                "exported" if errors.name in exported else "",
+            )
         )
-        for result, split in zip(tested, splits, strict=True)
-    )
-
-
-def tabulate_tested(results: Sequence[TestedModel]) -> Table:
-    """Table of the drift rms of tested models on left-out ramps."""
-    shares = tuple(
-        (
-            entry.name,
-            number(entry.raw),
-            number(entry.left),
-            number(entry.split.noise),
-            f"{number(entry.split.left, 2)} (+{number(entry.split.left_uncertainty, 1)})",
-            f"{entry.share:.3f}",
-            "exported" if entry.exported else "",
-        )
-        for entry in results
-    )
     return Table(
         "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
         ("model", "before", "after", "noise alone", "drift left (+u)", "after/before", ""),
-        shares,
+        tuple(rows),
     )
 
 
@@ -214,30 +156,30 @@ def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ())
 def summarize_fit(
     prepared: Sequence[PreparedLog],
     compensated: Sequence[LogFigures],
-    tested: Sequence[TestedModel],
-    levels: ThermalChoice,
     export: Export,
     drift_uncertainties: Sequence[Mapping[str, Any]],
     at_rest: KeyValue | None,
 ) -> Overview:
     """First screen of a fit; `at_rest` is the bias or the rate at rest."""
+    raw = rms([log.before for log in compensated])
     noise = rms([log.split.noise for log in compensated])
     facts, values = [], []
-    used = [entry for entry in tested if entry.exported]
-    if used:
-        raw, left = rms([entry.raw for entry in used]), rms([entry.left for entry in used])
-        left_out_noise = rms([entry.split.noise for entry in used])
-        sentence = _compare_drift("ramps left out of the fit", raw, left, left_out_noise)
-        subject = "drift on left-out ramps"
+    if export.errors:
+        subject, raw = "ramps left out of the fit", rms([e.pooled_raw for e in export.errors])
+        left = rms([errors.pooled for errors in export.errors])
+        sentence = _compare_drift(subject, raw, left, export.left_out_noise)
         values = [
-            KeyValue(f"{subject}, before", raw, _UNIT),
-            KeyValue(f"{subject}, after", left, _UNIT),
+            KeyValue("drift on left-out ramps, before", raw, _UNIT),
+            KeyValue("drift on left-out ramps, after", left, _UNIT),
         ]
-        facts.append(f"Model: {export.name}, {_explain_choice(export, levels, tested)}.")
+        facts.append(f"Model: {export.name}, {_explain_choice(export)}.")
+    elif export.model.exported:
+        left = rms([log.after for log in compensated])
+        sentence = _compare_drift("the fitted ramps alone", raw, left, noise)
+        facts.append(f"Model: {export.name}, tested on no ramp that was left out of its fit.")
     else:
-        before = rms([log.before for log in compensated])
         sentence = (
-            f"No drift term is exported. Drift of the logs (rms of 100 s means): {before:.3f}"
+            f"No drift term is exported. Drift of the logs (rms of 100 s means): {raw:.3f}"
             f" {_UNIT}; noise alone gives {noise:.3f} {_UNIT}."
         )
     if drift_uncertainties:
@@ -262,13 +204,13 @@ def _compare_drift(subject: str, raw: float, left: float, noise: float) -> str:
     )
 
 
-def _explain_choice(export: Export, levels: ThermalChoice, tested: Sequence[TestedModel]) -> str:
+def _explain_choice(export: Export) -> str:
     """How many models were tested on left-out ramps, and why this one was chosen."""
-    count = f"of {len(tested)} models tested on left-out ramps"
-    if levels.chosen_errors is None or export.model.thermal is None:
+    count = f"of {len(export.tested)} models tested on left-out ramps"
+    if export.model.polynomials:
         return f"chosen {count}"
-    best = min(test.pooled for test in levels.tested)
-    if levels.chosen_errors.pooled <= best:
+    of_levels = [errors for errors in export.tested if not isinstance(errors, LeftOutRates)]
+    if export.errors[0].pooled <= min(errors.pooled for errors in of_levels):
         return f"the smallest error {count}"
     return f"the simplest within the noise of the best, {count}"
 
