@@ -15,7 +15,7 @@ from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.gyro_noise import certificate, instrument as gyro_noise, simulate
 from calibkit.numeric import chunks, order_statistics
-from calibkit.numeric.noise import allan, wavelets
+from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.allan_fit import LAWS
 from calibkit.report.summary import number
 from calibkit.simulate import noise
@@ -395,7 +395,7 @@ def test_limits_are_the_same_in_table_figure_and_certificate(white, tmp_path, pr
     outcome = pipeline.fit(source, folder, "G", tmp_path, "2026-11-21", instruments.silent)
     curves = (
         allan.overlapping(rate, 0.5, probability=probability),
-        wavelets.wavelet_deviation(rate, 0.5, probability=probability),
+        allan.wavelet_deviation(rate, 0.5, probability=probability),
     )
     block = states(outcome.run)
     grid, plot = block.tables[1], block.figures[0]
@@ -527,3 +527,10 @@ def test_sentences_about_what_is_not_observable_agree(calibkit, tmp_path, log_wr
     assert len(rising) > 1
     (reason,) = {reasons[symbol] for symbol in rising}
     assert f"the curve shows {' or '.join(rising)}; the record cannot tell which" in reason
+
+
+def test_a_wavelet_that_is_not_orthogonal_is_refused(calibkit, tmp_path):
+    """Its details have another variance than the Allan deviation: a fault of the recipe."""
+    outcome = calibkit("fit", "gyro_noise", "--data", tmp_path, "--set", "noise.wavelet=bior2.2")
+    assert outcome.code == 2
+    assert "not an orthogonal wavelet" in outcome.err

@@ -160,22 +160,16 @@ def interval_of_magnitude(value: float, uncertainty: Uncertainty) -> tuple[float
     dof = uncertainty.effective_dof
     # as wide as U, which may be wider than these degrees of freedom make it
     size = uncertainty.expanded_uncertainty / gum.coverage_factor(dof)
-    interval = gum.monte_carlo(
-        lambda drawn: np.abs(value + size * drawn[:, 0]),
-        _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
-        probability=gum.TWO_SIGMA,
-    )
-    return interval.low, interval.high
+    drawn = _draws(math.floor(dof) if dof < gum.FEW_DOF else 0)
+    return gum.shortest_interval(np.abs(value + size * drawn), probability=gum.TWO_SIGMA)
 
 
 @lru_cache
 def _draws(dof: int) -> Array:
-    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the
+    """Equally probable draws [trials] of Student's distribution, of the normal one for 0: the
     same on every machine.
     """
     from scipy.special import ndtri, stdtrit
 
     probability = (np.arange(TRIALS) + 0.5) / TRIALS
-    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[
-        :, None
-    ]
+    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)

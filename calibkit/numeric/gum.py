@@ -1,8 +1,8 @@
-"""Uncertainty after the GUM: combination, coverage, linear and Monte Carlo propagation,
-rounding.
+"""Uncertainty after the GUM: combination, coverage, linear propagation, the interval
+of a Monte Carlo propagation, rounding.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from decimal import ROUND_HALF_UP, Context, Decimal
 from typing import Literal
@@ -64,20 +64,6 @@ class _Expanded:
     coverage_factor: float
     expanded_uncertainty: float
     probability: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Propagated:
-    """What a Monte Carlo propagation found: moments and a coverage interval, in the unit of the
-    result.
-    """
-
-    mean: float
-    standard_uncertainty: float
-    low: float
-    high: float
-    probability: float
-    trials: int
 
 
 def combine(
@@ -275,43 +261,23 @@ def square_root(covariance: Array) -> Array:
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def monte_carlo(
-    function: Callable[[Array], Array], inputs: Array, *, probability: float = 0.95
-) -> _Propagated:
-    """Propagate distributions through a function (JCGM 101 section 7), with the shortest coverage
-    interval (5.3.4).
+def shortest_interval(results: Array, *, probability: float = 0.95) -> tuple[float, float]:
+    """Shortest coverage interval of the equally probable results [trials] of a Monte Carlo
+    propagation (JCGM 101 5.3.4, 7.7).
 
-    Parameters
-    ----------
-    function : takes inputs [trials, n], returns results [trials].
-    inputs : [trials, n], draws from the distributions of n inputs.
-
-    Raises
-    ------
-    FitError : a result that is not finite, or fewer than 100/(1 − probability) trials (7.2.2 asks
-        for 10⁴/(1 − p)).
+    Raises FitError for a result that is not finite, or fewer than 100/(1 − probability) trials
+    (7.2.2 asks for 10⁴/(1 − p)).
     """
-    results = np.sort(np.asarray(function(inputs), dtype=np.float64).ravel())
-    trials = int(inputs.shape[0])
-    if results.size != trials or not np.isfinite(results).all():
-        raise FitError(
-            f"{results.size} results of {trials} trials, or some not finite",
-            hint="expected a finite one each",
-        )
+    ascending, trials = np.sort(results), results.size
+    if not np.isfinite(results).all():
+        raise FitError("a result of a trial is not finite", hint="expected a finite one each")
     if trials * (1.0 - probability) < 100.0:
         raise FitError(
             f"{trials} trials for a coverage probability of {probability:g}", hint="draw more"
         )
-    inside = min(int(probability * trials + 0.5), trials - 1)  # JCGM 101 7.7
-    start = int(np.argmin(results[inside:] - results[: trials - inside]))
-    return _Propagated(
-        float(results.mean()),
-        float(results.std(ddof=1)),
-        float(results[start]),
-        float(results[start + inside]),
-        probability,
-        trials,
-    )
+    inside = min(int(probability * trials + 0.5), trials - 1)
+    start = int(np.argmin(ascending[inside:] - ascending[: trials - inside]))
+    return float(ascending[start]), float(ascending[start + inside])
 
 
 def rounded(value: float, uncertainty: float, *, digits: int = 2) -> tuple[str, str]:

@@ -22,7 +22,7 @@ from calibkit.instruments.gyro_noise import forms
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, Sensor, find_sensor
 from calibkit.numeric import chunks, dispersion
-from calibkit.numeric.noise import allan, allan_fit, wavelets
+from calibkit.numeric.noise import allan, allan_fit
 
 CASE = "temp_case_degc"
 STEADY_DEGC = 2.0
@@ -97,7 +97,7 @@ def estimate_noise(
             allocate=allocate,
         )
         terms = allan_fit.fit_noise(curve, record.sensor.laws)
-        wavelet = wavelets.wavelet_deviation(
+        wavelet = allan.wavelet_deviation(
             rate,
             record.interval_s,
             wavelet=spec.wavelet,
