@@ -228,9 +228,7 @@ def runs_unseen(value, **limits):
     stands = [
         {"scale_factor_error_ppm": -v, "nonlinearity_full_scale_ppm": v} for v in (0.1, value)
     ]
-    return acceptance.judge_unseen(
-        stands, acceptance.UNSEEN_LINE_LIMITS, RateTableAcceptance(**limits)
-    )
+    return acceptance.judge_unseen(stands, RateTableAcceptance(**limits))
 
 
 def axes(value, **limits):
@@ -250,9 +248,7 @@ def axes_unseen(value, **limits):
         "rate_error_max_ppm_of_full_scale": value,
         "cross_axis_max_ppm_of_full_scale": value,
     }
-    return acceptance.judge_unseen(
-        [after], acceptance.UNSEEN_BASE_LIMITS, TriadAcceptance(**limits)
-    )
+    return acceptance.judge_unseen([after], TriadAcceptance(**limits))
 
 
 def limited(key, make):

@@ -155,16 +155,24 @@ class Fit:
             dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
         return np.clip(dof, 1.0, max(self.dof, 1))
 
-    def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
-        """The fit of other parameters, a function [m] of these, with their covariance."""
-        G = derivative(function, self.parameters)
+    def combined(self, G: Array) -> "Fit":
+        """The fit of combinations G p [m] of the parameters, with their covariance."""
         return replace(
             self,
-            parameters=np.asarray(function(self.parameters), dtype=np.float64),
+            parameters=G @ self.parameters,
             covariance=G @ self.covariance @ G.T,
             slopes=G @ self.slopes @ G.T,
             gain=G @ self.gain,
             bounds=G @ self.bounds,
+            members=tuple(member.combined(G) for member in self.members),
+        )
+
+    def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
+        """The fit of other parameters, a function [m] of these, with their covariance."""
+        slopes = derivative(function, self.parameters)
+        return replace(
+            replace(self, members=()).combined(slopes),
+            parameters=np.asarray(function(self.parameters), dtype=np.float64),
             members=tuple(member.restated(function) for member in self.members),
         )
 

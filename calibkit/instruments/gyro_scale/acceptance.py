@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.published import GJB, FigureName, Line
+from calibkit.instruments.gyro_scale.published import IEEE, FigureName, Line
 from calibkit.instruments.gyro_scale.recipe import LineAcceptance
 
 RUN_LIMITS = {
@@ -24,22 +24,19 @@ RUN_LIMITS = {
     ),
 }
 """Figure of runs (GJB 2426A) → name, recipe key and unit of its limit."""
-BETWEEN_LIMITS = {
+LIMITS = RUN_LIMITS | {
     "orthogonality_error_deg": ("orthogonality error", "max_orthogonality_error_deg", "deg"),
-}
-"""The same of figures between gyros."""
-UNCERTAINTY_LIMITS = {
     "gamma": ("standard uncertainty of gamma", "max_gamma_uncertainty", "1"),
     "angle_deg": ("standard uncertainty of an angle", "max_angle_uncertainty_deg", "deg"),
 }
-"""Figure between gyros → limit of its standard uncertainty."""
+"""The same, and of figures between gyros."""
+OF_UNCERTAINTY = ("gamma", "angle_deg")
+"""Figures whose standard uncertainty is limited."""
 LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
 """Pattern of the key figures of lines."""
-UNSEEN_LINE_LIMITS = {
+UNSEEN_LIMITS = {
     "scale_factor_error_ppm": ("scale-factor error", "max_scale_factor_error_ppm", "ppm"),
     "nonlinearity_full_scale_ppm": RUN_LIMITS["nonlinearity_full_scale"],
-}
-UNSEEN_BASE_LIMITS = {
     "rate_error_max_ppm_of_full_scale": ("rate error", "max_rate_error_ppm", "ppm"),
     "cross_axis_max_ppm_of_full_scale": (
         "rate across the turned axis",
@@ -47,6 +44,7 @@ UNSEEN_BASE_LIMITS = {
         "ppm",
     ),
 }
+"""Error in unseen runs → name, recipe key and unit of its limit."""
 Limit = tuple[str, str, str]
 """Name, recipe key and unit."""
 
@@ -55,19 +53,14 @@ def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Cr
     """Criteria on the largest figure of each kind; raises FitError where a limit is stated but no
     run gives the figure.
     """
-    values_of: dict[Limit, list[float]] = {
-        limit: []
-        for kinds in (RUN_LIMITS, UNCERTAINTY_LIMITS, BETWEEN_LIMITS)
-        for limit in kinds.values()
-    }
+    values_of: dict[Limit, list[float]] = {limit: [] for limit in LIMITS.values()}
     for figure in figures:
         kind, standard, _ = FigureName.of(figure.name)
-        if kind in RUN_LIMITS and standard == GJB:
-            values_of[RUN_LIMITS[kind]].append(figure.value)
-        if kind in BETWEEN_LIMITS:
-            values_of[BETWEEN_LIMITS[kind]].append(abs(figure.value))
-        if kind in UNCERTAINTY_LIMITS:
-            values_of[UNCERTAINTY_LIMITS[kind]].append(figure.standard_uncertainty)
+        if kind in LIMITS and standard != IEEE:
+            of_u = kind in OF_UNCERTAINTY
+            values_of[LIMITS[kind]].append(
+                figure.standard_uncertainty if of_u else abs(figure.value)
+            )
     for (_, key, _), values in values_of.items():
         if getattr(limits, key, None) is not None and not values:
             raise FitError(
@@ -88,14 +81,13 @@ def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterio
 
 
 def judge_unseen(
-    errors: Sequence[Mapping[str, Any]],
-    kinds: Mapping[str, Limit],
-    limits: LineAcceptance,
+    errors: Sequence[Mapping[str, Any]], limits: LineAcceptance
 ) -> tuple[Criterion, ...]:
     """Criteria on the largest error of each kind in unseen runs."""
-    return _judge(
-        limits, {limit: [abs(error[key]) for error in errors] for key, limit in kinds.items()}
-    )
+    values_of: dict[Limit, list[float]] = {}
+    for key, limit in UNSEEN_LIMITS.items():
+        values_of[limit] = [abs(error[key]) for error in errors if key in error]
+    return _judge(limits, values_of)
 
 
 def _judge(

@@ -1,4 +1,5 @@
-"""Powers of the rate that the response of a gyro asks for, chosen on runs that are left out.
+"""Terms of `equation`, (1), that the runs of one gyro ask for: the order over temperature, and
+powers of the rate, chosen on runs that are left out.
 
     e_r = F_r − (fit of the other runs)_r,   less its own line in K and F0 of run r          (1)
 
@@ -15,11 +16,15 @@ from typing import Literal
 
 import numpy as np
 
+from calibkit.fit import orders
 from calibkit.fit.complex_step import derivative
 from calibkit.instruments.gyro_scale import equation
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import rank
 
+LEAST_LEVELS = 3
+"""Fewest temperatures that show a slope of K and F0."""
 POWERS = ((3,), (2, 3), (2, 3, 4, 5), (2, 3, 4, 5, 6, 7))
 """What is compared with the line alone, the simplest first."""
 MARGIN = 0.9
@@ -32,6 +37,37 @@ with the temperature, each costs much of K(T).
 """
 
 
+def find_terms(rows: equation.RateRows, *, varies: bool, bent: bool) -> equation.ResponseTerms:
+    """Terms for runs of one gyro: polynomials of temperature where it `varies`, powers of the rate
+    where they are wanted (`bent`) and lower the error, and what is beside a straight line.
+
+    Where every run turns both ways, what they have of the response is part of the best straight
+    line, and what differs is an error. Runs of one direction each need the powers to share a line.
+    """
+    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
+    order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
+    if levels >= LEAST_LEVELS:
+        order = max(order, equation.LOWEST_ORDER)
+    terms = equation.ResponseTerms(
+        order=order,
+        middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
+        fastest_dps=float(np.max(np.abs(rows.rate_dps))),
+    )
+    if bent:
+        bent_terms = choose(rows, terms)
+        if bent_terms.powers:
+            return bent_terms
+    asymmetry: tuple[int, ...] = (equation.ASYMMETRY,)
+    if rows.both_ways:
+        return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
+    # |Ω| tells runs of one direction from those of the other only
+    asymmetry *= equation.turns_both_ways(rows.rate_dps)
+    # and each run hardly tells an odd power from the even one beside it
+    candidates = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
+    best_terms = _best(rows, candidates, MARGIN_OF_ONE_WAY)
+    return replace(best_terms, shapes=asymmetry + best_terms.shapes)
+
+
 def choose(rows: equation.RateRows, terms: equation.ResponseTerms) -> equation.ResponseTerms:
     """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
     of temperature where K and F0 are.
@@ -39,23 +75,6 @@ def choose(rows: equation.RateRows, terms: equation.ResponseTerms) -> equation.R
     bends: Literal["constant", "polynomial"] = "polynomial" if terms.order else "constant"
     bent = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
     return _best(rows, [terms, *bent], MARGIN)
-
-
-def beside_line(rows: equation.RateRows, terms: equation.ResponseTerms) -> equation.ResponseTerms:
-    """Terms with what is beside a straight line.
-
-    Where every run turns both ways, what they have of the response is part of the best straight
-    line, and what differs is an error. Runs of one direction each need the powers to share a line.
-    """
-    asymmetry: tuple[int, ...] = (equation.ASYMMETRY,)
-    if rows.both_ways:
-        return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
-    # |Ω| tells runs of one direction from those of the other only
-    asymmetry *= equation.turns_both_ways(rows.rate_dps)
-    # and each run hardly tells an odd power from the even one beside it
-    bent = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
-    best_terms = _best(rows, bent, MARGIN_OF_ONE_WAY)
-    return replace(best_terms, shapes=asymmetry + best_terms.shapes)
 
 
 def _best(

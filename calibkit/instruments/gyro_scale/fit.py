@@ -17,10 +17,8 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Figure, Model
 from calibkit.constants import DPH_PER_DPS
-from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.forms import components_of
 from calibkit.frame import Remark
@@ -51,7 +49,6 @@ from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
     GyroTriadRecipe,
-    OwnAxisRecipe,
     RateTableRecipe,
 )
 from calibkit.instruments.gyro_scale.table_runs import TableRun
@@ -62,8 +59,6 @@ from calibkit.recipe import shared_errors
 
 VARIES_DEGC = 5.0
 """Least span of the runs' temperatures [°C] for a fit of K over temperature."""
-LEAST_LEVELS = 3
-"""Fewest temperatures that show a slope of K and F0."""
 SMALL_SINE = 0.01
 """Sine of the angle between the gyros below which two γ do not tell the error of mounting."""
 PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
@@ -114,89 +109,62 @@ def _fit_over_runs(
     off_reference = np.abs(temperature - spec.reference_temp_degc)
     repeated_mask = np.isnan(temperature) | (off_reference <= ROOM_DEGC)
     repeated_mask = repeated_mask if repeated_mask.any() else ~repeated_mask
+    repeated = tuple(runs[k] for k in np.flatnonzero(repeated_mask))
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
     rows = run_lines.rows_of(runs, gyro)
     if frozen:
         fitted = frozen.refit(rows)
     else:
-        terms = _terms(spec, rows, varies=varies)
+        terms = bent_response.find_terms(rows, varies=varies, bent=spec.response == "auto")
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
         errors = [*errors, *(e for e in shared if e.group != "run")]
         fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
-    terms = fitted.terms
-    polynomials, in_time = _over_temperature(fitted)
-    size = len(polynomials.parameters) // 2
-    K, F0 = polynomials.part(slice(size)), polynomials.part(slice(size, None))
+    fit, _, terms = fitted
+
+    # whether K changes with time in the runs, beside what temperature changes
+    steady, known_degc = rows.indication, ordering.STEADY_DEGC
+    if terms.order:
+        mean_rows, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fit.parameters
+        warmed = equation.response(p, rows, terms) - equation.response(p, mean_rows, terms)
+        steady, known_degc = rows.indication - warmed, np.inf
+    in_time = ordering.decide(rows, steady, known_degc, terms.powers)
+
+    # polynomials of K, then of F0, of the best straight line, with what the runs leave open
+    line = equation.best_line(terms, rows.rate_dps)
+    curves = fit.restated(lambda p: np.concatenate(line(p), axis=1)[0])
+    parameters = curves.parameters.copy()
+    size, bounds = parameters.size // 2, np.zeros((parameters.size, 2))
+    if not equation.turns_both_ways(rows.rate_dps):
+        # runs of one direction alone do not tell a bend of the response from F0
+        bounds[size, 1] = parameters[size] - terms.split(fit.parameters)[equation.ZERO][0, 0]
+    if in_time:
+        # a half-width that is known, as a rectangular distribution
+        bounds[0, 0] = in_time.half_width / np.sqrt(3.0)
+        parameters[0] += in_time.shift
+    curves = replace(curves, parameters=parameters, bounds=np.hstack((curves.bounds, bounds)))
+
     # at the mean temperature of the runs that count as repeated
     x = terms.mapped(temperature[repeated_mask].mean(keepdims=True)) if varies else np.zeros(1)
     to_mean_degc: Array = np.asarray(np.kron(np.eye(2), polynomial.powers(x, size - 1)))
+    mean_line = curves.combined(to_mean_degc)
     name = forms.line_name(gyro)
-    repeated = tuple(
-        run for run, is_repeated in zip(runs, repeated_mask, strict=True) if is_repeated
-    )
     # what differs from run to run and from side to side
-    sizes = [s for s in fitted.fit.shared if s.error.effect in ("scale", "zero") and s.dof]
-    mean_line = polynomials.restated(lambda p: to_mean_degc @ p)
+    sizes = [s for s in fit.shared if s.error.effect in ("scale", "zero") and s.dof]
     mean = line_model(name, mean_line, run_lines, gyro, repeated, components_of(sizes))
     channel = Channel(gyro, "", True, runs, repeated, mean, fitted, in_time)  # noqa: FBT003
     slope = None
     if varies:
-        curves = (
-            curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs),
-            curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs),
-        )
-        channel = replace(channel, curves=curves)
+        K, F0 = curves.part(slice(size)), curves.part(slice(size, None))
+        of_K = curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs)
+        of_F0 = curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs)
+        channel = replace(channel, curves=(of_K, of_F0))
         # of the straight line through K(T) at the temperatures of the runs
         slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
         weights = slope_of @ polynomial.powers(terms.mapped(temperature), size - 1)
         slope = K.of(lambda p: weights @ p)
     K_of_runs = run_lines.of_runs(runs, gyro)
     return replace(channel, figures=tuple(_figures(channel, K_of_runs, repeated_mask, slope, spec)))
-
-
-def _over_temperature(fitted: equation.ResponseFit) -> tuple[Fit, ordering.Ordering | None]:
-    """Polynomials of K, then of F0, of the best straight line [2 (order + 1)], with what the runs
-    leave open, and whether K changes with time in the runs, beside what temperature changes.
-    """
-    fit, rows, terms = fitted
-    steady, known_degc = rows.indication, ordering.STEADY_DEGC
-    if terms.order:
-        mean, p = replace(rows, row_degc=rows.temp_degc[rows.run]), fit.parameters
-        warmed = equation.response(p, rows, terms) - equation.response(p, mean, terms)
-        steady, known_degc = rows.indication - warmed, np.inf
-    in_time = ordering.decide(rows, steady, known_degc, terms.powers)
-    line = equation.best_line(terms, rows.rate_dps)
-    curves = fit.restated(lambda p: np.concatenate(line(p), axis=1)[0])
-    parameters = curves.parameters.copy()
-    F0, bounds = parameters.size // 2, np.zeros((parameters.size, 2))
-    if not equation.turns_both_ways(rows.rate_dps):
-        # runs of one direction alone do not tell a bend of the response from F0
-        bounds[F0, 1] = parameters[F0] - terms.split(fit.parameters)[equation.ZERO][0, 0]
-    if in_time:
-        # a half-width that is known, as a rectangular distribution
-        bounds[0, 0] = in_time.half_width / np.sqrt(3.0)
-        parameters[0] += in_time.shift
-    bounds = np.hstack((curves.bounds, bounds))
-    return replace(curves, parameters=parameters, bounds=bounds), in_time
-
-
-def _terms(spec: OwnAxisRecipe, rows: equation.RateRows, *, varies: bool) -> equation.ResponseTerms:
-    """Terms of the equation that the runs carry and ask for."""
-    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
-    order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
-    if levels >= LEAST_LEVELS:
-        order = max(order, equation.LOWEST_ORDER)
-    terms = equation.ResponseTerms(
-        order=order,
-        middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
-        fastest_dps=float(np.max(np.abs(rows.rate_dps))),
-    )
-    if spec.response == "auto":
-        bent = bent_response.choose(rows, terms)
-        if bent.powers:
-            return bent
-    return bent_response.beside_line(rows, terms)
 
 
 def _figures(
@@ -260,15 +228,23 @@ def _fit_pair(
     mean_lines = run_lines.mean_lines().widened_by([run_scale] if run_scale else [])
     # K and F0 of A about a, A about b, B about a, B about b
     places = [2 * "ab".index(gyro) + "ab".index(axis) for gyro, axis in PAIR]
-    degc = {axis: float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab"}
-    difference_degc = degc["b"] - degc["a"]
     K = mean_lines.part(places)
-    if np.isfinite(difference_degc):
-        K = _at_one_temperature(K, difference_degc, spec)
+    apart_degc = float(
+        np.mean([run.temp_degc for run in runs["b"]])
+        - np.mean([run.temp_degc for run in runs["a"]])
+    )
+    if np.isfinite(apart_degc):
+        # K_A, K_B, K_Ba, K_Ab at the temperature in the middle of both runs
+        gyro_of, warmer_degc = [0, 1, 1, 0], np.array([1.0, -1.0, 1.0, -1.0]) * apart_degc / 2.0
+        coefficients, unknown = _temperature_coefficients(spec)
+        bounds = (K.parameters * warmer_degc)[:, None] * unknown[gyro_of]
+        K = K.combined(np.diag(1.0 + warmer_degc * coefficients[gyro_of]))
+        K = replace(K, bounds=np.column_stack((K.bounds, bounds)))
     from_a = K.of(lambda k: k[3] / k[0])
     K = K.part(slice(3))
     by_noise = published.indicate(K)
     flags.refuse_opposite(by_noise, from_a)
+
     tilt, tilt_dof = find_mounting(by_noise, from_a, known_sizes.get("angle"))
     # about the other gyro's axis a gyro loses its sine, K sin α per radian
     K_A, K_B = K.parameters[:2] * np.sqrt(max(1.0 - float(by_noise.value) ** 2, 0.0))
@@ -278,66 +254,54 @@ def _fit_pair(
     # about its own axis either gyro alone loses K (1 - cos tilt) at most, taken as large as K tilt²
     cosine = np.vstack((np.diag(K.parameters[:2] * tilt**2), np.zeros(2)))
     ratios = published.find_ratios(replace(K, bounds=np.column_stack((K.bounds, cosine))))
+
     channels = []
     for number, ((gyro, axis), place) in enumerate(zip(PAIR, places, strict=True)):
         name, of_runs = forms.line_name(gyro, axis), stated_components(run_scale)
         line = mean_lines.part([place, place + 4])
         mean = line_model(name, line, run_lines, gyro, runs[axis], of_runs)
-        bent = None
+        bent = frozen.channels[number].fitted if frozen else None
         if gyro == axis and spec.response == "auto":
             rows = run_lines.rows_of(runs[axis], gyro)
-            if frozen:
-                frozen_fit = frozen.channels[number].fitted
-                bent = frozen_fit.refit(rows) if frozen_fit else None
-            else:
-                # without errors that the runs share
-                terms = _terms(spec, rows, varies=False)
-                if terms.powers:
+            if bent:
+                bent = bent.refit(rows)
+            elif not frozen:
+                terms = bent_response.find_terms(rows, varies=False, bent=True)
+                if terms.powers:  # without errors that the runs share
                     bent = equation.ResponseFit(equation.fit(rows, terms, ()), rows, terms)
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
-    components = stated_components(run_scale, mounting)
-    pair, figures = write_pair(run_lines, runs, ratios, from_a, components)
-    of_pair: list[str] = []
+    pair, figures = write_pair(
+        run_lines, runs, ratios, from_a, stated_components(run_scale, mounting)
+    )
+    within_runs, of_pair = run_scale is None, list[str]()
     if not frozen:
-        known_by_gamma = (
-            (mounting, ratios.dof[2]) if tilt > 0.0 and "angle" not in known_sizes else None
-        )
-        within_runs = run_scale is None
-        of_pair += flags.of_gamma(by_noise, from_a)
+        of_pair = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
+        of_pair += [*run_lines.flag_drifts(), *flags.of_gamma(by_noise, from_a)]
+        by_gamma = tilt > 0.0 and "angle" not in known_sizes
+        known_by_gamma = (mounting, ratios.dof[2]) if by_gamma else None
         of_pair += flags.of_pair(
-            spec, runs, run_lines, difference_degc, known_by_gamma, within_runs=within_runs
+            spec, runs, run_lines, apart_degc, known_by_gamma, within_runs=within_runs
         )
-        run_flags = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
-        of_pair = [*run_flags, *run_lines.flag_drifts(), *of_pair]
     return CampaignFit(
         tuple(channels),
         run_lines,
         tuple(dict.fromkeys(of_pair)),
-        run_scale is None,
+        within_runs,
         pair=pair,
         pair_figures=figures,
     )
 
 
-def _at_one_temperature(K: Fit, difference_degc: float, spec: GyroPairRecipe) -> Fit:
-    """K_A, K_B, K_Ba and K_Ab at the temperature in the middle of both runs, by the stated
-    temperature coefficients of the gyros, or by a coefficient of zero within the largest one that
-    is possible, alike for both.
+def _temperature_coefficients(spec: GyroPairRecipe) -> tuple[Array, Array]:
+    """Relative temperature coefficients [2] [1/°C] of both gyros, and what is unknown of them
+    [2, k]: as stated, or 0 within the largest possible one, rectangular and alike for both.
     """
-    gyro, half = [0, 1, 1, 0], difference_degc / 2.0
-    coefficients_ppm_degc = spec.pair.temperature_coefficients_ppm_degc
-    warmer = np.array([half, -half, half, -half])
-    if coefficients_ppm_degc is None:
-        coefficients = np.zeros(2)
+    stated = spec.pair.temperature_coefficients_ppm_degc
+    if stated is None:
         limit = spec.pair.largest_temperature_coefficient_ppm_degc / PPM
-        # rectangular within the limit, and one unknown for both gyros
-        unknown = np.full((2, 1), limit / np.sqrt(3.0))
-    else:
-        coefficients = np.array([coefficients_ppm_degc.a, coefficients_ppm_degc.b]) / PPM
-        unknown = spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM * np.eye(2)
-    by_coefficient = (K.parameters * warmer)[:, None] * unknown[gyro]
-    at_middle = K.restated(lambda k: k * (1.0 + warmer * coefficients[gyro]))
-    return replace(at_middle, bounds=np.column_stack((at_middle.bounds, by_coefficient)))
+        return np.zeros(2), np.full((2, 1), limit / np.sqrt(3.0))
+    unknown = spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM * np.eye(2)
+    return np.array([stated.a, stated.b]) / PPM, unknown
 
 
 def find_mounting(
@@ -391,9 +355,9 @@ def _fit_axes(
         suffix = "" if s == reference else f".at_{degc[s]:.0f}"
         sets.append(_fit_set(spec, run_lines, sized_errors, group, s, suffix))
     flags.require_own_axes(sets, spec.gyros)
+
     all_runs = [run for axis in forms.AXES for run in runs[axis]]
-    fitted: equation.ResponseFit | None = None
-    curves: list[Model] = []
+    fitted, curves = None, list[Model]()
     if len(sets) > 1:
         rows = replace(run_lines.rows, line=run_lines.rows.channel)
         if frozen and frozen.fitted:
@@ -410,8 +374,7 @@ def _fit_axes(
                     size, dof = run_scale.size, run_scale.size_dof
                     errors[number] = replace(error, size=size, size_dof=dof)
             fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
-        vertical = table_runs.vertical_rate_dps(spec)
-        curves = list(_list_curves(fitted, spec.gyros, all_runs, mounting, vertical))
+        curves = _list_curves(spec, fitted, all_runs, mounting)
     channels = []
     for index, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
@@ -492,26 +455,34 @@ def _fit_set(
 
 
 def _list_curves(
+    spec: GyroTriadRecipe,
     fitted: equation.ResponseFit,
-    gyros: Sequence[str],
     runs: Sequence[TableRun],
     mounting: Shared | None,
-    vertical_dps: float | None,
-) -> Iterator[Model]:
-    """Sensitivities and biases over temperature."""
+) -> list[Model]:
+    """Over temperature: K of each line and, where the earth's rate ω is known, the bias of each
+    gyro, the mean of F0 − K ω over the axes.
+    """
     fit, rows, terms = fitted
-    line = equation.best_line(terms, rows.rate_dps)
-    K = fit.restated(lambda p: line(p)[equation.SCALE].ravel())
-    K = K.widened_by([mounting] if mounting else [])
-    powers = terms.order + 1
-    for number, (gyro, axis) in enumerate(product(gyros, forms.AXES)):
-        name = forms.curve_name(forms.line_name(gyro, axis), "K")
-        of_line = K.part(slice(powers * number, powers * (number + 1)))
-        yield curve_model(name, "1/deg", of_line, terms, runs)
-    for g, gyro in enumerate(gyros if vertical_dps is not None else ()):
+    best_line, vertical_dps = (
+        equation.best_line(terms, rows.rate_dps),
+        table_runs.vertical_rate_dps(spec),
+    )
 
-        def bias(p: Numbers, g: int = g) -> Numbers:
-            scale, zero = line(p)
-            return np.asarray(np.mean((zero - vertical_dps * scale)[3 * g : 3 * g + 3], axis=0))
+    def polynomials(p: Numbers) -> Numbers:
+        K, F0 = best_line(p)
+        if vertical_dps is None:
+            return K.ravel()
+        biases = np.mean((F0 - vertical_dps * K).reshape(len(spec.gyros), 3, -1), axis=1)
+        return np.concatenate((K, biases)).ravel()
 
-        yield curve_model(forms.curve_name(gyro, "bias"), "1/s", fit.restated(bias), terms, runs)
+    of_all, powers = fit.restated(polynomials), terms.order + 1
+    of_K = of_all.part(slice(powers * terms.lines)).widened_by([mounting] if mounting else [])
+    curves = []
+    for k, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
+        name, K = forms.line_name(gyro, axis), of_K.part(slice(powers * k, powers * (k + 1)))
+        curves.append(curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs))
+    for k, gyro in enumerate(spec.gyros if vertical_dps is not None else (), terms.lines):
+        bias = of_all.part(slice(powers * k, powers * (k + 1)))
+        curves.append(curve_model(forms.curve_name(gyro, "bias"), "1/s", bias, terms, runs))
+    return curves

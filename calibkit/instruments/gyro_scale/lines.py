@@ -236,7 +236,7 @@ class Lines:
         weights = self._weights(line_mask)
         unused = np.zeros_like(weights)
         of_K_and_F0 = np.block([[weights, unused, unused], [unused, weights, unused]])
-        fit = self.fit.restated(lambda p: of_K_and_F0 @ p)
+        fit = self.fit.combined(of_K_and_F0)
         shift, bounds = np.zeros(len(fit.parameters)), [fit.bounds]
         for _, lines, decided in self.in_time:
             of_lines = np.concatenate((weights @ lines, unused @ lines))

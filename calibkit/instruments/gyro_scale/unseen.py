@@ -145,11 +145,10 @@ def _judge_limits(
     hold within their runs, a run beyond a limit of theirs rejects, and one within it accepts
     nothing.
     """
-    limits = acceptance.UNSEEN_LINE_LIMITS
     if isinstance(spec, GyroTriadRecipe):
-        errors, limits = [error["after"] for error in errors], acceptance.UNSEEN_BASE_LIMITS
+        errors = [error["after"] for error in errors]
     criteria, flags = [], []
-    for criterion in acceptance.judge_unseen(errors, limits, spec.acceptance):
+    for criterion in acceptance.judge_unseen(errors, spec.acceptance):
         if within_runs and criterion.passed and criterion.name in OF_SCALE:
             size = f"{criterion.name} {criterion.value:.3g} {criterion.unit}"
             flags.append(f"{size} of these runs decides no limit: {WITHIN}")
