@@ -86,7 +86,8 @@ def judge_unseen(
     """Criteria on the largest error of each kind in unseen runs."""
     values_of: dict[Limit, list[float]] = {}
     for key, limit in UNSEEN_LIMITS.items():
-        values_of[limit] = [abs(error[key]) for error in errors if key in error]
+        values = [abs(error[key]) for error in errors if key in error]
+        values_of |= {limit: values} if values else {}
     return _judge(limits, values_of)
 
 
