@@ -56,9 +56,9 @@ def ten_positions(real):
 def test_xsens_tumble_gives_the_factory_values(real):
     """38 hand-held positions found in the log: factory scale and offsets, 0.98 mm/s² rms left."""
     log = np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat")[:, 1:]
-    held = dwells.average_dwells(log, dwells.find_dwells(log, 100))
-    assert len(held.mean) == 38
-    fitted, parameters, _ = fit_lengths(held.mean, 9.81744)
+    held_means, _ = dwells.average_dwells(log, dwells.find_dwells(log, 100))
+    assert len(held_means) == 38
+    fitted, parameters, _ = fit_lengths(held_means, 9.81744)
     np.testing.assert_allclose(parameters[:3], [414.5, 412.0, 414.6], atol=0.15)  # counts/(m/s²)
     np.testing.assert_allclose(parameters[3:6], [33123.8, 33275.1, 32364.5], atol=0.1)  # counts
     np.testing.assert_allclose(parameters[:3], [415.0, 413.0, 415.0], rtol=0.0025)  # factory
@@ -80,9 +80,9 @@ def test_mpu9150_logs_give_the_published_table(real, unit):
     log = np.loadtxt(folder / f"imu{unit}.log")[:, :3]
     rows = [line.split(",") for line in (folder / "published_table.csv").read_text().split()]
     table = {row[0]: float(row[1 + unit]) for row in rows[1:]}
-    held = dwells.average_dwells(log, dwells.find_dwells(log, 50))
-    assert len(held.mean) in (22, 23)
-    fitted, parameters, _ = fit_lengths(held.mean, 9.81)
+    held_means, _ = dwells.average_dwells(log, dwells.find_dwells(log, 50))
+    assert len(held_means) in (22, 23)
+    fitted, parameters, _ = fit_lengths(held_means, 9.81)
     scale = 100.0 * (parameters[:3] - 1.0)
     np.testing.assert_allclose(scale, [table[f"s{a}_pct"] for a in "xyz"], atol=0.06)  # %
     angles = -np.degrees(parameters[6:9])
@@ -178,7 +178,7 @@ def test_ten_positions_are_called_what_they_are(ten_positions):
     """An ill-conditioned set gives a warning and wide intervals: Q3 to no better than 7°, k_x to
     no better than 0.1 %.
     """
-    fitted, parameters, half_width = fit_lengths(ten_positions.mean, 9.81)
+    fitted, parameters, half_width = fit_lengths(ten_positions[0], 9.81)
     said = " | ".join(fitted.flags)
     assert "leave 1 degrees of freedom" in said
     assert "ill-conditioned: condition number" in said
@@ -193,8 +193,8 @@ def test_ten_positions_are_called_what_they_are(ten_positions):
 
 def test_stated_dwell_noise_does_not_reassure_the_ten_positions(ten_positions):
     """Weighting by the noise of the means leaves the warning standing."""
-    noise = np.linalg.norm(ten_positions.standard_error, axis=1) / 170.0  # m/s²
-    fitted, _, _ = fit_lengths(ten_positions.mean, 9.81, noise=noise)
+    noise = np.linalg.norm(ten_positions[1], axis=1) / 170.0  # m/s²
+    fitted, _, _ = fit_lengths(ten_positions[0], 9.81, noise=noise)
     said = " | ".join(fitted.flags)
     assert "leave 1 degrees of freedom" in said
     assert "Q3 is known to ±" in said

@@ -170,27 +170,20 @@ def from_median(values: Array, rows: Integers) -> Array:
 
 
 def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
-    """Standard deviation [m] of the noise of the rows first … stop − 1 [m] of a series [n]."""
-    noise: dict[tuple[int, int], float] = {}
-    for begin, end in zip(first.tolist(), stop.tolist(), strict=True):
-        if (begin, end) not in noise:
-            noise[begin, end] = _noise(values[begin:end])
-            chunks.release(values)
-    pairs = zip(first.tolist(), stop.tolist(), strict=True)
-    return np.array([noise[pair] for pair in pairs], dtype=np.float64)
+    """Standard deviation [m] of the noise of the rows first … stop − 1 [m] of a series [n].
 
-
-def _noise(values: Array) -> float:
-    """Standard deviation of noise from a high quantile of the deviations from the mean of both
-    neighbours.
-
-    In a coarsely quantised series most deviations are 0, and so would be an estimate from the
-    median.
+    It is that of a high quantile of the deviations from the mean of both neighbours: in a coarsely
+    quantised series most deviations are 0, and so would be an estimate from the median.
     """
-    if values.size < 3:
-        return 0.0
-    second_difference = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    return HIGH_TO_SIGMA * float(np.quantile(second_difference, HIGH)) / float(np.sqrt(1.5))
+    noise: dict[tuple[int, int], float] = {}
+    pairs = list(zip(first.tolist(), stop.tolist(), strict=True))
+    for begin, end in dict.fromkeys(pairs):
+        part = values[begin:end]
+        deviations = np.abs(part[1:-1] - (part[:-2] + part[2:]) / 2.0)
+        high = float(np.quantile(deviations, HIGH)) if deviations.size else 0.0
+        noise[begin, end] = HIGH_TO_SIGMA * high / float(np.sqrt(1.5))
+        chunks.release(values)
+    return np.array([noise[pair] for pair in pairs], dtype=np.float64)
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:
@@ -231,12 +224,16 @@ def stuck(values: Array) -> Integers:
     share = (repeats(values) * (values.size - 1) - inside) / outside_runs
     if share > NOISY or outside_runs < values.size // 4 or scatter(values) < QUIET * span(values):
         return runs[:0]
-    length = runs[:, 1] - runs[:, 0]
-    shares = np.array([_share_beside(values, *run) for run in runs.tolist()])
-    chance = values.size * np.maximum(shares, share) ** (length - 1)
-    runs, quantum = runs[chance < CHANCE], resolution(values)
-    counted = [_is_counted(values, first, stop, quantum) for first, stop in runs.tolist()]
-    return np.asarray(runs[~np.array(counted, dtype=np.bool_)], dtype=np.int64)
+    quantum, stuck_runs = resolution(values), []
+    for first, stop in runs.tolist():
+        length = stop - first
+        sides = values[max(first - length, 0) : first], values[stop : stop + length]
+        equal = sum(int(np.count_nonzero(side[1:] == side[:-1])) for side in sides)
+        share_beside = equal / max(sum(side.size for side in sides), 1)
+        chance = values.size * max(share_beside, share) ** (length - 1)
+        if chance < CHANCE and not _is_counted(values, first, stop, quantum):
+            stuck_runs.append((first, stop))
+    return np.array(stuck_runs, dtype=np.int64).reshape(-1, 2)
 
 
 def _is_counted(values: Array, first: int, stop: int, quantum: float) -> bool:
@@ -258,16 +255,6 @@ def _is_counted(values: Array, first: int, stop: int, quantum: float) -> bool:
         np.sqrt(np.mean(residuals**2)) <= COUNTED * quantum
         and abs(inside - values[first]) <= PASSED / np.sqrt(length) * quantum
     )
-
-
-def _share_beside(values: Array, first: int, stop: int) -> float:
-    """Share of values that repeat the one before in as many rows before and behind a run of equal
-    values as it has.
-    """
-    length = stop - first
-    sides = values[max(first - length, 0) : first], values[stop : stop + length]
-    equal = sum(int(np.count_nonzero(side[1:] == side[:-1])) for side in sides)
-    return equal / max(sum(side.size for side in sides), 1)
 
 
 def stuck_against(driver: Array, least_change: float, runs: Integers) -> Integers:

@@ -123,6 +123,8 @@ def _between(
     their uncertainties [n], and the normal deviates [n] of their distances: that standard deviation
     makes the usual deviate what it is of normal values.
     """
+    from scipy.special import ndtri, stdtr  # slow to import
+
     low, high = 0.0, largest
     order, usual = np.argsort(values), float(np.median(uncertainties))
     for _ in range(BISECTIONS):
@@ -134,22 +136,13 @@ def _between(
         raised = np.maximum(
             own_sigma / np.maximum(uncertainties, max(usual, ROUNDING * largest)), 1.0
         )
-        z = _normal_deviates((values - centre) / own_sigma, dof * raised**4)
+        z, degrees = (values - centre) / own_sigma, dof * raised**4
+        few = degrees < MANY_DOF
+        if few.any():  # normal deviates as improbable as Student's ratios
+            tail = np.maximum(stdtr(degrees[few], -np.abs(z[few])), np.finfo(float).tiny)
+            z[few] = -np.sign(z[few]) * ndtri(tail)
         low, high = (scatter_between, high) if mad_sigma(z) > 1.0 else (low, scatter_between)
     return centre, scatter_between, z
-
-
-def _normal_deviates(ratios: Array, dof: Array) -> Array:
-    """Normal deviates [n] as improbable as Student's ratios [n] with degrees of freedom [n]."""
-    of_few_dof = dof < MANY_DOF
-    if not of_few_dof.any():
-        return ratios
-    from scipy.special import ndtri, stdtr  # slow to import
-
-    tail = np.maximum(stdtr(dof[of_few_dof], -np.abs(ratios[of_few_dof])), np.finfo(float).tiny)
-    deviates = ratios.copy()
-    deviates[of_few_dof] = -np.sign(ratios[of_few_dof]) * ndtri(tail)
-    return deviates
 
 
 def _power(values: Array) -> float:

@@ -5,8 +5,6 @@ quietest quarter of the log. The error of a mean is s/√n, or that of the means
 these scatter more.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from calibkit.arrays import Array, Integers
@@ -19,16 +17,6 @@ AT_REST_SHARE = 0.25
 """Share of the log that is certainly at rest: its quietest quarter sets the noise at rest."""
 BATCHES = 16
 """Batches of a dwell whose means show noise that does not average out."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Dwells:
-    """Means of columns over held intervals."""
-
-    mean: Array
-    """[m, c], unit of the column."""
-    standard_error: Array
-    """[m, c], of the mean: from batch means where they scatter more than independent rows would."""
 
 
 def find_dwells(
@@ -136,16 +124,18 @@ def cut_dwells(intervals: Integers, rows: int) -> Integers:
     return np.array(cut, dtype=np.int64).reshape(-1, 2)
 
 
-def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
-    """Means of columns [n, c] and their noise over intervals [m, 2] of at least two rows."""
+def average_dwells(columns: Array, intervals: Integers) -> tuple[Array, Array]:
+    """Means [m, c] of columns [n, c] over intervals [m, 2] of at least two rows, and their standard
+    errors [m, c].
+    """
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
         raise FitError(
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
     means_and_errors = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
-    mean, error = (np.array(figures) for figures in zip(*means_and_errors, strict=True))
-    return _Dwells(mean, error)
+    mean, error = zip(*means_and_errors, strict=True)
+    return np.array(mean), np.array(error)
 
 
 def average_rows(rows: Array) -> tuple[Array, Array]:

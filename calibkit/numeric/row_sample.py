@@ -30,29 +30,20 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
     consecutive ones are hashed together as needed; empty where even these are alike.
     """
     for doublings in DOUBLINGS if columns else ():
-        smallest, counts = _smallest_hashes(columns, doublings)
+        # the SIZE smallest hashes so far, ascending, and how often each is there
+        smallest, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
+        for start, stop in chunks.ranges_along(*columns):
+            hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
+            largest = smallest[-1] if smallest.size == SIZE else np.iinfo(np.uint64).max
+            different, times = np.unique(hashes[hashes <= largest], return_counts=True)
+            merged, inverse = np.unique(np.concatenate([smallest, different]), return_inverse=True)
+            # a hash that is kept to the end was never left out before: its count is complete
+            counts = np.bincount(inverse, np.concatenate([counts, times])).astype(np.intp)[:SIZE]
+            smallest = merged[:SIZE]
         once = counts == 1
         if once.sum() >= DIFFERENT * max(counts.sum(), 1):
             return frozenset(smallest[once].tolist())
     return frozenset()
-
-
-def _smallest_hashes(
-    columns: Sequence[Array], doublings: int
-) -> tuple[NDArray[np.uint64], NDArray[np.intp]]:
-    """The SIZE smallest hashes of 2^doublings consecutive rows, ascending, and how often each is
-    there.
-    """
-    smallest, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
-    for start, stop in chunks.ranges_along(*columns):
-        hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
-        largest = smallest[-1] if smallest.size == SIZE else np.iinfo(np.uint64).max
-        different, times = np.unique(hashes[hashes <= largest], return_counts=True)
-        merged, inverse = np.unique(np.concatenate([smallest, different]), return_inverse=True)
-        # a hash that is kept to the end was never left out before, so that its count is complete
-        counts = np.bincount(inverse, np.concatenate([counts, times])).astype(np.intp)[:SIZE]
-        smallest = merged[:SIZE]
-    return smallest, counts
 
 
 def _hash_rows(columns: Sequence[Array], doublings: int) -> NDArray[np.uint64]:

@@ -76,13 +76,17 @@ class ComparedResult:
 
     quantity: Quantity
     changes: tuple[ResultChange, ...]
-    limit: ResultLimit | None
     answer: Answer
     reason: str
     factor: float = math.nan
     """Standard uncertainties that the largest of all changes exceeds with 4.6 % where nothing
     changed.
     """
+
+    @property
+    def limit(self) -> ResultLimit | None:
+        """What the result is judged by."""
+        return self.quantity.limit
 
     @property
     def worst(self) -> ResultChange | None:
@@ -175,9 +179,8 @@ def compare(
         other = earlier.pop((quantity.model, quantity.name), None)
         limited = _limited(quantity, limits, specified)
         compared.append(_compare(limited, other, old, new, same_equipment=same_equipment))
-    for quantity in earlier.values():
-        reason = f"{after.name} has no such result"
-        compared.append(ComparedResult(quantity, (), quantity.limit, "cannot tell", reason))
+    no_such = f"{after.name} has no such result"
+    compared += [ComparedResult(q, (), "cannot tell", no_such) for q in earlier.values()]
     models_of_results = {
         model.name
         for result in compared
@@ -275,50 +278,45 @@ def _compare(
     *,
     same_equipment: bool,
 ) -> ComparedResult:
-    """One result in two runs."""
-    unknown = ComparedResult(quantity, (), quantity.limit, "cannot tell", "")
+    """One result in two runs; its limit is the newer run's, else the older one's."""
     if earlier is None:
-        return replace(unknown, reason=f"{old.run.name} has no such result")
-    columns_then = [i.column for i in earlier.inputs[:1]]
-    columns_now = [i.column for i in quantity.inputs[:1]]
-    reason = ""
-    if columns_then != columns_now:
-        depends = " and ".join(
-            column[0] if column else "nothing" for column in (columns_then, columns_now)
-        )
-        reason = f"depends on {depends}: the range of one of the two is not known"
+        reason = f"{old.run.name} has no such result"
+        return ComparedResult(quantity, (), "cannot tell", reason)
+    quantity = replace(quantity, limit=quantity.limit or earlier.limit)
+    columns = [next((i.column for i in q.inputs), "nothing") for q in (earlier, quantity)]
+    changes, reason = tuple[ResultChange, ...](), ""
     if earlier.unit != quantity.unit:
         reason = f"in {earlier.unit} then, in {quantity.unit} now"
+    elif columns[0] != columns[1]:
+        reason = f"depends on {' and '.join(columns)}: the range of one of the two is not known"
+    else:
+        changes = tuple(_changes(quantity, earlier, old, new, same_equipment=same_equipment))
+        undecided = earlier.undecided or quantity.undecided
+        if not changes:
+            reason = "the two calibrated ranges have nothing in common"
+        elif any(change.u is None for change in changes):
+            reason = "an uncertainty is not known"
+        elif undecided is not None:
+            reason = undecided.en
+    compared = ComparedResult(quantity, changes, "cannot tell", reason)
     if reason:
-        return replace(unknown, reason=reason)
-    changes = tuple(_changes(quantity, earlier, old, new, same_equipment=same_equipment))
-    if not changes:
-        return replace(unknown, reason="the two calibrated ranges have nothing in common")
-    undecided, unknown = earlier.undecided or quantity.undecided, replace(unknown, changes=changes)
-    if any(change.u is None for change in changes):
-        return replace(unknown, reason="an uncertainty is not known")
-    if undecided is not None:
-        return replace(unknown, reason=undecided.en)
+        return compared
     factor = factor_of_largest(quantity, earlier, changes)
-    compared = replace(unknown, limit=quantity.limit or earlier.limit, factor=factor)
-    answer, reason = _judge(compared)
-    return replace(compared, answer=answer, reason=reason)
+    answer, reason = _judge(replace(compared, factor=factor))
+    return replace(compared, factor=factor, answer=answer, reason=reason)
 
 
 def _judge(compared: ComparedResult) -> tuple[Answer, str]:
     """Answer and its reason."""
-    limit = compared.limit
+    limit, changes = compared.limit, compared.changes
     if limit is None:
         if compared.nearness > 1.0:
             return "no", "no limit is set, and it changed by more than its U"
         return "yes", "no limit is set, and it did not change beyond its U"
-    low, high = limit.bounds(0.0)
+    limited_value, estimates = "value", [(c.now.value, c.now.U) for c in changes]
     if limit.change is not None:
-        limited_value = "change"
-        estimates = [(c.difference, c.expanded or 0.0) for c in compared.changes]
-    else:
-        limited_value = "value"
-        estimates = [(c.now.value, c.now.U) for c in compared.changes]
+        limited_value, estimates = "change", [(c.difference, c.expanded or 0.0) for c in changes]
+    low, high = limit.bounds(0.0)
     if all(low <= value - U and value + U <= high for value, U in estimates):
         return "yes", f"{limited_value} ± U within the limit"
     if any(value + U < low or value - U > high for value, U in estimates):
@@ -356,20 +354,17 @@ def _changes(
                 break
     changes = []
     for full_point in common_points:
-        result_then = old.state(earlier, earlier.complete(full_point))
-        result_now = new.state(quantity, full_point)
-        if result_then.uncertainty is None or result_now.uncertainty is None:
-            if (
-                not result_then.value == result_now.value == 0.0
-                or result_then.uncertainty is not result_now.uncertainty
-            ):
-                changes.append(ResultChange(full_point, result_then, result_now, None, None))
-            continue
-        of_change = gum.combine(
-            combine_both(result_then, result_now, same_equipment=same_equipment)
+        then, now = (
+            old.state(earlier, earlier.complete(full_point)),
+            new.state(quantity, full_point),
         )
-        u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
-        changes.append(ResultChange(full_point, result_then, result_now, u, expanded))
+        u = expanded = None
+        if then.uncertainty is not None and now.uncertainty is not None:
+            of_change = gum.combine(combine_both(then, now, same_equipment=same_equipment))
+            u, expanded = of_change.standard_uncertainty, of_change.expanded_uncertainty
+        elif then.value == now.value == 0.0 and then.uncertainty is now.uncertainty:
+            continue
+        changes.append(ResultChange(full_point, then, now, u, expanded))
     return changes
 
 

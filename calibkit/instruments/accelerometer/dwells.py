@@ -171,15 +171,15 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
     if spec.dwells.piece_s is not None:
         piece = max(2, round(spec.dwells.piece_s / log.steps.usual))
         intervals = stretches.cut_dwells(intervals, piece)
-    means = stretches.average_dwells(columns, intervals)
+    means, standard_errors = stretches.average_dwells(columns, intervals)
     # reference angles are read at the middle of the dwell
     middle = intervals.mean(axis=1).astype(np.int64)
     dwells = DwellSet(
-        means.mean[:, :3],
-        means.mean[:, 3],
+        means[:, :3],
+        means[:, 3],
         chunks.take_rows(inclination, middle),
         chunks.take_rows(toolface, middle),
-        means.standard_error[:, :3],
+        standard_errors[:, :3],
         chunks.take_rows(time, middle),
         np.zeros(len(intervals), dtype=np.int64),
         tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
