@@ -65,8 +65,8 @@ def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> Li
     Notes
     -----
     Columns are scaled to unit length, so that rank does not depend on units; rank is read from the
-    singular values of R (relative 1e-11, never a cut that grows with n); ill-conditioned systems
-    are refined after Björck (1967) with residuals in extended precision.
+    singular values of R (relative 1e-11, never a cut that grows with n); the solution of an
+    ill-conditioned system is refined by residuals in extended precision (Golub & Wilkinson 1966).
     """
     rows, columns = design.shape
     names = tuple(names) or tuple(f"column {j}" for j in range(columns))
@@ -82,10 +82,20 @@ def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> Li
     scale = _exact_scale(design)
     scaled = design / scale
     q, r = np.linalg.qr(scaled)
-    condition = _require_full_rank(r, names)
+    singular = np.linalg.svd(r, compute_uv=False)
+    if singular[-1] <= RANK_TOLERANCE * singular[0]:
+        loose = undetermined(r, names)
+        raise FitError(
+            f"the data cannot determine {', '.join(loose)}: rank {rank(r)} of {columns}",
+            hint="vary what these terms multiply, or take them out of the model",
+        )
+    condition = float(singular[0] / singular[-1])
     solution = triangular(r, q.T @ indication)
     if condition > REFINE_ABOVE:
-        solution = _refined(scaled, indication, q, r, solution)
+        wide = scaled.astype(np.longdouble)
+        for _ in range(REFINEMENT_STEPS):
+            residual = np.asarray(indication - wide @ solution, dtype=np.float64)
+            solution = solution + triangular(r, q.T @ residual)
     coefficients = solution / scale
     residuals = indication - design @ coefficients
     dof = rows - columns
@@ -135,33 +145,3 @@ def _exact_scale(design: Array) -> Array:
     return np.asarray(
         np.exp2(np.round(np.log2(np.where(length > 0.0, length, 1.0)))), dtype=np.float64
     )
-
-
-def _require_full_rank(r: Array, names: Sequence[str]) -> float:
-    """Condition number of R, or a refusal that names the coefficients in its null space."""
-    singular = np.linalg.svd(r, compute_uv=False)
-    if singular[-1] <= RANK_TOLERANCE * singular[0]:
-        loose = undetermined(r, names)
-        raise FitError(
-            f"the data cannot determine {', '.join(loose)}: rank {rank(r)} of {len(names)}",
-            hint="vary what these terms multiply, or take them out of the model",
-        )
-    return float(singular[0] / singular[-1])
-
-
-def _refined(design: Array, target: Array, q: Array, r: Array, solution: Array) -> Array:
-    """Refine x and the residual together (Björck 1967, augmented system) with extended-precision
-    residuals.
-    """
-    wide = design.astype(np.longdouble)
-    x = solution.astype(np.longdouble)
-    wide_target = target.astype(np.longdouble)
-    residual = wide_target - wide @ x
-    for _ in range(REFINEMENT_STEPS):
-        f = np.asarray(wide_target - residual - wide @ x, dtype=np.float64)
-        g = np.asarray(-(wide.T @ residual), dtype=np.float64)
-        half = triangular(r, g, trans="T")
-        step = triangular(r, q.T @ f - half)
-        x = x + step
-        residual = residual + (f - q @ (q.T @ f) + q @ half)
-    return np.asarray(x, dtype=np.float64)
