@@ -36,7 +36,7 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil, fits
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
-from calibkit.planning.search import NOTHING, total_variance
+from calibkit.planning.search import total_variance
 from calibkit.planning.task import Task
 
 FAINT = 6.4
@@ -161,7 +161,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.BLOCK_S)
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [
-        fog_plan.PlannedRamp(b.ramp_degc_per_min, c.duration_s)
+        bench.ramps[b.ramp_degc_per_min, c.duration_s]
         for b, c in zip(held[1::3], held[2::3], strict=True)
     ]
     p, shared = len(fog_plan.BANK.terms), fog_plan.SHARED
@@ -170,8 +170,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     lag = bank_fit.STATIC_MEAN + drawn[p:]
     lag[2] = np.clip(lag[2], 0.0, 1.0)
     logs = []
-    for number, ramp in enumerate(ramps):
-        log = bench.log(ramp)
+    for number, log in enumerate(ramp.log for ramp in ramps):
         time, case = log.time, log.case
         own = bench.columns([log])[1][:, shared:]
         own = own / np.sqrt(bench.precision[shared:])
@@ -188,8 +187,8 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     back = np.diag([*np.ones(p), *(1.0 / np.array(found.static_lag[:2])), 1.0])
     covariance = back @ found.covariance @ back.T
     error, variance = [], []
-    for ramp in fog_plan.USED:
-        log = bench.log(ramp)
+    for used in fog_plan.USED:
+        log = bench.log(*used)
         time, case = log.time, log.case
         off = drift_of(time, case, found.coefficients, fitted_lag)
         off = off - drift_of(time, case, drawn[:p], lag)
@@ -197,8 +196,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
         slopes = (slopes - slopes.mean(axis=0))[:: fog_plan.EVERY]
         error.append((off - off.mean())[:: fog_plan.EVERY])
         variance.append(np.einsum("mp,pq,mq->m", slopes, covariance, slopes))
-    design = replace(NOTHING, rows=tuple(ramps))
-    predicted = np.sqrt(total_variance(bench.variances(design)["drift"]))
+    predicted = np.sqrt(total_variance(bench.variances(ramps)["drift"]))
     u = np.sqrt(np.concatenate(variance))
     return np.concatenate(error), predicted, u, np.full(u.size, gum.coverage_factor(found.dof))
 

@@ -84,9 +84,9 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
         places = np.flatnonzero((tilt == 30.0) & (azimuth % 90.0 == 0.0) & np.isfinite(u))
         design = bench.design(levels, places.tolist(), 60.0)
     elif procedure == "gyro_noise":
-        design = bench.design(21600.0)
+        design = bench.design((25,), None, 21600.0)
     elif procedure == "fog_thermal":
-        design = bench.design((1, 5, 8, 10), (1, 5, 8, 10), 3600.0)
+        design = bench.design((), ((1, 5, 8, 10), (1, 5, 8, 10)), 3600.0)
     elif procedure == "gyro_pair":
         design = bench.design((25,), RATES, 30.0)
     else:

@@ -139,18 +139,22 @@ def chain(spec, records):
 class Bench(search.Bench):
     """Campaigns of one to six rounds between six stops."""
 
-    def designs(self):
-        """A campaign for each number of rounds."""
-        return map(self.design, range(1, 7))
+    def choices(self):
+        """Numbers of rounds."""
+        return range(1, 7)
 
-    def design(self, rounds):
+    def temperatures(self, rows):  # noqa: ARG002 (as every bench)
+        """None has to be spanned."""
+        return ()
+
+    def design(self, degc, choice, dwell_s):  # noqa: ARG002 (as every bench)
         """A number of rounds, from every stop to every other."""
         clock = schedule.Clock(self.task.equipment)
-        clock.add("soak", 600.0 * rounds, "turns.csv")
-        stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * rounds)
+        clock.add("soak", 600.0 * choice, "turns.csv")
+        stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * choice)
         angle = 60.0 * (stop[:, 1] - stop[:, 0])
         rows = Turns(angle, angle, stop)
-        return search.Design(f"{rounds} rounds", clock.schedule(), ("turns.csv",), rows)
+        return search.Design(f"{choice} rounds", clock.schedule(), ("turns.csv",), rows)
 
     def fit(self, rows):
         """What the turns will tell."""
@@ -163,9 +167,9 @@ class Bench(search.Bench):
         """Derivatives of the angle over all turns."""
         return {"angle": derivative(lambda p: corrected(p, np.linspace(-300.0, 300.0, 25)), START)}
 
-    def coefficients(self, design):
+    def coefficients(self, rows):
         """Uncertainties of the coefficients."""
-        u = self.fit(self.rows(design)).of(lambda p: p).u.tolist()
+        u = self.fit(rows).of(lambda p: p).u.tolist()
         return (search.PredictedCoefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
 
 

@@ -22,14 +22,7 @@ def make_page(title: str, table: FleetTable, outlying: Sequence[str]) -> bytes:
     counts = Counter(entry.verdict for entry in table.entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     bad = any(counts[verdict] for verdict in counts if verdict not in ("accepted", "no verdict"))
-    top = [
-        element("header", element("h1", title)),
-        element(
-            "p",
-            element("strong", f"{len(table.entries)} devices: {counted}"),
-            class_=f"band {'rejected' if bad else 'accepted' if counts['accepted'] else 'open'}",
-        ),
-    ]
+    kind = "rejected" if bad else "accepted" if counts["accepted"] else "open"
     items = [element("li", line) for line in outlying]
     standing = element("ul", join_markup(items)) if items else element("p", "None.")
     parts = {
@@ -37,11 +30,7 @@ def make_page(title: str, table: FleetTable, outlying: Sequence[str]) -> bytes:
         "Distribution of each key value": [_distributions(table.charts)],
         "Devices": [_devices(table)],
     }
-    sections = [
-        element("section", element("h2", name), join_markup(content))
-        for name, content in parts.items()
-    ]
-    return html.whole_page(title, [*top, element("main", join_markup(sections), id="content")])
+    return html.page_of_parts(title, f"{len(table.entries)} devices: {counted}", kind, parts)
 
 
 def _devices(table: FleetTable) -> Markup:

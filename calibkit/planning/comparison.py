@@ -67,12 +67,10 @@ def _find_rows(log: Log, action: Action) -> tuple[str, Mask]:
         return f"rate {action.table_rate_dps:+g} °/s at {level_text}", rows_near
     if "inclination_deg" not in log.frame.columns:
         return f"dwell at {level_text}", rows_near
-    position_deg = values(log.frame, "position_deg") if "position_deg" in log.frame.columns else 0.0
     tilt, roll = action.inclination_deg, action.toolface_deg
+    logged_roll = _column(log, "toolface_deg") + _column(log, "position_deg", 0.0)
     planned = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
-    logged = attitude.gravity_vector(
-        _column(log, "inclination_deg"), _column(log, "toolface_deg") + position_deg
-    )
+    logged = attitude.gravity_vector(_column(log, "inclination_deg"), logged_roll)
     rows_near &= logged @ planned >= np.cos(np.radians(NEAR_DEG))
     return f"dwell at inclination {tilt:g}°, toolface {roll:g}°, {level_text}", rows_near
 
@@ -100,8 +98,8 @@ def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
             yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
 
 
-def _column(log: Log, name: str) -> Array:
-    """A column of a log; NaN where it has none."""
+def _column(log: Log, name: str, otherwise: float = np.nan) -> Array:
+    """A column of a log; a constant where it has none."""
     if name not in log.frame.columns:
-        return np.full(len(log.frame), np.nan)
+        return np.full(len(log.frame), otherwise)
     return np.asarray(values(log.frame, name), dtype=np.float64)

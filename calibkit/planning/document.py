@@ -14,8 +14,8 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
-from calibkit.planning.search import COVERAGE, Design, Proposal, name_source
-from calibkit.planning.task import Assumed, Task
+from calibkit.planning.search import COVERAGE, Design, Proposal
+from calibkit.planning.task import Assumed, Task, name_errors
 from calibkit.recipe import Recipe, Source, toml_text
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.version import SOFTWARE
@@ -38,45 +38,34 @@ class Plan:
 
     @property
     def assumed(self) -> Assumed:
-        """What the plan assumes; UsageError for an error of a plan of calibkit 0.2 whose unit in a
-        fit the sample bench does not tell.
+        """What the plan assumes. A plan of calibkit 0.2 states no device, but its noise over a time
+        and its lag, and errors in the units of its equipment file: UsageError for one whose unit in
+        a fit the sample bench does not tell.
         """
-        document, schedule = self.document, self.schedule
-        set_degc = [action.set_degc for action in schedule.actions]
-        range_degc = self.range_degc or (min(set_degc), max(set_degc))
-        noise, unit = document["noise"]["value"], document["noise"]["unit"]
+        document, range_degc = self.document, self.range_degc
+        if range_degc is None:
+            set_degc = [action.set_degc for action in self.schedule.actions]
+            range_degc = min(set_degc), max(set_degc)
         errors = [ErrorComponent.model_validate(component) for component in document["components"]]
+        noise, known = document["noise"]["value"], errors
         if "device" in document:
             device = Device.model_validate(document["device"])
         else:
-            # calibkit 0.2 stated the noise over a time of its settings, and a lag
-            settings, over_s = document["settings"], 1.0
-            if "noise_1s" in settings:
-                noise = settings["noise_1s"]
-            elif "terms" in settings:
+            devices, settings, over_s = read_equipment(None).device, document["settings"], 1.0
+            known = [error for device in devices.values() for error in device.component]
+            if "terms" in settings:
                 noise, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
-            else:
-                of_dwell = settings.get("noise_g", settings.get("noise_dph"))
-                if of_dwell is not None:
-                    noise, over_s = of_dwell, schedule.recorded("dwell")[0].duration_s
-            device = Device(
-                lags_s=(settings.get("lag_s", 1.0),),
-                fastest_degc_per_min=1.0,
-                noise=noise,
-                noise_unit=unit,
-                noise_s=over_s,
-            )
-            bench = read_equipment(None).device.values()
-            components = [error for device in bench for error in device.component]
-            bench_errors = {(error.group, error.effect, error.unit) for error in components}
-            for error in errors:
-                if (error.group, error.effect, error.unit) not in bench_errors:
-                    raise UsageError(
-                        f"the plan states {name_source(error)} in {error.unit}: calibkit 0.2 wrote"
-                        " it",
-                        hint="plan again to simulate it",
-                    )
-        by_name = {(error.group, error.effect): error for error in errors}
+            elif "noise_1s" in settings:
+                noise = settings["noise_1s"]
+            elif dwells := self.schedule.recorded("dwell"):
+                noise = settings.get("noise_g", settings.get("noise_dph"))
+                over_s = dwells[0].duration_s
+            device = devices[document["procedure"]]
+            lags_s = [settings["lag_s"]] if "lag_s" in settings else device.lags_s
+            stated = {"noise": noise, "noise_s": over_s, "lags_s": lags_s}
+            device = device.model_copy(update=stated)
+        units = {(error.group, error.effect): error.unit for error in known}
+        by_name = name_errors(errors, units, document["procedure"])
         return Assumed(device, noise, range_degc, by_name, ())
 
     @property
@@ -118,7 +107,7 @@ def plan_document(
 ) -> str:
     """Sealed text of plan.json."""
     results = []
-    for result in proposal.results:
+    for result in proposal.campaign.results.values():
         wish = proposal.wishes.get(result.name)
         results.append(
             {
@@ -133,7 +122,6 @@ def plan_document(
             }
         )
     assumed, schedule = proposal.assumed, proposal.campaign.schedule
-    longer = proposal.longer_campaign
     return sealed.seal(
         {
             "format": FORMAT,
@@ -153,7 +141,7 @@ def plan_document(
             "device": assumed.device.model_dump(mode="json", exclude={"component"}),
             "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
             "components": [error.model_dump(mode="json") for error in assumed.errors.values()],
-            "third_more": None if longer is None else _campaign(longer),
+            "third_more": proposal.longer and _campaign(proposal.longer),
             "curve": [_campaign(campaign) for campaign in proposal.curve],
             "notes": list(proposal.notes),
             "files": [
@@ -197,18 +185,18 @@ def load_plan(folder: Path, plan: str = PLAN) -> Plan:
                 f"{path}: is not the file that belongs to {plan}",
                 hint="it was changed after it was written; plan again, or restore it",
             )
-    schedule = read_schedule(store.read_utf8(folder / SCHEDULE), str(folder / SCHEDULE))
-    return Plan(document, schedule, Source(RECIPE, store.read_utf8(folder / RECIPE)))
+    return _read(folder / plan, folder / RECIPE)
 
 
 def beside(recipe: Path) -> Plan | None:
     """Plan beside a recipe's file, which may have been changed since; None where there is none."""
-    path, plan = recipe.with_name(SCHEDULE), recipe.with_name(PLAN)
-    if not (recipe.is_file() and path.is_file() and plan.is_file()):
-        return None
+    files = recipe, recipe.with_name(SCHEDULE), recipe.with_name(PLAN)
+    return _read(files[-1], recipe) if all(path.is_file() for path in files) else None
+
+
+def _read(plan: Path, recipe: Path) -> Plan:
+    """Plan of a sealed document, of the schedule beside it, and of its recipe."""
     document = sealed.unseal(store.read_utf8(plan), str(plan), FORMAT)
-    return Plan(
-        document,
-        read_schedule(store.read_utf8(path), str(path)),
-        Source(RECIPE, store.read_utf8(recipe)),
-    )
+    path = plan.with_name(SCHEDULE)
+    schedule = read_schedule(store.read_utf8(path), str(path))
+    return Plan(document, schedule, Source(RECIPE, store.read_utf8(recipe)))

@@ -41,23 +41,19 @@ class Pool:
     """Information [q, q] that every design has: priors, and what is measured already."""
     parts: Array
     """Information [c, q, q] that each candidate adds."""
-    target: Array | None = None
-    """[q, q]: the criterion is tr(M⁻¹ target), the mean variance of what is wanted (I-optimal);
-    None: det(M)^(−1/q) (D-optimal).
-    """
+    target: Array
+    """[q, q]: the criterion is tr(M⁻¹ target), the mean variance of what is wanted (I-optimal)."""
     most_uses: int = 1
     """How often a candidate may be taken."""
 
     def criterion(self, entries: Sequence[int] | Integers) -> float:
         """Criterion of a design; infinite where it does not determine what is wanted."""
-        return self._criterion_of(self.base + self.parts[np.asarray(entries)].sum(axis=0))
+        return self._variance(self.base + self.parts[np.asarray(entries)].sum(axis=0))
 
-    def _criterion_of(self, M: Array) -> float:
+    def _variance(self, M: Array) -> float:
+        """Criterion of the information of a design."""
         if not (np.diag(M) > 0.0).all():
             return np.inf
-        if self.target is None:
-            sign, logarithm = np.linalg.slogdet(M)
-            return float(np.exp(-logarithm / len(M))) if sign > 0 else np.inf
         try:
             variance = float(np.sum(invert(M) * self.target))
         except np.linalg.LinAlgError:
@@ -76,12 +72,11 @@ class Pool:
                 M = self.base + self.parts[remaining].sum(axis=0)
                 # to first order a candidate lowers the criterion by tr(part · M⁻¹ target M⁻¹)
                 inverse = invert(M + ridge)
-                pull = inverse if self.target is None else inverse @ self.target @ inverse
-                lowers = np.einsum("cij,ij->c", self.parts, pull)
+                lowers = np.einsum("cij,ij->c", self.parts, inverse @ self.target @ inverse)
                 free = np.bincount(remaining, minlength=len(self.parts)) < self.most_uses
                 ranked = np.argsort(np.where(free, -lowers, np.inf), kind="stable")
                 for candidate in ranked[: min(TRIED, int(free.sum()))].tolist():
-                    criterion = self._criterion_of(M + self.parts[candidate])
+                    criterion = self._variance(M + self.parts[candidate])
                     if criterion < best * (1.0 - GAIN):
                         design[place], best = candidate, criterion
             if not best < before * (1.0 - GAIN):

@@ -1,7 +1,12 @@
 """The search for a campaign, the same for all procedures.
 
-An instrument states the campaigns among which is chosen, and what the rows of each will tell: a
-`Bench`. What is measured already is the campaign `NOTHING` added.
+An instrument states its campaigns and what the rows of each will tell by the equation of its fit: a
+`Bench`. What is measured already is the campaign `NOTHING` added. Of every design the variance of
+each result is predicted, g Cov gᵀ over the range of use, and the cheapest that meets the wishes is
+chosen.
+
+Temperatures are those at which a polynomial of order n is determined best, the extremes of the
+Chebyshev polynomial T_m, m > n: x_k = cos(π k/m), mapped to the range (`polynomial.space_levels`).
 """
 
 from abc import ABC, abstractmethod
@@ -9,7 +14,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -20,7 +25,6 @@ from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.forms import power_unit
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.levels import Tour, cover_range, list_tours
 from calibkit.planning.schedule import Schedule
 from calibkit.planning.task import Assumed, Task, parse_wishes
 from calibkit.recipe.tables import ErrorComponent
@@ -37,9 +41,19 @@ NUMBERED = ("log", "run")
 """Fields of rows that count from 0 in each of several parts."""
 NOISE = "noise"
 """Source of what is not shared."""
+LEVELS = 25
+"""Temperatures of use at which an uncertainty is predicted."""
+MORE_LEVELS = 4
+"""Temperatures of a campaign at most beyond one more than the order needs."""
+MOST_ADDED = 3
+"""Temperatures that are added to what is measured, of which every choice is tried."""
+ONE_LEVEL_DEGC = 5.0
+"""Temperatures nearer than this are one of a campaign."""
 
 Sources = dict[str, "Array"]
 """Source of errors → variance [m] that it leaves in a result over the range of use."""
+Tour = tuple[int, ...]
+"""Temperatures [°C] in the order in which they are gone to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,44 +126,24 @@ class Proposal:
     campaign: Design
     wishes: Mapping[str, float]
     """Result → wished expanded uncertainty in its unit."""
+    sought: Predicted
+    """The result that is wished first, or the first of all."""
     assumed: Assumed
     coefficients: tuple[PredictedCoefficient, ...]
     curve: tuple[Design, ...]
     """Campaigns none of which another one beats in both hours and uncertainty."""
+    longer: Design | None
+    """The best campaign of a third more hours, and of a plan of none the best that is as short as
+    any; None where they buy nothing.
+    """
     notes: tuple[str, ...]
-
-    @property
-    def results(self) -> tuple[Predicted, ...]:
-        """What the campaign will give."""
-        return tuple(self.campaign.results.values())
-
-    @property
-    def longer_campaign(self) -> Design | None:
-        """The best campaign of a third more hours, and of a plan of none the best that is as short
-        as any; None where they buy nothing.
-        """
-        sought = self.sought
-        shortest = min(
-            (campaign.hours for campaign in self.curve if campaign.hours > 0.0), default=0.0
-        )
-        hours = self.campaign.hours * LONGER or shortest
-        better = [
-            campaign
-            for campaign in self.curve
-            if campaign.hours <= hours and campaign.expanded(sought.name) < WORTH * sought.expanded
-        ]
-        return min(better, key=lambda campaign: campaign.expanded(sought.name), default=None)
-
-    @property
-    def sought(self) -> Predicted:
-        """The result that is wished first, or the first of all."""
-        return self.campaign.results[next(iter(self.wishes or self.campaign.results))]
 
 
 @dataclass(frozen=True)
 class Bench(ABC):
-    """Campaigns of one recipe, and what they will tell: by `fit` and `slopes`, or by `variances`
-    where a result is not one of linear combinations of the parameters of one fit.
+    """Campaigns of one recipe that go from temperature to temperature and measure the same at each,
+    and what they will tell: by `fit` and `slopes`, or by `variances` where a result is not one of
+    linear combinations of the parameters of one fit.
     """
 
     spec: Any
@@ -160,13 +154,17 @@ class Bench(ABC):
     """Results that are predicted, with their units; the first is the one that is sought."""
     have: Any
     """Rows that are measured already; None without any."""
+    order: int = 0
+    """Highest power of temperature of what is fitted."""
+    reference_degc: float | None = None
+    """Temperature that takes the place of the nearest one between the ends of the range."""
 
     @abstractmethod
-    def designs(self) -> Iterable[Design]:
-        """Campaigns among which is chosen."""
+    def design(self, degc: Tour, choice: Any, dwell_s: float) -> Design:  # noqa: ANN401 (a choice)
+        """A campaign: one of `choices` at temperatures in their order, each part for a time [s]."""
 
     @abstractmethod
-    def coefficients(self, design: Design) -> Iterable[PredictedCoefficient]:
+    def coefficients(self, rows: Any) -> Iterable[PredictedCoefficient]:  # noqa: ANN401 (its own)
         """Predicted standard uncertainties of the coefficients."""
 
     def fit(self, rows: Any) -> Fit:  # noqa: ANN401 (the instrument's own rows)
@@ -178,18 +176,66 @@ class Bench(ABC):
         """Result → its derivatives [m, p] over the range of use by the parameters of `fit`."""
         raise NotImplementedError
 
-    def variances(self, design: Design) -> Mapping[str, Sources]:
-        """Result → what limits it, of a design and what is measured already."""
-        fit = self.fit(self.rows(design))
+    def variances(self, rows: Any) -> Mapping[str, Sources]:  # noqa: ANN401 (as of `fit`)
+        """Result → what limits it."""
+        fit = self.fit(rows)
         return {name: split_variance(fit, slopes) for name, slopes in self.slopes.items()}
 
-    def covers(self, design: Design) -> bool:  # noqa: ARG002 (an instrument may state it)
-        """Whether the rows reach all of the range, with one more than the coefficients need."""
-        return True
+    def choices(self) -> Iterable[Any]:
+        """What may be measured at each temperature: attitudes, rates, stations, power-ons."""
+        return (None,)
 
-    def rows(self, design: Design) -> Any:  # noqa: ANN401 (the instrument's own rows)
+    def tours(self) -> list[Tour]:
+        """Temperatures at which a polynomial is determined best: of one more than the order needs
+        first, then of more; beside what is measured, which may have the others, also every choice
+        of those of the first tour. Where both ends of the range are one temperature, that is it.
+        """
+        if self.assumed.range_degc[0] == self.assumed.range_degc[1]:
+            return [(round(self.assumed.range_degc[0]),)]
+        low, high = np.ceil(self.assumed.range_degc[0]), np.floor(self.assumed.range_degc[1])
+        tours: list[Tour] = []
+        for size in range(self.order + 2, self.order + 3 + MORE_LEVELS):
+            levels = polynomial.space_levels(low, high, size)
+            if self.reference_degc is not None and low < round(self.reference_degc) < high:
+                reference = round(self.reference_degc)
+                nearest = min(range(1, size - 1), key=lambda k: abs(levels[k] - reference))
+                levels[nearest] = reference
+            # every second one on the way back: as long as straight there and back, and drift is
+            # separated from temperature
+            tours.append((*levels[::2], *levels[1::2][::-1], levels[0]))
+        if self.task.have:
+            first = tours[0][:-1]
+            for number in range(1, min(len(first), MOST_ADDED) + 1):
+                tours += combinations(first, number)
+        return tours
+
+    def designs(self) -> Iterable[Design]:
+        """Every choice at the temperatures of every tour, for every time."""
+        tours, lengths = self.tours(), self.assumed.device.dwell_s
+        for choice, degc, dwell_s in product(self.choices(), tours, lengths):
+            yield self.design(degc, choice, dwell_s)
+
+    def rows(self, design: Design) -> Any:  # noqa: ANN401 (as of `fit`)
         """Rows of what is measured already and of a design."""
         return join([self.have, design.rows])
+
+    def temperatures(self, rows: Any) -> Iterable[Array]:  # noqa: ANN401 (as of `fit`)
+        """Temperatures [°C] of rows, or of several parts of which each has to span the range."""
+        return [rows.temperature]
+
+    def covers(self, rows: Any) -> bool:  # noqa: ANN401 (as of `fit`)
+        """Whether rows reach both ends of the range of use, with a temperature more than the order
+        needs, or one where the range is one.
+        """
+        low, high = self.assumed.range_degc
+        fewest = self.order + 2 if high - low > ONE_LEVEL_DEGC else 1
+        for degc in map(np.sort, self.temperatures(rows)):
+            reached = (
+                degc.size and degc[0] <= low + ONE_LEVEL_DEGC and degc[-1] >= high - ONE_LEVEL_DEGC
+            )
+            if not reached or 1 + np.sum(np.diff(degc) > ONE_LEVEL_DEGC) < fewest:
+                return False
+        return True
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Assumed errors that the recipe of a campaign states: those that its fit will have."""
@@ -201,57 +247,20 @@ class Bench(ABC):
             if error.group in groups and name_source(error) in sources
         ]
 
-    def notes(self, campaign: Design) -> Iterable[str]:  # noqa: ARG002 (as `covers`)
+    def notes(self, campaign: Design) -> Iterable[str]:  # noqa: ARG002 (an instrument may use it)
         """What is to be said of a campaign beside the assumptions."""
         return ()
 
     def predict(self, design: Design) -> Design:
         """A design with its uncertainties."""
         results = {}
-        for name, parts in self.variances(design).items():
+        for name, parts in self.variances(self.rows(design)).items():
             total = total_variance(parts)
             mean = float(total.mean())
             limits = {source: float(part.mean()) / mean for source, part in parts.items()}
             u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
             results[name] = Predicted(name, self.results[name], u, largest_u, limits)
         return replace(design, results=results)
-
-
-@dataclass(frozen=True)
-class TourBench(Bench):
-    """Campaigns that go from temperature to temperature, and measure the same at each."""
-
-    order: int
-    """Highest power of temperature of what is fitted."""
-
-    @abstractmethod
-    def choices(self) -> Iterable[Any]:
-        """What may be measured at each temperature: attitudes, rates, stations, power-ons."""
-
-    @abstractmethod
-    def design(self, degc: Tour, choice: Any, dwell_s: float) -> Design:  # noqa: ANN401 (a choice)
-        """A campaign: one of `choices` at temperatures in their order, each part for a time [s]."""
-
-    def temperatures(self, rows: Any) -> Iterable[Array]:  # noqa: ANN401 (as of `rows`)
-        """Temperatures [°C] of rows, or of several parts of which each has to span the range."""
-        return [rows.temperature]
-
-    def tours(self) -> list[Tour]:
-        """Temperatures of campaigns, beside what is measured also of those that it lacks."""
-        return list_tours(self.order, self.assumed.range_degc, subsets=bool(self.task.have))
-
-    def designs(self) -> Iterable[Design]:
-        """Every choice at the temperatures of every tour, for every time."""
-        tours, lengths = self.tours(), self.assumed.device.dwell_s
-        for choice, degc, dwell_s in product(self.choices(), tours, lengths):
-            yield self.design(degc, choice, dwell_s)
-
-    def covers(self, design: Design) -> bool:
-        """Whether both ends of the range are reached, with a temperature more than the order
-        needs.
-        """
-        span, parts = self.assumed.range_degc, self.temperatures(self.rows(design))
-        return all(cover_range(degc, self.order + 2, span) for degc in parts)
 
     def powers_of_degc(
         self, model: str, letter: str, unit: str, fit: Fit, count: int
@@ -269,15 +278,13 @@ def propose(bench: Bench) -> Proposal:
     """Cheapest campaign that meets the wishes, or the best within hours; the wishes may be not
     met.
     """
-    task, assumed = bench.task, bench.assumed
-    wishes = parse_wishes(task.wishes, bench.results)
+    task, wishes = bench.task, parse_wishes(bench.task.wishes, bench.results)
     name = next(iter(wishes or bench.results))
-    designs = [*([NOTHING] if task.have else []), *bench.designs()]
     candidates = []
-    for design in designs:
+    for design in (*([NOTHING] if task.have else []), *bench.designs()):
         # a design that does not determine all over the range is none
         with suppress(FitError):
-            if bench.covers(design):
+            if bench.covers(bench.rows(design)):
                 candidates.append(bench.predict(design))
     if not candidates:
         raise FitError(
@@ -285,17 +292,24 @@ def propose(bench: Bench) -> Proposal:
             hint="plan without --have, for a narrower --range, for another fixture (--attitudes),"
             " or lower the orders of the recipe",
         )
-    best = choose(candidates, wishes, task.within_h, name)
+    best, curve = choose(candidates, wishes, task.within_h, name), find_front(candidates, name)
     errors = [error.model_dump(mode="json") for error in bench.passed_on(best)]
     if errors:
         best = replace(best, changes={"errors": {"component": errors}, **best.changes})
+    shortest = min((campaign.hours for campaign in curve if campaign.hours > 0.0), default=0.0)
+    longer = [campaign for campaign in curve if campaign.hours <= (best.hours * LONGER or shortest)]
+    better = [
+        campaign for campaign in longer if campaign.expanded(name) < WORTH * best.expanded(name)
+    ]
     return Proposal(
         best,
         wishes,
-        assumed,
-        tuple(bench.coefficients(best)),
-        tuple(find_front(candidates, name)),
-        (*bench.notes(best), *assumed.notes),
+        best.results[name],
+        bench.assumed,
+        tuple(bench.coefficients(bench.rows(best))),
+        tuple(curve),
+        min(better, key=lambda campaign: campaign.expanded(name), default=None),
+        (*bench.notes(best), *bench.assumed.notes),
     )
 
 

@@ -5,7 +5,7 @@ Noise of a mean over t seconds is that of the device over `noise_s` times √(no
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -19,7 +19,8 @@ from calibkit.fit.shared import Shared
 from calibkit.frame import Log, values
 from calibkit.planning.equipment import Device, Equipment
 from calibkit.recipe import Recipe
-from calibkit.recipe.tables import ErrorComponent
+from calibkit.recipe.shared_errors import state_sizes
+from calibkit.recipe.tables import ErrorComponent, Errors
 
 ADDED = "added_"
 """Names of logs that are added to a campaign begin with this."""
@@ -115,16 +116,16 @@ class Assumed:
         middle, half = self.middle_half
         return np.asarray((degc - middle) / half)
 
+    @property
+    def stated(self) -> Errors:
+        """As a recipe states them; rows need not have all of them, as those that others had."""
+        # not checked as a recipe's: a recipe need not be able to state them
+        components = tuple(self.errors.values())
+        return Errors.model_construct(groups="auto", source="history", component=components)
+
     def state(self, shared: Iterable[Shared]) -> list[Shared]:
         """Shared errors with the sizes that are assumed."""
-        sized_errors = list(shared)
-        for k, error in enumerate(sized_errors):
-            assumed_error = self.errors.get((error.group, error.effect))
-            if assumed_error:
-                sized_errors[k] = replace(
-                    error, size=assumed_error.value, size_dof=assumed_error.dof, optional=False
-                )
-        return sized_errors
+        return state_sizes(self.stated, list(shared))
 
 
 def assume(
@@ -172,18 +173,28 @@ def assume(
         ]
         sizes += [f"noise {noise:.2g} {device.noise_unit}"] if noise else []
         notes = (f"of that run: {', '.join(sizes) or 'nothing that was seen'}", *notes)
-    components = {}
-    for error in (*device.component, *earlier, *spec.errors.component):
+    errors = (*device.component, *earlier, *spec.errors.component)
+    by_name = name_errors(errors, units, spec.procedure)
+    return Assumed(device, noise or device.noise, (low, high), by_name, notes)
+
+
+def name_errors(
+    errors: Iterable[ErrorComponent], units: Units, procedure: str
+) -> dict[tuple[str, str], ErrorComponent]:
+    """(group, effect) → its last error, in the unit of a fit; UsageError for an error that the
+    procedure does not have.
+    """
+    by_name = {}
+    for error in errors:
         name = error.group, error.effect
         if name not in units:
             raise UsageError(
-                f"component '{error.effect}' of group '{error.group}' is no error of"
-                f" {spec.procedure}",
-                hint=f"there are {', '.join(f'{e} of {g}' for g, e in units)}",
+                f"component '{error.effect}' of group '{error.group}' is no error of {procedure}",
+                hint=f"there are {', '.join(f'{effect} of {group}' for group, effect in units)}",
             )
         in_unit = {"value": error.value_in(units[name]), "unit": units[name]}
-        components[name] = error.model_copy(update=in_unit)
-    return Assumed(device, noise or device.noise, (low, high), components, notes)
+        by_name[name] = error.model_copy(update=in_unit)
+    return by_name
 
 
 def read_earlier(task: Task, procedure: str, *files: str) -> list[Record | StageResult]:

@@ -101,6 +101,20 @@ def whole_page(title: str, body: Sequence[Markup], *, style: str = "", script: s
     ).encode()
 
 
+def page_of_parts(title: str, band: str, kind: str, parts: Mapping[str, Sequence[Markup]]) -> bytes:
+    """A page of parts below their headings, under a verdict in a band of its colour, as UTF-8."""
+    sections = [
+        element("section", element("h2", heading), join_markup(content))
+        for heading, content in parts.items()
+    ]
+    body = [
+        element("header", element("h1", title)),
+        element("p", element("strong", band), class_=f"band {kind}"),
+        element("main", join_markup(sections), id="content"),
+    ]
+    return whole_page(title, body)
+
+
 def _run_name(document: Mapping[str, Any]) -> str:
     """Serial and revision."""
     return f"{document['serial']} r{document['revision']:03d}"

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -35,11 +35,10 @@ from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, KAxisSpec
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
-from calibkit.planning.equipment import Device, Fixture
+from calibkit.planning.equipment import Fixture
 from calibkit.planning.exchange import Pool, pool, spread_apart
-from calibkit.planning.levels import Tour
 from calibkit.planning.schedule import Action, Clock, Schedule
-from calibkit.planning.search import WITHHELD, Design, PredictedCoefficient, TourBench, count
+from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Tour, count
 from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
 from calibkit.simulate.campaign import Campaign
 
@@ -56,9 +55,10 @@ RANGE_DEGC = (-20.0, 125.0)
 NOISES = ("noise_x", "noise_y", "noise_z")
 """Parameters of a triad's model that state the noise of a dwell along each axis [g]."""
 COUNTS = (*range(6, 17), 18, 20, 22, 24, 27, 30, 33, 36, 39, 42, 46, 50)
-"""Numbers of attitudes that the search takes."""
 POSITIONS = (*range(12, 20), 24, 30, 40)
-"""Numbers of positions by hand that the search takes."""
+"""Numbers of attitudes that the search takes, and of positions by hand."""
+LEFT_OUT, POSITIONS_LEFT_OUT = 2, 6
+"""Attitudes and positions that are withheld."""
 FEW = 24
 """Attitudes of a fixture below which the search takes some twice."""
 COUNTED = 16
@@ -80,23 +80,22 @@ EVERYWHERE = (
     *((tilt, roll) for tilt in range(30, 151, 30) for roll in range(0, 360, 45)),
     (180, 0),
 )
-"""Attitudes in which a triad is used."""
+BY_LENGTHS = tuple(product(range(0, 181, 30), range(0, 360, 45)))
+"""Attitudes in which a triad is used, where it was calibrated in known and in unknown ones."""
 LENGTH_UNITS = {
     name: shared_errors.UNITS[name] for name in (shared_errors.ZERO, shared_errors.SECOND_ORDER)
 }
 """(group, effect) of the errors that lengths of gravity at one temperature share."""
 
 
-@dataclass(frozen=True)
-class TriadBench(TourBench):
-    """Campaigns of a triad in known attitudes; its recipe states the errors that are assumed."""
+@dataclass(frozen=True, kw_only=True)
+class TriadBench(Bench):
+    """Campaigns of a triad; its recipe states the errors that are assumed."""
 
-    lengths: ClassVar[bool] = False
-    """Whether the fit knows the length of gravity alone."""
-    log: ClassVar[str] = "positions.csv"
-    left_out: ClassVar[int] = 2
-    """Attitudes that are withheld."""
-    counts: ClassVar[tuple[int, ...]] = COUNTS
+    lengths: bool
+    """Whether the fit knows the length of gravity alone, in positions by hand at one
+    temperature.
+    """
     terms: Terms
     k: tuple[KAxisSpec, ...]
     """Terms of the K-factor, where that is what compensates."""
@@ -106,10 +105,15 @@ class TriadBench(TourBench):
     mounting: Integers
     """[c], rising."""
 
-    @cached_property
+    @property
     def gravity(self) -> Array:
         """Directions of gravity [c, 3] of the attitudes."""
         return attitude.gravity_vector(*self.spots.T)
+
+    def dwells(self, actions: Sequence[Action], dwell_s: float) -> DwellSet:
+        """Planned dwells of a length [s], of a position by hand without both ends."""
+        unused_s = self.spec.dwells.window_s if self.lengths else 0.0
+        return planned_dwells(actions, self.assumed.noise_of(dwell_s - unused_s))
 
     def equation(self, dwells: DwellSet) -> tuple[Residual, list[Shared], Array]:
         """Residual of the fit of the dwells, errors that they share, with the sizes that are
@@ -142,21 +146,24 @@ class TriadBench(TourBench):
     def slopes(self) -> dict[str, Array]:
         """Result → its derivatives [m, p] where it is used."""
         levels = np.linspace(*self.assumed.range_degc, USED_LEVELS)
-        spots = np.tile(np.array(EVERYWHERE, dtype=np.float64), (USED_LEVELS, 1))
-        gravity = attitude.gravity_vector(*spots.T)
-        t = self.assumed.mapped(np.repeat(levels, len(EVERYWHERE)))
+        everywhere = BY_LENGTHS if self.lengths else EVERYWHERE
+        spots = np.tile(np.array(everywhere, dtype=np.float64), (USED_LEVELS, 1))
+        gravity, nominal = attitude.gravity_vector(*spots.T), self.terms.nominal
+        t = self.assumed.mapped(np.repeat(levels, len(everywhere)))
+        vector = self.terms.slopes(nominal, gravity, t)
         if self.k:
             vector = k_design(self.k, gravity, t)
+        slopes = {"component": vector.reshape(-1, vector.shape[2])}
+        if self.lengths:
+            by_angles = derivative(lambda p: self.terms.small_angles(p, 0.0), nominal)
+            slopes["axis angle"] = np.degrees(by_angles)
         else:
-            vector = self.terms.slopes(self.terms.nominal, gravity, t)
-        tilt_slope, toolface_slope = shared_errors.angle_slopes(*np.radians(spots).T)
-        angles = [
-            np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
-            for angle_slope in (tilt_slope, toolface_slope)
-        ]
-        return dict(zip(RESULTS, [*angles, vector.reshape(-1, vector.shape[2])], strict=True))
+            of_angles = shared_errors.angle_slopes(*np.radians(spots).T)
+            for name, angle_slope in zip(RESULTS, of_angles, strict=False):
+                slopes[name] = np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
+        return {name: slopes[name] for name in self.results}
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: DwellSet) -> Iterator[PredictedCoefficient]:
         """In powers of °C."""
         middle_half = self.assumed.middle_half
         if self.k:
@@ -168,25 +175,21 @@ class TriadBench(TourBench):
         else:
             to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
             labels = [("triad", term.name, term.unit) for term in self.terms.listed]
-        u = self.fit(self.rows(design)).of(lambda p: to_raw @ p).u.tolist()
+        u = self.fit(rows).of(lambda p: to_raw @ p).u.tolist()
         for label, size in zip(labels, u, strict=True):
             yield PredictedCoefficient(*label, size)
-
-    def noise_of(self, dwell_s: float) -> float:
-        """Noise [g] of the mean of a dwell, of a position by hand without both ends."""
-        unused_s = self.spec.dwells.window_s if self.lengths else 0.0
-        return self.assumed.noise_of(dwell_s - unused_s)
 
     def design(self, degc: Tour, choice: Sequence[int], dwell_s: float) -> Design:
         """Soaks at temperatures in their order, attitudes by number; where nothing is withheld yet,
         with those that lie farthest from them in a log that is.
         """
-        log, clock = self.task.name_log(self.log), Clock(self.task.equipment)
-        last = max(self.mounting[list(choice)])
+        log = self.task.name_log("tumble.csv" if self.lengths else "positions.csv")
+        number = POSITIONS_LEFT_OUT if self.lengths else LEFT_OUT
+        clock, last = Clock(self.task.equipment), max(self.mounting[list(choice)])
         reached = self.gravity[self.mounting <= last]
-        number = 0 if self.task.withheld else self.left_out
         recorded = [(k, log) for k in choice]
-        recorded += [(k, f"{WITHHELD}{log}") for k in spread_apart(reached, choice, number)]
+        if not self.task.withheld:
+            recorded += [(k, f"{WITHHELD}{log}") for k in spread_apart(reached, choice, number)]
         for mounting in range(last + 1):
             if mounting > 0:
                 clock.remount(self.task.equipment.fastest(self.assumed.device))
@@ -203,7 +206,7 @@ class TriadBench(TourBench):
             label = f"{len(choice)} positions of {dwell_s:g} s"
         # logs beside those that are measured are as these are
         mode = {} if self.task.have or self.lengths else {"dwells": {"mode": "rows"}}
-        rows = planned_dwells(schedule.by_log()[log], self.noise_of(dwell_s))
+        rows = self.dwells(schedule.by_log()[log], dwell_s)
         return Design(label, schedule, (log,), rows, mode)
 
     def choices(self) -> Iterator[list[int]]:
@@ -218,8 +221,9 @@ class TriadBench(TourBench):
                 continue
             if number < FEW:
                 pool = replace(pool, most_uses=-(-FEW // number))
-            sizes = [size for size in self.counts if size <= number * pool.most_uses]
-            for size in sizes or [number]:
+            sizes = POSITIONS if self.lengths else COUNTS
+            sizes = tuple(size for size in sizes if size <= number * pool.most_uses)
+            for size in sizes or (number,):
                 yield pool.search(size, rng)[0]
 
     def pool(self, number: int, degc: Tour, dwell_s: float) -> Pool:
@@ -236,14 +240,13 @@ class TriadBench(TourBench):
                 for tilt, roll in self.spots[:number].tolist()
             ]
             clock.now_s += soak_s
-        dwells = planned_dwells(actions, self.noise_of(dwell_s))
-        residual, shared, noise = self.equation(dwells)
-        sized = [error for error in shared if error.size]
+        residual, shared, noise = self.equation(self.dwells(actions, dwell_s))
         # an index error is of one attitude, the others are of several
-        of_attitude = [
-            error for error in sized if (error.group, error.effect) == shared_errors.INDEX
-        ]
-        common = [error for error in sized if (error.group, error.effect) != shared_errors.INDEX]
+        of_attitude, common = list[Shared](), list[Shared]()
+        for error in shared:
+            if error.size:
+                is_index = (error.group, error.effect) == shared_errors.INDEX
+                (of_attitude if is_index else common).append(error)
         place = np.tile(np.arange(number), len(degc))
         return pool(
             derivative(lambda p: residual(p).ravel(), self.terms.nominal),
@@ -253,30 +256,6 @@ class TriadBench(TourBench):
             np.repeat(place, len(noise) // len(place)),
             next(iter(replace(self, k=()).slopes.values())),
         )
-
-
-@dataclass(frozen=True)
-class LengthBench(TriadBench):
-    """Campaigns of a triad that is turned by hand at one temperature, in attitudes that its fit
-    does not know.
-    """
-
-    lengths = True
-    log = "tumble.csv"
-    left_out = 6
-    counts = POSITIONS
-
-    @cached_property
-    def slopes(self) -> dict[str, Array]:
-        """Result → its derivatives [m, 9]: of corrected components in all directions, and of the
-        angles Q between the axes.
-        """
-        tilt, roll = np.meshgrid(np.arange(0.0, 181.0, 30.0), np.arange(0.0, 360.0, 45.0))
-        unit = attitude.gravity_vector(tilt.ravel(), roll.ravel())
-        nominal = self.terms.nominal
-        component = self.terms.slopes(nominal, unit, np.zeros(len(unit)))
-        angles = np.degrees(derivative(lambda p: self.terms.small_angles(p, 0.0), nominal))
-        return dict(zip(OF_LENGTHS, (component.reshape(-1, len(nominal)), angles), strict=True))
 
 
 def k_design(axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
@@ -314,10 +293,9 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
     planned.
     """
     lengths = spec.reference.kind == "magnitude"
-    name = MAGNITUDE if lengths else spec.procedure
-    device, have = task.equipment.known_device(name, "g"), None
+    device = task.equipment.known_device(MAGNITUDE if lengths else spec.procedure, "g")
     if lengths:
-        _require_one_temperature(spec, task, device)
+        _require_one_temperature(spec, task, min(device.dwell_s))
         assumed = assume(spec, task, device, LENGTH_UNITS)
     elif spec.affine.tilt or spec.affine.fixture:
         raise UsageError(
@@ -326,7 +304,8 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             " affine.tilt nor affine.fixture",
         )
     else:
-        records = read_earlier(task, name, *(f"{stage}.json" for stage in COMPENSATIONS.values()))
+        files = [f"{stage}.json" for stage in COMPENSATIONS.values()]
+        records = read_earlier(task, spec.procedure, *files)
         models = [model for record in records for model in record.models]
         # residuals hold the errors that dwells share, which are assumed beside the noise
         stated_noises = [p.value for model in models for p in model.parameters if p.name in NOISES]
@@ -340,73 +319,65 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
             earlier=seen_errors(records),
             noise=rms(noises) if noises else None,
         )
+
+    have = None
     if task.have:
-        have = triad_dwells.collect_dwells(task.have, spec)
-        indication, noise, degc = (
-            np.round(have.reference, DECIMALS),
-            assumed.noise,
-            have.temperature,
-        )
+        measured, noise = triad_dwells.collect_dwells(task.have, spec), assumed.noise
+        indication, degc = np.round(measured.reference, DECIMALS), measured.temperature
         if lengths:
-            indication = have.indication / np.linalg.norm(have.indication, axis=1)[:, None]
+            indication = measured.indication
+            indication = indication / np.linalg.norm(indication, axis=1)[:, None]
             degc = np.full(len(indication), spec.reference_temp_degc)
             # of a log with a row for each dwell no noise is known
-            noise = rms(have.noise) if np.all(have.noise > 0.0) else device.noise
+            noise = rms(measured.noise) if np.all(measured.noise > 0.0) else device.noise
         of_each = np.full_like(indication, noise)
-        have = replace(have, indication=indication, noise=of_each, temperature=degc)
+        have = replace(measured, indication=indication, noise=of_each, temperature=degc)
 
     # Attitudes of the fixture. A dividing head turns the tool about one horizontal axis: along the
     # tool, then across it in two planes that hold it, each of which is a mounting.
-    fixture = task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS))
+    fixture, mountings = (
+        task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS)),
+        1,
+    )
     turns, step = range(0, 360, fixture.step_deg), fixture.step_deg
-    mountings = 3 if task.attitudes == HEAD and not lengths and not fixture.spots else 1
-    if mountings == 1:
-        grid = ((0, 0), *product(range(step, 180, step), turns), (180, 0))
-        spots = np.array(fixture.spots or grid, dtype=np.float64)
-    else:
-        along_tool = [(90, roll) for roll in turns]
+    spots = fixture.spots or ((0, 0), *product(range(step, 180, step), turns), (180, 0))
+    if task.attitudes == HEAD and not fixture.spots:
         across_tool = [(turn, 0) if turn <= 180 else (360 - turn, 180) for turn in turns]
         quarter_on = [(tilt, roll + 90) for tilt, roll in across_tool]
-        spots = np.array([*along_tool, *across_tool, *quarter_on], dtype=np.float64)
+        spots, mountings = (*((90, roll) for roll in turns), *across_tool, *quarter_on), 3
 
-    # dwells need not have the errors that are assumed, as those that earlier runs had
-    error_tables = {
-        "component": tuple(assumed.errors.values()),
-        "source": "history",
-        "groups": "auto",
-    }
     terms, orders = asked_terms(spec), [0]
     if not lengths:
         orders = [terms.order]
         if spec.k.enabled:
             orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
-    bench = LengthBench if lengths else TriadBench
-    return bench(
-        spec=spec.model_copy(update={"errors": spec.errors.model_copy(update=error_tables)}),
+    return TriadBench(
+        spec=spec.model_copy(update={"errors": assumed.stated}),
         task=task,
         assumed=assumed,
         results=OF_LENGTHS if lengths else RESULTS,
         have=have,
         order=max(orders),
+        lengths=lengths,
         terms=terms,
         k=spec.k.axes if spec.compensation == "k" and not lengths else (),
         fixture=fixture,
-        spots=spots,
+        spots=np.array(spots, dtype=np.float64),
         mounting=np.repeat(np.arange(mountings), len(spots) // mountings),
     )
 
 
-def _require_one_temperature(spec: AccelerometerRecipe, task: Task, device: Device) -> None:
+def _require_one_temperature(spec: AccelerometerRecipe, task: Task, dwell_s: float) -> None:
     """Raise UsageError for what no plan of unknown attitudes can be."""
+    shortest = spec.dwells.window_s + spec.dwells.shortest_s
     if spec.affine.enabled or spec.dwells.mode != "series":
         raise UsageError(
             "a plan of unknown attitudes is for one temperature, and for a continuous log",
             hint='use affine.enabled = false and dwells.mode = "series"',
         )
-    shortest = spec.dwells.window_s + spec.dwells.shortest_s
-    if min(device.dwell_s) < shortest:
+    if dwell_s < shortest:
         raise UsageError(
-            f"dwell_s of [device.{MAGNITUDE}] has {min(device.dwell_s):g} s, expected at least"
+            f"dwell_s of [device.{MAGNITUDE}] has {dwell_s:g} s, expected at least"
             f" {shortest:g} s: dwells.window_s and dwells.shortest_s",
             hint="state longer positions, or shorter ones in [dwells]",
         )

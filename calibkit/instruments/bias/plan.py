@@ -19,13 +19,15 @@ from calibkit.frame import values
 from calibkit.instruments.bias import blocks
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
+    LEVELS,
+    ONE_LEVEL_DEGC,
     WITHHELD,
+    Bench,
     Design,
     PredictedCoefficient,
-    TourBench,
+    Tour,
     count,
     join,
 )
@@ -56,7 +58,7 @@ class Means:
 
 
 @dataclass(frozen=True)
-class BiasBench(TourBench):
+class BiasBench(Bench):
     """Campaigns of an instrument at rest: y = Σ_k p_k x^k + b of the log + e, x the temperature
     mapped to [-1, 1].
     """
@@ -83,10 +85,9 @@ class BiasBench(TourBench):
         """Powers [n, order + 1] of x."""
         return polynomial.powers(self.assumed.mapped(degc), self.order)
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Means) -> Iterator[PredictedCoefficient]:
         """In powers of °C, the same for all channels."""
-        fit = self.fit(self.rows(design))
-        unit = self.assumed.device.noise_unit
+        fit, unit = self.fit(rows), self.assumed.device.noise_unit
         for channel in self.spec.polynomials.bias:
             size = channel.order + 1
             yield from self.powers_of_degc(channel.indication, "p", unit, fit, size)

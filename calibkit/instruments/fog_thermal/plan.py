@@ -26,10 +26,9 @@ from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
 from calibkit.planning.exchange import invert
-from calibkit.planning.levels import cover_range
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Sources
-from calibkit.planning.task import Task, assume, measured_range, read_earlier
+from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Sources, Tour
+from calibkit.planning.task import Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
@@ -66,21 +65,22 @@ BEFORE, NOISE = "drift_rms_before.", "noise_rms."
 """Figures of the drift rms of a log and of the noise in it begin with these."""
 
 
+USED = tuple((sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
+"""Signed rates [°C/min] of the ramps on which the drift is used, and soaks [s] after them."""
+
+
 @dataclass(frozen=True, slots=True)
-class PlannedRamp:
-    """One ramp between two soaks: one log."""
+class Ramp:
+    """One log, planned or measured: a ramp between two soaks."""
 
-    rate: float
-    """Signed [°C/min]."""
-    after_s: float
-    """Soak after it."""
-
-
-USED = tuple(PlannedRamp(sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
-"""Ramps on which the drift is used."""
+    rates: tuple[float, ...]
+    """Signed rate [°C/min]; of what is measured each that was found."""
+    log: ThermalLog
+    information: Array
+    """[3, p, p], see `RampBench.ramp`."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RampBench(Bench):
     """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
     sizes of turn-on biases and initial states are assumed, all others are the priors' medians.
@@ -93,15 +93,13 @@ class RampBench(Bench):
 
     rates: tuple[int, ...]
     """Unsigned rates [°C/min] that chamber and device allow."""
-    measured_rates: tuple[float, ...] = ()
-    """Signed rates [°C/min] of the ramps that are measured."""
 
-    def log(self, ramp: PlannedRamp) -> ThermalLog:
-        """Log of a ramp: the case follows the set point with its lag."""
-        low, high = self.assumed.range_degc
-        start, end = (low, high) if ramp.rate > 0.0 else (high, low)
-        length = abs(end - start) / abs(ramp.rate) * SECONDS_PER_MINUTE
-        corners = np.cumsum([0.0, BEFORE_S, length, ramp.after_s])
+    def log(self, rate: float, after_s: float) -> ThermalLog:
+        """Log of a ramp at a signed rate [°C/min] with a soak [s] after it: the case follows the
+        set point with its lag.
+        """
+        start, end = self.assumed.range_degc if rate > 0.0 else self.assumed.range_degc[::-1]
+        corners = np.cumsum([0.0, BEFORE_S, (end - start) / rate * SECONDS_PER_MINUTE, after_s])
         time = np.arange(0.0, corners[-1], BLOCK_S)
         chamber = np.interp(time, corners, [start, start, end, end]).astype(np.float64)
         drivers = coil.path([(time, chamber)]).drivers(min(self.assumed.device.lags_s), None)
@@ -125,15 +123,15 @@ class RampBench(Bench):
         """Precision [q] of what is known of the columns of one log before any is measured, 0 of
         the constant.
         """
-        prior = self.columns([self.log(USED[0])])[0].prior
+        prior = self.columns([self.log(*USED[0])])[0].prior
         theta = prior.mean.copy()
         for place, error in ((bank_fit.TURN_ON, TURNED_ON), (bank_fit.INITIAL, INITIAL)):
             theta[place] = 2.0 * np.log(max(self.assumed.size(*error), LEAST_DPH))
         return np.exp(-evidence.log_variances(prior, theta))
 
-    def information(self, log: ThermalLog) -> Array:
-        """Information [3, p, p] of one log: what its noise, its turn-on bias and its initial state
-        make of a variance, which add up to all of it.
+    def ramp(self, log: ThermalLog, *rates: float) -> Ramp:
+        """A ramp with the information of its log: what its noise, its turn-on bias and its initial
+        state make of a variance, which add up to all of it.
 
             S = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
         """
@@ -144,23 +142,27 @@ class RampBench(Bench):
         # the errors of a log are its turn-on bias, then its initial states
         by_error = [np.outer(row, row) * precision for row, precision in zip(o, D, strict=True)]
         turn_on, start = by_error[0], np.sum(by_error[1:], axis=0)
-        return np.stack([moments[:SHARED, :SHARED] - B.T @ o - turn_on - start, turn_on, start])
+        noise = moments[:SHARED, :SHARED] - B.T @ o - turn_on - start
+        return Ramp(rates, log, np.stack([noise, turn_on, start]))
 
     @cached_property
-    def of_ramps(self) -> dict[PlannedRamp, Array]:
-        """Information of each ramp that the search takes."""
-        signed = [sign * float(rate) for rate in self.rates for sign in (1.0, -1.0)]
-        ramps = [
-            PlannedRamp(rate, after_s) for rate in signed for after_s in self.assumed.device.dwell_s
-        ]
-        return {ramp: self.information(self.log(ramp)) for ramp in ramps}
+    def ramps(self) -> dict[tuple[float, float], Ramp]:
+        """(rate, soak after it) → ramp that the search takes."""
+        ramps = {}
+        signed = [sign * rate for rate in self.rates for sign in (1.0, -1.0)]
+        for rate, after_s in product(signed, self.assumed.device.dwell_s):
+            ramps[rate, after_s] = self.ramp(self.log(rate, after_s), rate)
+        return ramps
 
-    def posterior(self, design: Design) -> tuple[Array, Array]:
-        """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] on them
-        of what is measured already and of a design.
+    def rows(self, design: Design) -> tuple[Ramp, ...]:
+        """Ramps that are measured already, and those of a design."""
+        return (*(self.have or ()), *(design.rows or ()))
+
+    def posterior(self, rows: Sequence[Ramp]) -> tuple[Array, Array]:
+        """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] of ramps
+        on them.
         """
-        planned = (self.of_ramps[ramp] for ramp in design.rows or ())
-        information = np.sum([*self.have, *planned], axis=0)
+        information = np.sum([ramp.information for ramp in rows], axis=0)
         return invert(information.sum(axis=0) + np.diag(self.precision[:SHARED])), information
 
     @cached_property
@@ -168,7 +170,7 @@ class RampBench(Bench):
         """Result → its derivatives [m, p + 3] where it is used: of the drift about its mean along
         ramps, or at rest relative to 25 °C.
         """
-        problem, columns = self.columns([self.log(ramp) for ramp in USED])
+        problem, columns = self.columns([self.log(*used) for used in USED])
         columns_of_ramps = [columns[rows, :SHARED] for rows in problem.stacked.log_rows]
         z = np.linspace(*self.assumed.range_degc, LEVELS) - forward.ORIGIN_DEGC
         at_rest = np.zeros((LEVELS, SHARED))
@@ -177,79 +179,89 @@ class RampBench(Bench):
         of_drift = np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in columns_of_ramps])
         return {"drift": of_drift, "drift at rest": at_rest}
 
-    def variances(self, design: Design) -> dict[str, Sources]:
+    def variances(self, rows: Sequence[Ramp]) -> dict[str, Sources]:
         """Variances of each result, in the order of `SOURCES`: of the noise, of turn-on biases, of
         initial states, and of what is known of coefficients and static lag before any is measured.
         """
-        covariance, information = self.posterior(design)
+        covariance, information = self.posterior(rows)
         by_result, p = dict[str, Sources](), len(BANK.terms)
         for name, slopes in self.slopes.items():
             pull = covariance @ slopes.T
-            prior_variances = self.precision[:SHARED, None] * pull**2
             by_log = np.sum(pull * (information @ pull), axis=1)
-            of_drift = prior_variances[:p].sum(axis=0)
-            of_static_lag = prior_variances[p:].sum(axis=0)
-            parts = (*by_log, of_drift, of_static_lag)
+            before = self.precision[:SHARED, None] * pull**2
+            parts = (*by_log, before[:p].sum(axis=0), before[p:].sum(axis=0))
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Sequence[Ramp]) -> Iterator[PredictedCoefficient]:
         """Of the bank, without its constant."""
-        u = np.sqrt(np.diag(self.posterior(design)[0])).tolist()
+        u = np.sqrt(np.diag(self.posterior(rows)[0])).tolist()
         for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
             yield PredictedCoefficient("bank", name, unit, size)
 
-    def covers(self, design: Design) -> bool:
-        """Whether a ramp reaches all of the range, and those of each direction have two rates, so
+    def temperatures(self, rows: Sequence[Ramp]) -> list[Array]:
+        """Ends of all logs."""
+        return [np.array([end(ramp.log.case) for ramp in rows for end in (np.min, np.max)])]
+
+    def covers(self, rows: Sequence[Ramp]) -> bool:
+        """Whether ramps reach all of the range, and those of each direction have two rates, so
         that a fit can leave one out.
         """
-        ends = measured_range(self.task.have) or ()
-        if not (design.rows or cover_range(ends, 2, self.assumed.range_degc)):
+        if not super().covers(rows):
             return False
-        rates = np.sort([*self.measured_rates, *(ramp.rate for ramp in design.rows or ())])
+        rates = np.sort([rate for ramp in rows for rate in ramp.rates])
         for sizes in (rates[rates > 0.0], -rates[rates < 0.0][::-1]):
             if np.sum(sizes[1:] > DIFFERENT * sizes[:-1]) + bool(sizes.size) < FEWEST_RATES:
                 return False
         return True
 
-    def designs(self) -> Iterator[Design]:
-        """Every campaign of up to four rates of each direction; where something is measured already
-        and withheld, also those of one heating ramp more.
+    def tours(self) -> list[Tour]:
+        """Every ramp spans the range."""
+        return [()]
+
+    def choices(self) -> Iterator[tuple[Sequence[int], Sequence[int]]]:
+        """Up to four rates of each direction; where something is measured already and withheld,
+        also of one heating ramp more.
         """
         sets = [rates for size in range(1, MOST + 1) for rates in combinations(self.rates, size)]
         heating_surplus = (0, 1) if self.have and self.task.withheld else (0,)
         for heating, cooling in product(sets, [(), *sets]):
             if len(heating) - len(cooling) in heating_surplus:
-                for after_s in self.assumed.device.dwell_s:
-                    yield self.design(heating, cooling, after_s)
+                yield heating, cooling
 
-    def design(self, heating: Sequence[int], cooling: Sequence[int], after_s: float) -> Design:
+    def design(
+        self,
+        degc: Tour,  # noqa: ARG002 (as of Bench)
+        choice: tuple[Sequence[int], Sequence[int]],
+        dwell_s: float,
+    ) -> Design:
         """Heating and cooling ramps by turns, of unsigned rates [°C/min], with a soak after each;
         where nothing is withheld yet, with one heating ramp at the end that is.
         """
         (low, high), clock = self.assumed.range_degc, Clock(self.task.equipment)
+        heating, cooling = choice
         clock.settle(self.assumed.device, low)
         pairs = zip_longest(heating, [-rate for rate in cooling])
-        by_turns = [PlannedRamp(float(rate), after_s) for pair in pairs for rate in pair if rate]
-        recorded = [(ramp, "") for ramp in by_turns]
+        by_turns = [float(rate) for pair in pairs for rate in pair if rate]
+        recorded = [(rate, "") for rate in by_turns]
         if not self.task.withheld:
             # between the rates of the design, and none of them
             spare = [rate for rate in self.rates if rate not in heating] or [heating[0]]
             middle = float(np.sqrt(heating[0] * heating[-1]))
             unseen = min(spare, key=lambda rate: abs(np.log(rate / middle)))
-            recorded.append((PlannedRamp(float(unseen), after_s), WITHHELD))
-        for ramp, folder in recorded:
-            sense = "heating" if ramp.rate > 0.0 else "cooling"
-            log = folder + self.task.name_log(f"ramp_{sense}_{abs(ramp.rate):02g}.csv")
+            recorded.append((float(unseen), WITHHELD))
+        for rate, folder in recorded:
+            sense, end = ("heating", high) if rate > 0.0 else ("cooling", low)
+            log = folder + self.task.name_log(f"ramp_{sense}_{abs(rate):02g}.csv")
             clock.add("soak", BEFORE_S, log)
-            clock.ramp(high if ramp.rate > 0.0 else low, abs(ramp.rate), log)
-            clock.add("soak", ramp.after_s, log)
+            clock.ramp(end, abs(rate), log)
+            clock.add("soak", dwell_s, log)
         rates = [f"±{rate}" for rate in heating]
         if tuple(heating) != tuple(cooling):
             rates = [*(f"+{rate}" for rate in heating), *(f"−{rate}" for rate in cooling)]
-        label = f"ramps of {', '.join(rates)} °C/min, soaks of {after_s / 60.0:g} min"
-        logs = (self.task.name_log("ramp_*.csv"),)
-        return Design(label, clock.schedule(), logs, tuple(by_turns))
+        label = f"ramps of {', '.join(rates)} °C/min, soaks of {dwell_s / 60.0:g} min"
+        rows = tuple(self.ramps[rate, dwell_s] for rate in by_turns)
+        return Design(label, clock.schedule(), (self.task.name_log("ramp_*.csv"),), rows)
 
 
 def silent_log(name: str, time: Array, case: Array) -> ThermalLog:
@@ -282,15 +294,14 @@ def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
             f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
             hint="state the fastest ramp of chamber and device in the equipment file",
         )
-    bench = RampBench(spec, task, assumed, RESULTS, [], rates)
-    measured, measured_rates = [], list[float]()
+    bench, measured = RampBench(spec, task, assumed, RESULTS, None, rates=rates), list[Ramp]()
     for log in task.have:
         examined = ramps.examine(spec, log)
         refuse(examined.findings)
-        measured_rates += [stretch.level for stretch in examined.held if stretch.kind == "ramp"]
+        found = [stretch.level for stretch in examined.held if stretch.kind == "ramp"]
         blocks = ramps.block_means(log, spec, rated=False)[1]
-        measured.append(bench.information(silent_log(log.file, blocks.time, blocks.case)))
-    return replace(bench, have=measured, measured_rates=tuple(measured_rates))
+        measured.append(bench.ramp(silent_log(log.file, blocks.time, blocks.case), *found))
+    return replace(bench, have=tuple(measured))
 
 
 def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[ErrorComponent]]:

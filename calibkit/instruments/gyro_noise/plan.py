@@ -4,11 +4,11 @@ No equation of rows tells it: the uncertainty of a term is the scatter of fits t
 deviations (`predict_terms`).
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.frame import values
@@ -17,7 +17,7 @@ from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
 from calibkit.numeric.noise.allan_fit import predict_terms
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources
+from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources, Tour
 from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
@@ -44,56 +44,54 @@ U of the term.
 """
 
 
-@dataclass(frozen=True)
 class RecordBench(Bench):
     """Records of gyros; rows are the number of samples of a log and their interval [s]."""
 
-    terms: Mapping[str, float]
-    """Noise terms that are assumed, by name."""
+    def rows(self, design: Design) -> tuple[int, float]:
+        """A fit judges each log alone."""
+        rows: tuple[int, float] = design.rows or self.have
+        return rows
 
-    def variances(self, design: Design) -> dict[str, Sources]:
+    def temperatures(self, rows: tuple[int, float]) -> tuple[Array, ...]:  # noqa: ARG002 (as of Bench)
+        """None has to be spanned."""
+        return ()
+
+    def variances(self, rows: tuple[int, float]) -> dict[str, Sources]:
         """Variance of each term of one log."""
-        samples, interval_s = design.rows or self.have
-        recipe = self.spec.noise
+        terms, recipe = assumed_terms(self.assumed), self.spec.noise
         u = predict_terms(
-            tuple((self.terms.get(law.name, 0.0) / law.scale) ** 2 for law in GYRO.laws),
-            samples,
-            interval_s,
+            tuple((terms.get(law.name, 0.0) / law.scale) ** 2 for law in GYRO.laws),
+            *rows,
             spacing=recipe.spacing,
             points=recipe.points,
         )
         return {
             WORDS[law.name]: {NOISE: np.array([(law.scale * size) ** 2])}
             for law, size in zip(GYRO.laws, u, strict=True)
-            if law.name in self.terms
+            if law.name in terms
         }
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: tuple[int, float]) -> Iterator[PredictedCoefficient]:
         """The terms of one log."""
-        results = self.predict(design).results
-        for name in self.terms:
-            result = results[WORDS[name]]
-            yield PredictedCoefficient(
-                "gyro_noise", term_name(name, LOG), result.unit, result.largest_u
-            )
+        variances = self.variances(rows)
+        for name in assumed_terms(self.assumed):
+            u = float(np.sqrt(variances[WORDS[name]][NOISE][0]))
+            yield PredictedCoefficient("gyro_noise", term_name(name, LOG), LAWS[name].unit, u)
 
-    def design(self, length_s: float) -> Design:
+    def design(self, degc: Tour, choice: None, dwell_s: float) -> Design:  # noqa: ARG002 (as of Bench)
         """One log at the reference temperature, after the instrument has warmed up."""
         device, clock = self.assumed.device, Clock(self.task.equipment)
         clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
         log = self.task.name_log(f"{LOG}.csv")
-        clock.add("soak", length_s, log)
-        label = f"one log of {length_s / SECONDS_PER_HOUR:g} h"
-        rows = round(length_s / INTERVAL_S), INTERVAL_S
+        clock.add("soak", dwell_s, log)
+        label = f"one log of {dwell_s / SECONDS_PER_HOUR:g} h"
+        rows = round(dwell_s / INTERVAL_S), INTERVAL_S
         return Design(label, clock.schedule(), (log,), rows)
-
-    def designs(self) -> Iterator[Design]:
-        """Logs of all lengths."""
-        yield from map(self.design, self.assumed.device.dwell_s)
 
     def notes(self, campaign: Design) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
-        for name, value in self.terms.items():
+        terms = assumed_terms(self.assumed)
+        for name, value in terms.items():
             result = campaign.results[WORDS[name]]
             if value < SHOWN * result.expanded:
                 yield (
@@ -101,7 +99,7 @@ class RecordBench(Bench):
                     " observable in this log: log for longer"
                 )
         sizes = ", ".join(
-            f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in self.terms.items()
+            f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in terms.items()
         )
         yield f"planned for a sample every {INTERVAL_S:g} s and terms as assumed: {sizes}"
 
@@ -129,18 +127,17 @@ def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
         for name, value in largest.items()
     ]
     assumed = assume(spec, task, device, UNITS, earlier=earlier)
-    terms = _assumed_terms(assumed)
-    results = {WORDS[name]: LAWS[name].unit for name in terms}
+    results = {WORDS[name]: LAWS[name].unit for name in assumed_terms(assumed)}
     have = None
     if task.have:
         times = [values(log.frame, "time_s") for log in task.have]
         longest = max(times, key=lambda time: float(time[-1] - time[0]))
         interval = float(np.median(np.diff(longest)))
         have = round(float(longest[-1] - longest[0]) / interval) + 1, interval
-    return RecordBench(spec, task, assumed, results, have, terms)
+    return RecordBench(spec, task, assumed, results, have)
 
 
-def _assumed_terms(assumed: Assumed) -> dict[str, float]:
+def assumed_terms(assumed: Assumed) -> dict[str, float]:
     """Noise terms that are assumed, by name."""
     sizes = {name: assumed.size(GROUP, WORDS[name]) for name in TERMS}
     # the mean over an hour; IEEE Std 952: N/√τ
@@ -152,8 +149,8 @@ def simulate_plan(
     spec: GyroNoiseRecipe, schedule: Schedule, assumed: Assumed, seed: int
 ) -> Campaign:
     """Log of gyros with the noise terms that the plan assumes."""
-    rng, assumed_terms = np.random.default_rng(seed), _assumed_terms(assumed)
-    terms = dict.fromkeys(TERMS, 0.0) | assumed_terms
+    rng, drawn = np.random.default_rng(seed), assumed_terms(assumed)
+    terms = dict.fromkeys(TERMS, 0.0) | drawn
     (record,) = schedule.recorded("soak")
     samples = round(record.duration_s / INTERVAL_S)
     rates = {
@@ -162,7 +159,7 @@ def simulate_plan(
         + noise.rate_random_walk(terms[RATE_WALK], samples, rng, interval_s=INTERVAL_S)
         for column in spec.noise.columns
     }
-    drawn = {term_name(name, LOG): value for name, value in assumed_terms.items()}
     logs = {record.log: {"time_s": INTERVAL_S * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
-    return Campaign(logs, decimals, {"coefficients": {"gyro_noise": drawn}})
+    truth = {term_name(name, LOG): value for name, value in drawn.items()}
+    return Campaign(logs, decimals, {"coefficients": {"gyro_noise": truth}})

@@ -25,14 +25,16 @@ from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadReci
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.equipment import RateTable
-from calibkit.planning.levels import LEVELS, ONE_LEVEL_DEGC, Tour, list_tours
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
+    LEVELS,
+    ONE_LEVEL_DEGC,
     WITHHELD,
+    Bench,
     Design,
     PredictedCoefficient,
     Sources,
-    TourBench,
+    Tour,
     count,
     join,
     split_variance,
@@ -101,8 +103,8 @@ def planned_holds(schedule: Schedule, assumed: Assumed, find_line: Callable[[str
     return Holds(*map(np.array, zip(*holds, strict=True)))
 
 
-@dataclass(frozen=True)
-class GyroBench(TourBench):
+@dataclass(frozen=True, kw_only=True)
+class GyroBench(Bench):
     """Campaigns of gyros that are turned about one table axis."""
 
     names: ClassVar[tuple[str, ...]] = (SCALE, ZERO)
@@ -149,10 +151,9 @@ class GyroBench(TourBench):
         """Variances of each result from `lines`."""
         return {SCALE: split_variance(fit, scale[0]), ZERO: split_variance(fit, zero[0])}
 
-    def variances(self, design: Design) -> dict[str, Sources]:
+    def variances(self, rows: Holds) -> dict[str, Sources]:
         """Variances of each result over the range of use."""
-        degc = np.linspace(*self.assumed.range_degc, LEVELS)
-        return self.results_of(*self.lines(self.rows(design), degc))
+        return self.results_of(*self.lines(rows, np.linspace(*self.assumed.range_degc, LEVELS)))
 
     def angle(
         self, fit: Fit, scale: Array, own_axis_errors: Sequence[tuple[str, str]], mountings: int
@@ -170,38 +171,30 @@ class GyroBench(TourBench):
         """Of the holds about each axis."""
         return [rows.row_degc[rows.line == line] for line in range(len(self.axes))]
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Holds) -> Iterator[PredictedCoefficient]:
         """K and F0 of each gyro at the reference temperature."""
-        lines = self.lines(self.rows(design), np.array([self.reference_degc]))
-        variances = self.results_of(*lines)
+        variances = self.results_of(*self.lines(rows, np.array([self.reference_degc])))
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
             u = float(np.sqrt(total_variance(variances[name]))[0])
             yield PredictedCoefficient(f"gyro_{gyro}", letter, UNIT[name], u)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """Errors that a recipe of these gyros can state."""
-        recipe_units = self.spec.component_units
-        return [
-            error
-            for error in super().passed_on(campaign)
-            if (error.group, error.effect) in recipe_units
-        ]
+        stated = self.spec.component_units
+        errors = super().passed_on(campaign)
+        return [error for error in errors if (error.group, error.effect) in stated]
 
-    def choices(self) -> list[tuple[int, ...]]:
+    def choices(self) -> Iterator[tuple[int, ...]]:
         """Rates [°/s] up to the fastest, in even steps so that a bend of the response shows."""
-        fastest = self.table.fastest_dps
-        return [
-            tuple(round(fastest * (k + 1) / number) for k in range(number))
-            for number in self.table.rates
-        ]
+        for number in self.table.rates:
+            step = self.table.fastest_dps / number
+            yield tuple(round(step * (k + 1)) for k in range(number))
 
     def tours(self) -> list[Tour]:
-        """Temperatures of campaigns with the reference one; beside what is measured also those that
-        it lacks, or none but what was measured about other axes.
+        """Temperatures of campaigns; beside what is measured also none but what was measured about
+        other axes.
         """
-        has_earlier, span = bool(self.task.have), self.assumed.range_degc
-        tours = list_tours(self.order, span, subsets=has_earlier, reference=self.reference_degc)
-        return [degc for degc in ((), *tours) if self.by_axis(degc)]
+        return [degc for degc in ((), *super().tours()) if self.by_axis(degc)]
 
     def by_axis(self, degc: Tour) -> dict[str, Tour]:
         """Table axis → temperatures of its runs: those that were measured about other axes but not
@@ -230,10 +223,8 @@ class GyroBench(TourBench):
             files[axis] = f"{stem}_*.csv"
             runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
             if not self.task.withheld and number < self.withheld:
-                tour_degc = sorted({*tour, *map(round, self.measured.get(axis, ()))})
-                withheld_degc = tour_degc[0]
-                if len(tour_degc) > 1:
-                    withheld_degc = round((tour_degc[0] + tour_degc[1]) / 2.0)
+                lowest = sorted({*tour, *map(round, self.measured.get(axis, ()))})[:2]
+                withheld_degc = round(sum(lowest) / len(lowest))
                 runs.insert(1, (withheld_degc, f"{WITHHELD}{stem}_{withheld_degc}.csv"))
             for level, log in runs:
                 line_of[log] = self.axes.index(axis)
@@ -242,8 +233,7 @@ class GyroBench(TourBench):
                 for before, rate in zip((0.0, *signed), signed, strict=False):
                     clock.now_s += abs(rate - before) / self.table.acceleration_dps2
                     turn_s = SPARE * REVOLUTION_DEG / abs(rate)
-                    hold_s = max(dwell_s, SETTLE_S + turn_s)
-                    clock.add("rate", hold_s, log, table_rate_dps=rate)
+                    clock.add("rate", max(dwell_s, SETTLE_S + turn_s), log, table_rate_dps=rate)
         levels = count(len({*chain(*tours.values())}), "temperature")
         axes_text = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
         label = (
@@ -259,7 +249,7 @@ class GyroBench(TourBench):
         return {}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ThreeAxesBench(GyroBench):
     """Campaigns of gyros that are turned about three table axes."""
 
@@ -272,41 +262,35 @@ class ThreeAxesBench(GyroBench):
         """
         by_axis = [split_variance(fit, slopes) for slopes in scale]
         *_, second, worst = np.argsort([total_variance(axis).mean() for axis in by_axis])
-        angle_slopes = scale[second] + scale[worst]
-        return {
-            SCALE: by_axis[worst],
-            ANGLE: self.angle(fit, angle_slopes, [RUN_SCALE], mountings=2),
-        }
+        angle = self.angle(fit, scale[second] + scale[worst], [RUN_SCALE], mountings=2)
+        return {SCALE: by_axis[worst], ANGLE: angle}
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Holds) -> Iterator[PredictedCoefficient]:
         """Angles between the gyros at the reference temperature, those of its runs alone, as each
         set of runs at one temperature has angles of its own in a fit.
         """
-        holds, at_reference = self.rows(design), np.array([self.reference_degc])
-        near_reference = np.zeros(holds.run.size, dtype=np.bool_)
+        near_reference = np.zeros(rows.run.size, dtype=np.bool_)
         for line in range(len(self.axes)):
-            of_axis = np.flatnonzero(holds.line == line)
-            degc = holds.row_degc[of_axis]
-            nearest = degc[np.argmin(np.abs(degc - at_reference))]
-            near_reference[of_axis] = np.abs(degc - nearest) <= ONE_LEVEL_DEGC
-        columns = {
-            field.name: getattr(holds, field.name)[near_reference] for field in fields(holds)
-        }
+            degc = np.where(rows.line == line, rows.row_degc, np.inf)
+            nearest = degc[np.argmin(np.abs(degc - self.reference_degc))]
+            near_reference |= np.abs(degc - nearest) <= ONE_LEVEL_DEGC
+        columns = {field.name: getattr(rows, field.name)[near_reference] for field in fields(rows)}
         columns["run"] = np.unique(columns["run"], return_inverse=True)[1]
-        columns["row_degc"] = np.repeat(at_reference, near_reference.sum())
-        lines = replace(self, order=0).lines(Holds(**columns), at_reference)
-        u = float(np.sqrt(total_variance(self.results_of(*lines)[ANGLE]))[0])
+        at_one = replace(self, order=0)
+        lines = at_one.lines(Holds(**columns), np.array([self.reference_degc]))
+        u = float(np.sqrt(total_variance(at_one.results_of(*lines)[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield PredictedCoefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
     def changes(self, files: Mapping[str, str]) -> dict[str, Any]:
         """Keys of the recipe that name the logs about each axis."""
-        earlier_files = dict(self.spec.axes) if self.task.have else {}
-        axis_files = {axis: (*earlier_files.get(axis, ()), file) for axis, file in files.items()}
-        return {"axes": earlier_files | axis_files}
+        axis_files = dict(self.spec.axes) if self.task.have else {}
+        for axis, file in files.items():
+            axis_files[axis] = (*axis_files.get(axis, ()), file)
+        return {"axes": axis_files}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class PairBench(GyroBench):
     """Campaigns of two gyros at one temperature, a run about the axis of each."""
 
@@ -318,19 +302,20 @@ class PairBench(GyroBench):
         neither scale factor nor response matters.
         """
         a, b = scale
-        temperature_ppm = (
-            np.sqrt(2.0) * self.assumed.size(*TEMPERATURE) * scale_per_degc(self.spec) * PPM
-        )
-        ratio = split_variance(fit, b - a) | {
-            "temperature of the run": np.full(len(a), temperature_ppm**2)
-        }
+        difference_degc = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE)
+        of_temperature = np.full(len(a), (PPM * difference_degc * scale_per_degc(self.spec)) ** 2)
+        ratio = split_variance(fit, b - a) | {"temperature of the run": of_temperature}
         return {RATIO: ratio, ANGLE: self.angle(fit, a, [RUN_SCALE, RESPONSE], mountings=1)}
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Holds) -> Iterator[PredictedCoefficient]:
         """N and the angle between the axes."""
-        results = self.predict(design).results
-        yield PredictedCoefficient("pair", "N", "1", results[RATIO].u / PPM)
-        yield PredictedCoefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
+        variances = self.variances(rows)
+        for name, result, unit, size in (
+            ("N", RATIO, "1", 1.0 / PPM),
+            ("alpha_deg", ANGLE, "deg", 1.0),
+        ):
+            u = float(np.sqrt(total_variance(variances[result]).mean()))
+            yield PredictedCoefficient("pair", name, unit, size * u)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
@@ -386,7 +371,7 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
     K = np.where(ACROSS * K.max(initial=0.0) < K, K, K.max(initial=0.0))
     parts, measured = [], dict[str, list[float]]()
     for axis, run in runs:
-        plateaus = run.plateaus
+        plateaus, rate = run.plateaus, run.plateaus.rate_dps
         if not np.isfinite(plateaus.temp_degc).all():
             raise FitError(
                 f"{run.log.file}: no case temperature, expected one to plan what is missing",
@@ -394,9 +379,8 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
             )
         noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
         # of a log of one row per hold no noise is known
-        noise_known = np.isfinite(noise) & (noise > 0.0)
-        noise = np.where(noise_known, noise, assumed.noise_of(min(device.dwell_s)))
-        rate, first = plateaus.rate_dps, np.zeros(noise.size, dtype=np.int64)
+        noise = np.where(noise > 0.0, noise, assumed.noise_of(min(device.dwell_s)))
+        first = np.zeros(noise.size, dtype=np.int64)
         line = first + bench.axes.index(axis)
         parts.append(
             Holds(rate, rate, first, plateaus.temp_degc, plateaus.hours, line, line, noise)
@@ -420,8 +404,17 @@ def prepare_plan(spec: Spec, task: Task) -> GyroBench:
             )
         reference = float(np.mean([*measured.values()]))
         assumed = replace(assumed, range_degc=(reference, reference))
-    results, order = {name: UNIT[name] for name in bench.names}, 0 if pair else device.order
-    return bench(spec, task, assumed, results, have, order, table, reference, measured)
+    return bench(
+        spec=spec,
+        task=task,
+        assumed=assumed,
+        results={name: UNIT[name] for name in bench.names},
+        have=have,
+        order=0 if pair else device.order,
+        table=table,
+        reference_degc=reference,
+        measured=measured,
+    )
 
 
 def scale_per_degc(spec: GyroPairRecipe) -> float:

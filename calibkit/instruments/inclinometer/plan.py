@@ -37,14 +37,15 @@ from calibkit.instruments.inclinometer.root_choice import (
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
 from calibkit.planning.exchange import Pool
-from calibkit.planning.levels import LEVELS, Tour
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import (
+    LEVELS,
     WITHHELD,
+    Bench,
     Design,
     PredictedCoefficient,
     Sources,
-    TourBench,
+    Tour,
     count,
     split_variance,
 )
@@ -79,8 +80,8 @@ REACHED_DEGC = 0.1
 """Standard deviation of the temperature that is reached."""
 
 
-@dataclass(frozen=True)
-class StationBench(TourBench):
+@dataclass(frozen=True, kw_only=True)
+class StationBench(Bench):
     """Campaigns of an inclinometer."""
 
     places: Array
@@ -143,25 +144,25 @@ class StationBench(TourBench):
         middle, half = self.assumed.middle_half
         return [middle + half * rows.x]
 
-    def variances(self, design: Design) -> dict[str, Sources]:
+    def variances(self, rows: StationRoots) -> dict[str, Sources]:
         """Variance of s(T), and of the azimuth that it and a turn of the gyros, which the stations
         have to tell, leave.
         """
-        roots, unit_vectors = self.rows(design), np.eye(self.order + 2)
+        unit_vectors = np.eye(self.order + 2)
         x = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
         by_s = derivative(lambda p: scale_fit.scale(p, x), unit_vectors[0])
         psi_by_s, psi_by_turn = azimuth_slopes(self.spec.site.latitude_deg)
         # A turn is measured, and not taken out: the azimuth has what the stations leave unknown of
         # it, through s and by itself, and beside that the turn as it is assumed to be.
         slopes = psi_by_s * by_s + psi_by_turn * unit_vectors[-1]
-        of_azimuth = split_variance(self.fit(roots, turn_known=False), slopes)
+        of_azimuth = split_variance(self.fit(rows, turn_known=False), slopes)
         mounted = {OF_TURN: np.full(LEVELS, (psi_by_turn * self.assumed.size(*TURN)) ** 2)}
-        of_scale = split_variance(self.fit(roots), PPM * by_s, [OF_TURN])
+        of_scale = split_variance(self.fit(rows), PPM * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
 
-    def coefficients(self, design: Design) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: StationRoots) -> Iterator[PredictedCoefficient]:
         """Of s(T) in powers of °C."""
-        fit = self.fit(self.rows(design))
+        fit = self.fit(rows)
         for axis in self.spec.axes:
             yield from self.powers_of_degc(axis, "s", "1", fit, self.order + 1)
 
@@ -255,7 +256,7 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     order = device.order if spec.scale.order == "auto" else spec.scale.order
     step = task.equipment.fixture(FIXTURE).step_deg
     places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
-    bench = StationBench(spec, task, assumed, RESULTS, None, order, np.array(places))
+    bench = StationBench(spec, task, assumed, RESULTS, None, order, places=np.array(places))
     if not task.have:
         return bench
     admitted, _ = stations.admit_logs(list(task.have), spec)
