@@ -187,7 +187,7 @@ class Fit:
         """
         by_variance = [(P * share) @ P.T for share in self.noise_shares]
         for size in self.mixed:
-            PZ = _product(P, size.error)
+            PZ = size.error.gathered(P.T).T
             by_variance.append(PZ @ PZ.T)
         slopes = np.array(by_variance)
         return replace(
@@ -202,7 +202,7 @@ class Fit:
 
     def bounded_by(self, errors: Sequence[Shared]) -> "Fit":
         """The fit whose U holds errors of a stated largest size, which are no part of the noise."""
-        columns = [_product(self.gain, error) * error.size for error in errors if error.size]
+        columns = [error.gathered(self.gain.T).T * error.size for error in errors if error.size]
         return replace(self, bounds=np.hstack([self.bounds, *columns]))
 
     def widened_by(self, errors: Sequence[Shared]) -> "Fit":
@@ -211,7 +211,7 @@ class Fit:
         """
         size = np.array([error.size or 0.0 for error in errors])
         of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
-        products = [_product(self.gain, error) for error in errors]
+        products = [error.gathered(self.gain.T).T for error in errors]
         added = np.array([PZ @ PZ.T for PZ in products]).reshape(-1, *self.covariance.shape)
         count = len(self.variances)
         spread = np.zeros((count + len(size),) * 2)
@@ -312,15 +312,15 @@ def solve(
         near_variances = solution.variances
         # -r = J Δp + Σ Z_g b_g + e at the most likely sizes: Δp, b, and what is left of the noise
         change = linear_form.basis @ solution.coefficients
-        errors = problem.errors_of_levels(solution, active)
-        noise_residual = linear_form.y[: problem.n] - linear_form.J[: problem.n] @ change
-        for g, b in errors.items():
-            noise_residual -= problem.mixed[g].along(b) / problem.relative
+        shared_part = np.zeros(len(linear_form.y))
+        for g, b in problem.errors_of_levels(solution, active).items():
+            shared_part[: problem.n] += problem.mixed[g].along(b) / problem.relative
+        noise_residual = (linear_form.y - linear_form.J @ change - shared_part)[: problem.n]
         good = used
         if leave_out:  # residuals that are rounding are no outliers
             good = problem.find_good(noise_residual, solution, used, active)
             good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.prior_variances.noise_floor
-        p = p + problem.shortened(p, change, linear_form, solution, active, used)
+        p = p + problem.shortened(p, change, shared_part, linear_form, solution, used)
         # done where the step is small against u, and no residual came in or went out
         half = linear_form.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
         u = np.linalg.norm(half, axis=1)
@@ -445,14 +445,6 @@ def stand_out_together(good: Mask, level: Integers) -> Mask:
 def _jacobian(residual: Residual, p: Array) -> Array:
     """Derivatives [n, p] of the residuals, one after the other."""
     return derivative(lambda q: residual(q).ravel(), p)
-
-
-def _product(matrix: Array, error: Shared) -> Array:
-    """A Z [m, levels · k] of a matrix [m, n] and a shared error."""
-    total = np.zeros((len(matrix), error.levels * error.width))
-    for rows in _chunks(np.arange(matrix.shape[1])):
-        total += matrix[:, rows] @ error.design(rows)
-    return total
 
 
 def _chunks(rows: Integers) -> list[Integers]:
@@ -688,31 +680,21 @@ class _Problem:
         self,
         p: Array,
         change: Array,
+        shared_part: Array,
         linear_form: _Linearised,
         solution: MixedSolution,
-        active: Sequence[int],
         used: Mask,
     ) -> Array:
-        """The step, halved where the equation bends until rᵀ V⁻¹ r falls."""
-        R, fitted_rows = solution.noise_along(self.shares), self.fitted_rows(used)
+        """The step, halved where the equation bends until eᵀ R⁻¹ e falls, e what the shared errors
+        [N] at their most likely values leave of the residuals.
+        """
+        weights = np.where(self.fitted_rows(used), 1.0 / solution.noise_along(self.shares), 0.0)
         bend = self.stacked_residuals(p + change) + linear_form.y - linear_form.J @ change
-        if np.max(np.abs(bend[fitted_rows]) / np.sqrt(R[fitted_rows])) < SETTLED:
+        if np.max(bend**2 * weights) < SETTLED**2:
             return change
-        Z = solution.rows.Z * solution.root
-        ZRZ = Z.T @ (Z / solution.R[:, None])
-        ZRZ[np.diag_indices_from(ZRZ)] += 1.0
-
-        def misfit(r: Array) -> float:
-            # rᵀ R⁻¹ r - gᵀ (I + Zᵀ R⁻¹ Z)⁻¹ g, g = Zᵀ R⁻¹ r (Woodbury 1950)
-            weighted = np.where(fitted_rows, r / R, 0.0)
-            of_rows = (weighted[: self.n] / self.relative)[:, None]
-            by_level = [self.mixed[g].gathered(of_rows) for g in active]
-            g = np.concatenate([np.empty((0, 1)), *by_level])[:, 0] * solution.root
-            return float(r @ weighted - g @ np.linalg.solve(ZRZ, g))
-
-        before = misfit(-linear_form.y)
+        before = weights @ (shared_part - linear_form.y) ** 2
         for _ in range(HALVINGS):
-            if misfit(self.stacked_residuals(p + change)) < before:
+            if weights @ (self.stacked_residuals(p + change) + shared_part) ** 2 < before:
                 break
             change = 0.5 * change
         return change
