@@ -102,6 +102,8 @@ class MixedRows:
     group: Integers
     """[q], number of the shared error of each column of Z."""
     groups: int
+    known: KnownVariances
+    """Of the parts of the noise, and of the shared errors."""
 
     @cached_property
     def blocks(self) -> list["DiagonalBlock"]:
@@ -110,21 +112,35 @@ class MixedRows:
 
     def of_groups(self, numbers: Sequence[int]) -> "MixedRows":
         """The same rows with some of the shared errors, numbered anew."""
+        parts, count = len(self.shares), len(numbers)
+        variances = np.array([*range(parts), *(parts + g for g in numbers)], dtype=np.intp)
         columns = [np.flatnonzero(self.group == g) for g in numbers]
-        group = np.repeat(np.arange(len(numbers)), [len(c) for c in columns])
         columns_of_groups = np.concatenate([*columns, np.empty(0, np.intp)]).astype(np.intp)
-        return replace(self, Z=self.Z[:, columns_of_groups], group=group, groups=len(numbers))
+        return replace(
+            self,
+            Z=self.Z[:, columns_of_groups],
+            group=np.repeat(np.arange(count), [len(c) for c in columns]),
+            groups=count,
+            known=replace(
+                self.known,
+                square=self.known.square[variances],
+                dof=self.known.dof[variances],
+                largest=self.known.largest[variances],
+            ),
+        )
 
-    def degrees(self, group: int) -> int:
-        """Levels of a shared error that the coefficients leave apart."""
-        Z = self.Z[:, self.group == group]
-        largest_square = np.max(np.sum(Z**2, axis=0), initial=0.0)
-        if largest_square == 0.0:
-            return 0
-        Q = np.linalg.qr(self.J)[0]
-        Z_apart = Z - Q @ (Q.T @ Z)
-        values = np.linalg.eigvalsh(Z_apart.T @ Z_apart)
-        return int(np.sum(values > DETERMINED * largest_square))
+
+def degrees(J: Array, Z: Array) -> int:
+    """Levels of a shared error with loadings Z [n, k] that coefficients with derivatives J [n, p]
+    leave apart.
+    """
+    largest_square = np.max(np.sum(Z**2, axis=0), initial=0.0)
+    if largest_square == 0.0:
+        return 0
+    Q = np.linalg.qr(J)[0]
+    Z_apart = Z - Q @ (Q.T @ Z)
+    values = np.linalg.eigvalsh(Z_apart.T @ Z_apart)
+    return int(np.sum(values > DETERMINED * largest_square))
 
 
 class DiagonalBlock(NamedTuple):
@@ -152,17 +168,9 @@ def blocks(design: Array) -> list[DiagonalBlock]:
 class MixedSolution:
     """Equations (2) and (3) solved at variances θ [parts + groups]."""
 
-    def __init__(
-        self,
-        rows: MixedRows,
-        variances: Array,
-        prior_variances: KnownVariances,
-        *,
-        restricted: bool = True,
-    ) -> None:
+    def __init__(self, rows: MixedRows, variances: Array, *, restricted: bool = True) -> None:
         parts, p = len(rows.shares), rows.J.shape[1]
-        self.rows, self.variances, self.prior_variances = rows, variances, prior_variances
-        self.restricted = restricted
+        self.rows, self.variances, self.restricted = rows, variances, restricted
         self.R: Array = variances[:parts] @ rows.shares
         self.noise = np.sqrt(self.R)
         self.root = np.sqrt(variances[parts:])[rows.group]
@@ -172,7 +180,7 @@ class MixedSolution:
         self.solution = np.zeros(T.shape[1])
         # rows of each block, its B [rows, columns], and how many columns, the first, are of errors
         self.bases: list[tuple[Integers, Array, int]] = []
-        self.deviance = float(rows.count @ np.log(self.R)) + prior_variances.deviance(variances)
+        self.deviance = float(rows.count @ np.log(self.R)) + rows.known.deviance(variances)
         for block in rows.blocks:
             # errors first: without the columns behind them P is V⁻¹
             columns = np.roll(block.columns, -int(np.count_nonzero(block.columns < p)))
@@ -250,11 +258,9 @@ class MixedSolution:
         noise_trace = shares @ ((self.rows.count - leverage) / self.R)
         trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
-        score = 0.5 * (VPy.T @ self.Py - trace) + self.prior_variances.score(self.variances)
-        information = 0.5 * VPy.T @ self.projected(VPy) + self.prior_variances.information(
-            self.variances
-        )
-        return score, information
+        known, theta = self.rows.known, self.variances
+        score = 0.5 * (VPy.T @ self.Py - trace) + known.score(theta)
+        return score, 0.5 * VPy.T @ self.projected(VPy) + known.information(theta)
 
     def information(self) -> Array:
         """Expected information [v, v] of the variances, ½ tr(P V_i P V_j)."""
@@ -268,17 +274,18 @@ class MixedSolution:
         cross = shares @ PZ**2 @ member
         mixed = member.T @ (Z.T @ PZ) ** 2 @ member
         of_all = np.block([[noise, cross], [cross.T, mixed]])
-        return 0.5 * of_all + self.prior_variances.information(self.variances)
+        return 0.5 * of_all + self.rows.known.information(self.variances)
 
 
-def maximise(
-    rows: MixedRows, prior_variances: KnownVariances, start: Array | None = None
-) -> MixedSolution:
-    """The most likely variances, from a start [v] that is near or from two that are far apart."""
-    starts = [start] if start is not None else _starts(rows, prior_variances)
-    return min(
-        (_ascend(MixedSolution(rows, v, prior_variances)) for v in starts), key=lambda s: s.deviance
-    )
+def maximise(rows: MixedRows, near: Array | None = None) -> MixedSolution:
+    """The most likely variances, from those that are near [v], or from starts that are far apart
+    where these are not of the same errors.
+    """
+    starts = _starts(rows)
+    if near is not None and near.shape == starts[0].shape:
+        starts = [np.minimum(near, rows.known.largest)]
+    ends = [_ascend(MixedSolution(rows, variances)) for variances in starts]
+    return min(ends, key=lambda end: end.deviance)
 
 
 def first_step(solution: MixedSolution, Z: Array) -> tuple[float, float]:
@@ -295,18 +302,15 @@ def first_step(solution: MixedSolution, Z: Array) -> tuple[float, float]:
 
 def unrestricted(solution: MixedSolution) -> float:
     """Least -2 log L without restriction, by its own variances, of the fit of a solution."""
-    rows, prior_variances = solution.rows, solution.prior_variances
-    return _ascend(
-        MixedSolution(rows, solution.variances, prior_variances, restricted=False)
-    ).deviance
+    return _ascend(MixedSolution(solution.rows, solution.variances, restricted=False)).deviance
 
 
 def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     """Covariance [p, p] of the coefficients with what the estimation of the variances adds, its
     derivatives [v, p, p] by the variances, and their covariance [v, v], 0 for one that is held.
     """
-    rows, variances, prior_variances = solution.rows, solution.variances, solution.prior_variances
-    spread = _inverse(solution.information(), prior_variances.free)
+    rows, variances = solution.rows, solution.variances
+    spread = _inverse(solution.information(), rows.known.free)
     # Φ + 2 Σ w_ij G V_i P V_j Gᵀ (Kenward & Roger 1997), V_i Gᵀ = D_i Gᵀ or Z_i Z_iᵀ Gᵀ
     G = solution.gain
     VG = [d[:, None] * G.T for d in rows.shares]
@@ -325,7 +329,7 @@ def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     return covariance, slopes, spread * np.outer(cut, cut)
 
 
-def _starts(rows: MixedRows, prior_variances: KnownVariances) -> list[Array]:
+def _starts(rows: MixedRows) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
@@ -340,41 +344,38 @@ def _starts(rows: MixedRows, prior_variances: KnownVariances) -> list[Array]:
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
     for share in (0.1, 10.0):
-        start = np.concatenate([np.maximum(noise, prior_variances.noise_floor), share * mixed])
-        start = np.minimum(start, prior_variances.largest)
-        starts.append(np.where(prior_variances.free, start, prior_variances.square))
+        start = np.concatenate([np.maximum(noise, rows.known.noise_floor), share * mixed])
+        start = np.minimum(start, rows.known.largest)
+        starts.append(np.where(rows.known.free, start, rows.known.square))
     return starts if rows.groups else starts[:1]
 
 
 def _ascend(now: MixedSolution) -> MixedSolution:
     """Where scoring of the likelihood ends, from a solution."""
-    rows, prior_variances = now.rows, now.prior_variances
-    parts = len(rows.shares)
+    rows, known, parts = now.rows, now.rows.known, len(now.rows.shares)
     # Noise that is the only one of some row cannot be zero, nor can that of the first sensor.
     only_noise = np.zeros(len(now.variances), dtype=np.bool_)
     only = np.sum(rows.shares > 0.0, axis=0) == 1
     only_noise[:parts] = np.any((rows.shares > 0.0) & only, axis=1)
     only_noise[0] = True
-    floor = np.where(only_noise & prior_variances.free, prior_variances.noise_floor, 0.0)
+    floor = np.where(only_noise & known.free, known.noise_floor, 0.0)
     for _ in range(ITERATIONS):
         score, information = now.score()
-        adjustable = prior_variances.free & ((now.variances > 0.0) | (score > 0.0))
+        adjustable = known.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, adjustable) @ np.where(adjustable, score, 0.0)
         falling = 0.1 * now.variances
-        lowest = np.maximum(
-            np.where(only_noise | (prior_variances.prior_dof > 0.0), falling, 0.0), floor
-        )
+        lowest = np.maximum(np.where(only_noise | (known.prior_dof > 0.0), falling, 0.0), floor)
         for halving in range(HALVINGS):
             trial = np.maximum(now.variances + step * 0.5**halving, lowest)
             # from far above, a step of whatever length passes the maximum: fall by decades
             lowest = np.maximum(lowest, falling)
             trial = np.where(
-                prior_variances.free,
-                np.minimum(trial, prior_variances.largest),
-                prior_variances.square,
+                known.free,
+                np.minimum(trial, known.largest),
+                known.square,
             )
             try:
-                reached = MixedSolution(rows, trial, prior_variances, restricted=now.restricted)
+                reached = MixedSolution(rows, trial, restricted=now.restricted)
             except np.linalg.LinAlgError:  # rounding makes (2) singular
                 continue
             if reached.deviance <= now.deviance:

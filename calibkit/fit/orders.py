@@ -43,7 +43,7 @@ def average(fits: Sequence[Fit]) -> Fit:
     aic = np.zeros(len(fits))
     for k, fit in enumerate(fits):
         coefficients = int(fit.used.sum()) - fit.dof
-        sizes = int(np.sum(fit.solution.prior_variances.free))
+        sizes = int(np.sum(fit.solution.rows.known.free))
         aic[k] = likelihood.unrestricted(fit.solution) + 2.0 * (coefficients + sizes)
     weights = np.exp(-0.5 * (aic - aic.min()))
     weights /= weights.sum()

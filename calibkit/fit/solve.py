@@ -306,7 +306,7 @@ def solve(
         linear_form = problem.linearise(
             p, used, noise_known=noise is not None and not estimate_noise
         )
-        solution = linear_form.maximise(active, near_variances)
+        solution = likelihood.maximise(linear_form.rows.of_groups(active), near_variances)
         if step == 1:  # where the equation is already straight
             solution = _take_optional(linear_form, solution, active, optional_errors)
         near_variances = solution.variances
@@ -319,7 +319,7 @@ def solve(
         good = used
         if leave_out:  # residuals that are rounding are no outliers
             good = problem.find_good(noise_residual, solution, used, active)
-            good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.prior_variances.noise_floor
+            good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.rows.known.noise_floor
         p = p + problem.shortened(p, change, shared_part, linear_form, solution, used)
         # done where the step is small against u, and no residual came in or went out
         half = linear_form.basis @ np.linalg.cholesky(solution.inverse[: len(p), : len(p)])
@@ -347,13 +347,15 @@ def _take_optional(
     while True:
         wider: dict[int, MixedSolution] = {}
         for g in optional_errors:
-            if not linear_form.prior_variances.free[parts + g]:
+            if not linear_form.rows.known.free[parts + g]:
                 continue
             Z = linear_form.rows.Z[:, linear_form.rows.group == g]
             variance, fall = likelihood.first_step(solution, Z)
             if fall < ASKED_FOR / HESITANT:
                 continue
-            with_error = linear_form.maximise([*active, g], np.append(solution.variances, variance))
+            with_error = likelihood.maximise(
+                linear_form.rows.of_groups([*active, g]), np.append(solution.variances, variance)
+            )
             # An error that takes most of the residuals that show the noise leaves little of them by
             # chance: of six degrees of freedom three are left, and -2 log L falls by more than
             # ASKED_FOR once in 90 tries. The limit grows by the ratio of the degrees of freedom,
@@ -406,7 +408,7 @@ def predict(
     linear_form = problem.linearise(p, used, noise_known=False)
     sizes = [1.0, *(prior.size for prior in priors)]
     sizes += [error.size or 0.0 for error in (*problem.noises, *problem.mixed)]
-    solution = MixedSolution(linear_form.rows, np.array(sizes) ** 2, linear_form.prior_variances)
+    solution = MixedSolution(linear_form.rows, np.array(sizes) ** 2)
     fit = problem.result(p, linear_form, solution, range(len(problem.mixed)), used)
     # the sizes are stated: their estimation adds nothing
     embed = problem.embed(linear_form)
@@ -463,26 +465,9 @@ class _Linearised:
     basis: Array
     """[p, p], what turns coefficients of orthonormal columns into changes of the parameters."""
     rows: MixedRows
-    prior_variances: KnownVariances
     degrees: tuple[int, ...]
     """Levels of each mixed error that the parameters leave apart."""
     condition: float
-
-    def maximise(self, active: Sequence[int], near_variances: Array | None = None) -> MixedSolution:
-        """Most likely sizes with some of the mixed errors."""
-        parts = len(self.rows.shares)
-        variance_indices = np.array([*range(parts), *(parts + g for g in active)], dtype=np.intp)
-        prior_variances = replace(
-            self.prior_variances,
-            square=self.prior_variances.square[variance_indices],
-            dof=self.prior_variances.dof[variance_indices],
-            largest=self.prior_variances.largest[variance_indices],
-        )
-        if near_variances is not None and len(near_variances) == len(variance_indices):
-            near_variances = np.minimum(near_variances, prior_variances.largest)
-        else:  # a start of other sizes is none
-            near_variances = None
-        return likelihood.maximise(self.rows.of_groups(active), prior_variances, near_variances)
 
 
 class _Problem:
@@ -571,14 +556,16 @@ class _Problem:
             basis[np.ix_(columns, columns)] = least_squares.triangular(R, np.eye(len(columns)))
         widths = [error.levels * error.width for error in self.mixed]
         group = np.repeat(np.arange(len(self.mixed)), widths)
-        rows = MixedRows(Q, Z, y_rows, shares, counts, group, len(self.mixed))
         # the target of a linear equation: y = target - J p
         largest = float(np.max(np.abs(y + J @ p)[fitted_rows]))
         least_variance = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
         exact = float(np.sum(least_squares_fit.residuals**2)) / (count - len(p)) <= least_variance
-        degrees = tuple(0 if exact else rows.degrees(g) for g in range(len(self.mixed)))
-        prior_variances = self._known_variances(degrees, least_variance, noise_known=noise_known)
-        return _Linearised(J, y, basis, rows, prior_variances, degrees, least_squares_fit.condition)
+        degrees = tuple(
+            0 if exact else likelihood.degrees(Q, Z[:, group == g]) for g in range(len(self.mixed))
+        )
+        known = self._known_variances(degrees, least_variance, noise_known=noise_known)
+        rows = MixedRows(Q, Z, y_rows, shares, counts, group, len(self.mixed), known)
+        return _Linearised(J, y, basis, rows, degrees, least_squares_fit.condition)
 
     def _triangles(
         self, J: Array, y: Array, fitted_rows: Mask
@@ -630,18 +617,15 @@ class _Problem:
         """What is known of the variances. Where the rows tell nothing of an error, its size is as
         stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
-        prior_variances = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
-        prior_variances += [(prior.size, prior.size_dof) for prior in self.priors]
-        for error in self.noises:
-            prior_variances.append(
-                (0.0, 0.0) if error.size is None else (error.size, error.size_dof)
-            )
-        for error, rank in zip(self.mixed, degrees, strict=True):
+        known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
+        known += [(prior.size, prior.size_dof) for prior in self.priors]
+        ranks = [*(1 for _ in self.noises), *degrees]
+        for error, rank in zip((*self.noises, *self.mixed), ranks, strict=True):
             if error.size is None:
-                prior_variances.append((0.0, 0.0 if rank else np.inf))
+                known.append((0.0, 0.0 if rank else np.inf))
             else:
-                prior_variances.append((error.size, error.size_dof if error.size else np.inf))
-        size, dof = np.array(prior_variances).T
+                known.append((error.size, error.size_dof if error.size else np.inf))
+        size, dof = np.array(known).T
         limits = [np.inf] * len(self.shares) + [error.largest for error in self.mixed]
         return KnownVariances(size**2, dof, np.array(limits) ** 2, least_variance)
 

@@ -17,6 +17,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.coefficients import Component, Model, Parameter
 from calibkit.errors import FitError
+from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
@@ -329,8 +330,9 @@ def _fit_orders(
             free=free,
             names=names,
         )
-        log = shared[0]
-        if not log.is_noise and log.size is None and not fit.solution.rows.degrees(0):
+        log, rows = shared[0], fit.solution.rows
+        levels_apart = likelihood.degrees(rows.J, rows.Z[:, rows.group == 0])
+        if not log.is_noise and log.size is None and not levels_apart:
             if fits:
                 break
             raise FitError(
