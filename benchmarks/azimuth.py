@@ -23,8 +23,7 @@ from calibkit.instruments.inclinometer import (
     scale_fit,
     simulate,
 )
-from calibkit.instruments.inclinometer.forms import ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
+from calibkit.instruments.inclinometer.noise import estimate_noise
 from calibkit.simulate.campaign import Campaign
 
 LATITUDE_DEG = 34.2
@@ -88,10 +87,7 @@ def solved(
             before = root_choice.history_prior(other, hours[: others.accel_x.size])
             first = root_choice.solve(other, before)
             over = scale_fit.fit_over_temperature(first, temperatures(calibration))
-            model = ScaleModel(
-                *(over.coefficients, over.covariance, over.scatter, over.valid_degc, NO_NOISE)
-            )
-            prior = model.prior(temperatures(logs))
+            prior = over.model.prior(temperatures(logs))
         solutions.append(root_choice.solve(roots, prior))
     return solutions
 

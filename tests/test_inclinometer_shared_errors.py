@@ -204,7 +204,7 @@ def test_s_that_differs_from_log_to_log_is_within_its_u():
         powers = np.array([1.0, 70.0])
         value = powers @ scale.model.coefficients
         u = np.sqrt(powers @ scale.model.covariance @ powers)
-        half = t.ppf(0.975, scale.over.effective_dof[0]) * u
+        half = t.ppf(0.975, scale.effective_dof[0]) * u
         inside.append(abs(value - made.truth["stations"]["s_x"][0]) <= half)
         sizes.append(next(c.value for c in scale.components if c.group == "log"))
     assert np.mean(inside) >= LEAST

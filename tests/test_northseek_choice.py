@@ -420,8 +420,7 @@ def test_refused_stations_do_not_disturb_the_history():
 
 def prior_at(over, temperature):
     """Prior of s that a fit over temperature gives at temperatures."""
-    model = ScaleModel(over.coefficients, over.covariance, over.scatter, over.valid_degc, NO_NOISE)
-    return model.prior(np.atleast_1d(temperature))
+    return over.model.prior(np.atleast_1d(temperature))
 
 
 def fitted(seed, **options):
@@ -456,8 +455,8 @@ def test_s_over_temperature_follows_the_truth():
     error = prior.s - np.array(truth["s_x"])
     assert np.abs(error).max() < 4e-4
     assert np.sqrt(np.mean((error / prior.standard_uncertainty) ** 2)) < 2.0
-    assert over.valid_degc[0] < 25.0
-    assert over.valid_degc[1] > 110.0
+    assert over.model.valid[0] < 25.0
+    assert over.model.valid[1] > 110.0
 
 
 def test_s_over_temperature_has_honest_uncertainty():
@@ -492,7 +491,11 @@ def test_a_turn_is_measured_where_stations_separate_it_from_the_polynomial(sprea
     by_turn = 0.02 + 0.02 * spread * rng.uniform(-1.0, 1.0, 24)
     by_turn += 1e-5 * rng.standard_normal(24)
     s = 1.0 + 1e-4 * rng.standard_normal(24) + 0.3 * by_turn
-    over = roots_of(s, 1e-4, temperature, turn=by_turn)
+    tool = np.zeros(24, dtype=int)
+    turn = Shared(
+        group="mounting", effect="gyro turn", level=tool, loading=by_turn[:, None], unit="deg"
+    )
+    over = roots_of(s, 1e-4, temperature, turn=turn)
     assert over.separable is separable
     angle, u = over.turn_deg
     if separable:
@@ -550,8 +553,8 @@ def test_scatter_beyond_noise_is_in_the_prior():
     )
     found = solved(parts, 34.2, prior_of(80))
     over = scale_fit.fit_over_temperature(found, np.linspace(20.0, 120.0, 80))
-    assert over.scatter == pytest.approx(1e-3, rel=0.3)
-    assert prior_at(over, 60.0).standard_uncertainty[0] > over.scatter
+    assert over.model.scatter == pytest.approx(1e-3, rel=0.3)
+    assert prior_at(over, 60.0).standard_uncertainty[0] > over.model.scatter
 
 
 def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
@@ -567,14 +570,19 @@ def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
 
 
 def test_s_over_temperature_needs_stations_and_temperatures():
-    """One usable station, or one temperature for a slope, are refused."""
+    """One usable station, or one temperature, for a slope are refused; a single root is s0, as
+    uncertain as s was before.
+    """
     found = solved(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
     with pytest.raises(FitError, match="1 usable"):
-        scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]))
+        scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]), order=1)
+    single = scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]))
+    assert single.model.coefficients == found.s_root[:1]
+    assert single.model.scatter == HistorySpec().standard_uncertainty
     found = solved(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
     with pytest.raises(FitError, match="one temperature"):
         scale_fit.fit_over_temperature(found, np.full(3, 20.0), order=1)
-    assert scale_fit.fit_over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
+    assert scale_fit.fit_over_temperature(found, np.full(3, 20.0)).model.coefficients.size == 1
 
 
 def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():

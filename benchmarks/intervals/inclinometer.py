@@ -97,7 +97,7 @@ def simulate(case: Case, number: int) -> Outcome:
         return Outcome({}, {}, refused=str(error))
     powers, inside, width = np.vander(AT_DEGC, 2, increasing=True), [], []
     for axis, scale in fits.items():
-        model, dof = scale.model, scale.over.effective_dof
+        model, dof = scale.model, scale.effective_dof
         u = np.sqrt(np.einsum("mp,pq,mq->m", powers, model.covariance, powers))
         many = np.full(2, np.inf) if dof is None else dof
         own = [gum.degrees_of_freedom(row, model.covariance, many) for row in powers]

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
 from calibkit.instruments.inclinometer import published
@@ -20,7 +19,7 @@ from calibkit.instruments.inclinometer.root_choice import (
 )
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
-from calibkit.instruments.inclinometer.stations import Rows, Stations, solve_components
+from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 
 FEW = 5
@@ -35,7 +34,7 @@ FEWEST = 5
 """Fewest stations, beyond the number of coefficients of s(T), for an estimate of the latitude."""
 REFUSED = "refused: "
 """How the flag of a refused station begins."""
-LATITUDE_STEP_DEG, INDEX_STEP_DEG, SHARE = 1e-3, 1e-3, 1e-5
+LATITUDE_STEP_DEG, SHARE = 1e-3, 1e-5
 
 
 def make_result(
@@ -109,7 +108,7 @@ def flag_latitude(
     for axis, fit in fits.items():
         u = solved.solutions[axis].s_root_uncertainty[fit.used]
         expected = float(np.median(u)) if u.size else 0.0
-        if not expected or fit.over is None or fit.model.scatter <= SCATTERS * expected:
+        if not expected or fit.fit is None or fit.model.scatter <= SCATTERS * expected:
             continue
         scatter_words = (
             f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
@@ -119,7 +118,7 @@ def flag_latitude(
         pair, parts = solved.solutions[axis], stations.components[axis]
         latitude = np.full(pair.s.size, stated_deg)
         by_latitude = np.radians(root_slopes(parts, latitude, pair.root >= 0)[:, 4])
-        offset, u_offset = fit.over.further_error(-by_latitude, FEWEST)
+        offset, u_offset = fit.further_error(-by_latitude, FEWEST)
         reason = (
             "see that site.latitude_deg is right and the gyro does not change from station to"
             " station"
@@ -194,27 +193,45 @@ def read_models(
 
 
 def find_sensitivities(
-    fits: Mapping[Sensor, ScaleFit], rows: Rows, spec: InclinometerRecipe
+    fits: Mapping[Sensor, ScaleFit], stations: Stations, spec: InclinometerRecipe
 ) -> tuple[Sensitivity, ...]:
-    """How s(T) of every gyro moves with errors of the latitude, the thermometer, the gyros and the
-    index of the positions: the roots of shifted stations, by differences on both sides, with the
-    weights of the fit.
+    """How s(T) of every gyro moves with errors of the latitude, the thermometer and the gyros: the
+    roots of shifted stations, by differences on both sides, with the weights of the fit. A turn of
+    all positions alike moves no root.
     """
     errors = [
         InputError("latitude_deg", "offset", LATITUDE_STEP_DEG),
-        InputError("position_deg", "offset", INDEX_STEP_DEG),
         *(InputError(f"gyro_{axis}_dph", "scale", SHARE) for axis in spec.axes),
     ]
-    known_degc = rows.frame[TEMPERATURE].dropna()
+    known_degc = stations.temperature[np.isfinite(stations.temperature)]
     if known_degc.size:
         errors += of_thermometer(TEMPERATURE, float(known_degc.min()), float(known_degc.max()))
-    sensitivities = []
+    sensitivities = [Sensitivity("position_deg", "offset", {})]
     for error in errors:
-        up = _coefficients_moved(fits, rows, spec, error)
-        down = _coefficients_moved(fits, rows, spec, replace(error, step=-error.step))
         derivatives: dict[str, float] = {}
         for axis, fit in fits.items():
-            change = up[axis] - down[axis]
+            changes = []
+            for step in (error.step, -error.step):
+                shift = replace(error, step=step).shift
+                parts, latitude_deg = stations.components[axis], spec.site.latitude_deg
+                temp_degc = np.nan_to_num(stations.temperature)
+                if error.input == "latitude_deg":
+                    latitude_deg = shift(latitude_deg)
+                elif error.input == TEMPERATURE:
+                    temp_degc = shift(temp_degc)
+                elif error.input == f"gyro_{axis}_dph":
+                    parts = replace(parts, gyro_x=shift(parts.gyro_x), gyro_y=shift(parts.gyro_y))
+                attitude = published.attitude(parts.accel_x, parts.accel_y)
+                roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude_deg)
+                # of both roots the one that was fitted
+                before = np.ones(fit.used.size)
+                before[fit.used] = fit.roots.s
+                plus = np.abs(roots.plus - before) <= np.abs(roots.minus - before)
+                by_turn, _ = mounting_slopes(parts, latitude_deg, plus)
+                changes.append(
+                    fit.shifted(np.where(plus, roots.plus, roots.minus), by_turn, temp_degc)
+                )
+            change = changes[0] - changes[1]
             degc, model = spec.reference_temp_degc, fit.model
             powers = np.clip(degc, *(model.valid or (degc, degc))) ** np.arange(change.size)
             values = {f"{axis}.s{k}": float(part) for k, part in enumerate(change)}
@@ -224,35 +241,6 @@ def find_sensitivities(
                 if abs(value) > rounding:
                     derivatives[f"inclinometer_scale.{name}"] = value / (2.0 * error.step)
         sensitivities.append(Sensitivity(error.input, error.kind, derivatives))
+    # in the order of earlier runs: latitude, positions, gyros, thermometer
+    sensitivities[:2] = sensitivities[1::-1]
     return tuple(sensitivities)
-
-
-def _coefficients_moved(
-    fits: Mapping[Sensor, ScaleFit], rows: Rows, spec: InclinometerRecipe, error: InputError
-) -> dict[Sensor, Array]:
-    """Changes of the coefficients by an error of the latitude, the positions, a gyro or the
-    thermometer.
-    """
-    if error.input == "latitude_deg":
-        site = spec.site.model_copy(update={"latitude_deg": error.shift(spec.site.latitude_deg)})
-        spec = spec.model_copy(update={"site": site})
-    else:
-        column = {error.input: error.shift(rows.frame[error.input])}
-        rows = replace(rows, frame=rows.frame.assign(**column))
-    shifted = solve_components(rows, spec)
-    changes = {}
-    for axis, fit in fits.items():
-        parts = shifted.components[axis]
-        attitude = published.attitude(parts.accel_x, parts.accel_y)
-        roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, spec.site.latitude_deg)
-        # of both roots the one that was fitted
-        before = np.ones(fit.used.size)
-        before[fit.used] = fit.model.coefficients[0] if fit.over is None else fit.over.roots.s
-        plus = np.abs(roots.plus - before) <= np.abs(roots.minus - before)
-        s = np.where(plus, roots.plus, roots.minus)
-        if fit.over is None:
-            changes[axis] = s[fit.used] - before[fit.used]
-            continue
-        by_turn, _ = mounting_slopes(parts, spec.site.latitude_deg, plus)
-        changes[axis] = fit.over.shifted(s, by_turn, np.nan_to_num(shifted.temperature))
-    return changes

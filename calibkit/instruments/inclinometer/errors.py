@@ -130,7 +130,7 @@ class AngleErrors:
     @classmethod
     def compare(cls, stations: Stations, solved: SolvedStations) -> Self:
         """Errors of all stations."""
-        reference, combined, mounted = stations.reference, solved.combined, solved.mounted
+        reference, combined = stations.reference, solved.combined
         with np.errstate(invalid="ignore"):
             return cls(
                 np.where(solved.refused, np.nan, combined.inclination_deg - reference[:, 0]),
@@ -138,9 +138,9 @@ class AngleErrors:
                 wrapped(combined.uncorrected_deg - reference[:, 2]),
                 wrapped(combined.azimuth_deg - reference[:, 2]),
                 combined.standard_uncertainty[:, 2],
-                np.sqrt(combined.covariance[:, 2, 2] - mounted.variance),
-                np.sqrt(mounted.stated),
-                mounted.by_turn,
+                np.sqrt(combined.covariance[:, 2, 2] - solved.mounted_variance),
+                np.sqrt(solved.stated_variance),
+                solved.by_turn,
             )
 
 

@@ -101,7 +101,7 @@ def fit(
     notes += coefficient_files.flag_latitude(fits, stations, solved, spec)
     angles = errors.AngleErrors.compare(stations, solved)
     result = coefficient_files.make_result(fits, stations, solved, angles, notes, spec)
-    influences = coefficient_files.find_sensitivities(fits, rows, spec.on_site())
+    influences = coefficient_files.find_sensitivities(fits, stations, spec.on_site())
     results = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
     for axis, status in stations.status.items():

@@ -22,11 +22,16 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, sensitivities, solve
-from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE, ScaleModel
-from calibkit.instruments.inclinometer.root_choice import ScalePrior, Solution
+from calibkit.forms import components_of
+from calibkit.frame import Remark
+from calibkit.instruments.inclinometer.forms import MOUNTING, SCALE, TEMPERATURE, ScaleModel
+from calibkit.instruments.inclinometer.noise import NO_NOISE, Noise
+from calibkit.instruments.inclinometer.recipe import HistorySpec
+from calibkit.instruments.inclinometer.root_choice import DEFAULT_HISTORY, ScalePrior, Solution
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
+from calibkit.recipe.shared_errors import warn_of_few_levels
 
 SPARE = 3
 """Fewest degrees of freedom with which the turn of a gyro is measured."""
@@ -36,6 +41,9 @@ left, noise alone, in which a turn of any size is seen; free stations leave 0.99
 """
 BY_CHANCE = 0.05
 """Probability of a turn by noise alone, below which it is taken as measured."""
+SHOWN = 3.0
+"""Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
+ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
 LEAST_DEG = 1e-4
 """Turn [°] below which no tool is aligned."""
 LEAST_SPARE = 1e-6
@@ -57,75 +65,63 @@ class StationRoots:
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleOverTemperature:
-    """s(T) = s0 + s1 T + …, T in °C, fitted to the roots of n stations."""
+class ScaleFit:
+    """s(T) of one gyro, as files hold it, and its fit to the roots of n stations."""
 
-    fit: Fit
-    """Of s0 … sn in powers of x and of the turn [°]."""
-    roots: StationRoots
-    """That were fitted."""
-    to_raw: Array
-    """[n + 1, n + 1], matrix from powers of x to powers of °C."""
-    valid_degc: tuple[float, float]
+    model: ScaleModel
     used: Mask
     """Mask [n] of the stations used in the fit."""
     left_out: ScalePrior
     """s(T) at each station [n] fitted to all the others: a prior independent of the station's own
     reading.
     """
-    separable: bool | None
+    roots: StationRoots
+    """That were fitted."""
+    to_raw: Array
+    """[n + 1, n + 1], matrix from powers of x to powers of °C."""
+    fit: Fit | None = None
+    """Of s0 … sn in powers of x and of the turn [°]; None of a single root."""
+    separable: bool | None = None
     """Whether the stations tell a turn of the gyro from the polynomial; None where they are too few
     to measure it.
     """
+    turn_deg: tuple[float, float] = (0.0, 0.0)
+    """Turn of the gyro against its accelerometer and its standard uncertainty [°]. That of a turn
+    which noise may explain is 0: it stays in the azimuth's uncertainty with its own size.
+    """
+    components: tuple[Component, ...] = ()
 
     @property
-    def coefficients(self) -> Array:
-        """s0 … sn in powers of °C."""
-        return self.to_raw @ self.fit.parameters[:-1]
+    def flags(self) -> tuple[str, ...]:
+        """On logs that are too few to show their scatter, and on the turn."""
+        angle, u = self.turn_deg
+        logs = [s for s in (self.fit.shared if self.fit else ()) if s.error.group == "log"]
+        flags = [*warn_of_few_levels(logs)]
+        if self.separable is False:
+            flags.append(Remark(ONE_ATTITUDE))
+        if abs(angle) > SHOWN * u > 0.0:
+            flags.append(
+                f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
+                " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
+                " azimuth; align the sensors and measure again"
+            )
+        return tuple(flags)
 
     @property
-    def covariance(self) -> Array:
-        """[n + 1, n + 1], type A."""
-        return self.fit.restated(lambda p: self.to_raw @ p[:-1]).total_covariance
+    def dof(self) -> int:
+        """Roots less coefficients."""
+        return 0 if self.fit is None else self.fit.dof
 
     @property
-    def effective_dof(self) -> Array:
+    def effective_dof(self) -> Array | None:
         """Of the coefficients [n + 1]. That of s0 is the least within the range of
         temperatures, because every s(T) is made with it; alone it is the polynomial at 0 °C.
         """
+        if self.fit is None:
+            return None
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
         dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, np.linspace(-1.0, 1.0, 21))).dof.min())
         return dof
-
-    @property
-    def scatter(self) -> float:
-        """Standard deviation of s at a station of another log about s(T), beyond the noise of its
-        readings.
-        """
-        return float(np.linalg.norm([size.value for size in self.fit.shared]))
-
-    @property
-    def residual_rms(self) -> float:
-        """Standard deviation of the roots about s(T), each weighted by the inverse square of its
-        noise.
-        """
-        weight = self.fit.noise**-2.0
-        square = float(weight @ self.fit.noise_residual**2 / np.mean(weight))
-        return float(np.sqrt(square / self.fit.dof))
-
-    @property
-    def turn_deg(self) -> tuple[float, float]:
-        """Turn of the gyro against its accelerometer and its standard uncertainty [°]. That of a
-        turn which noise may explain is 0: it stays in the azimuth's uncertainty with its own size.
-        """
-        from scipy.special import stdtr
-
-        turn = self.fit.of(lambda p: p[-1:])
-        angle, u = float(turn.value[0]), float(turn.u[0])
-        if not self.separable or abs(angle) < LEAST_DEG:
-            return 0.0, 0.0
-        by_chance = 2.0 * float(stdtr(turn.dof[0], -abs(angle) / u))
-        return angle, u if by_chance <= BY_CHANCE else 0.0
 
     def further_error(self, by_error: Array, spare: int) -> tuple[float, float]:
         """An error that all stations share by derivatives of the root [n], instead of a turn, and
@@ -134,7 +130,11 @@ class ScaleOverTemperature:
         """
         roots = replace(self.roots, turn=by_error[self.used])
         order = len(self.to_raw) - 1
-        if len(roots.s) < order + 1 + spare or not _separates_turn(roots, order):
+        if (
+            self.fit is None
+            or len(roots.s) < order + 1 + spare
+            or not _separates_turn(roots, order)
+        ):
             return 0.0, 0.0
         shared = [size.error for size in self.fit.shared]
         (fit,) = _fit_orders(roots, [order], shared, with_turn=True)
@@ -145,38 +145,24 @@ class ScaleOverTemperature:
         """Change of the coefficients [n + 1] where roots, derivatives by a turn and temperatures of
         all stations are others, the weights held.
         """
-        low, high = self.valid_degc
+        if self.fit is None:
+            return s[self.used] - self.roots.s
+        low, high = self.model.valid or (0.0, 0.0)
         x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
         shifted_roots = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
         of_fit, other = partial(residual, roots=self.roots), partial(residual, roots=shifted_roots)
         (change,) = sensitivities(of_fit, [other], self.fit)
         return np.asarray(self.to_raw @ change[:-1])
 
-
-@dataclass(frozen=True, slots=True)
-class ScaleFit:
-    """s(T) of one gyro, as files hold it, and how it was found."""
-
-    model: ScaleModel
-    used: Mask
-    """Mask [n] of the stations used in the fit."""
-    left_out: ScalePrior
-    """As that of `over`."""
-    over: ScaleOverTemperature | None = None
-    """None of a single root."""
-    components: tuple[Component, ...] = ()
-    flags: tuple[str, ...] = ()
-
-    @property
-    def dof(self) -> int:
-        """Roots less coefficients."""
-        return 0 if self.over is None else self.over.fit.dof
-
     def write(self, axis: str) -> Model:
         """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
         readings.
         """
-        model, over = self.model, self.over
+        model, residual_rms = self.model, 0.0
+        if self.fit is not None:  # about s(T), each root weighted by the inverse square of its u
+            weight = self.fit.noise**-2.0
+            square = float(weight @ self.fit.noise_residual**2 / np.mean(weight))
+            residual_rms = float(np.sqrt(square / self.fit.dof))
         return SCALE.write(
             axis,
             [
@@ -185,9 +171,9 @@ class ScaleFit:
             ],
             model.covariance,
             dof=self.dof,
-            effective_dof=None if over is None else over.effective_dof,
+            effective_dof=self.effective_dof,
             components=self.components,
-            residual_rms=0.0 if over is None else over.residual_rms,
+            residual_rms=residual_rms,
             residual_unit="1",
             valid={} if model.valid is None else {TEMPERATURE: model.valid},
             parameters=(
@@ -236,20 +222,25 @@ def fit_over_temperature(
     temp_degc: Array,
     *,
     order: int | None = None,
-    turn: Array | None = None,
+    turn: Shared | None = None,
     log: Shared | None = None,
-) -> ScaleOverTemperature:
+    noise: Noise = NO_NOISE,
+    history: HistorySpec = DEFAULT_HISTORY,
+) -> ScaleFit:
     """Fit the chosen roots of n stations as s(T).
 
     Parameters
     ----------
     solution : of one sensor pair; stations whose root was not used do not enter.
-    temp_degc : [n] [°C].
+    temp_degc : [n] [°C]; s0 alone where none is known.
     order : of the polynomial; by default the average of all that the stations carry, at most
         cubic.
-    turn : [n], derivative of the roots by a turn of the gyro [1/°], which is measured where the
-        stations separate it from s(T).
-    log : [n], the part of s that the stations of a log share.
+    turn : turn of the gyro, with the derivatives of the roots by it [1/°], which is measured where
+        the stations separate it from s(T); with its size where that is stated.
+    log : the part of s that the stations of a log share.
+    noise : of a reading, which goes with s(T) into the file.
+    history : prior of s. A single root is s0 and does not determine the scatter, which is then
+        that of the prior.
 
     Raises
     ------
@@ -258,48 +249,88 @@ def fit_over_temperature(
         zero; logs that coincide with temperature.
 
     """
+    # 1. The roots, over the temperature mapped to [-1, 1].
+    with_degc = bool(np.isfinite(temp_degc).any())
+    if not with_degc:
+        temp_degc, order = np.zeros(temp_degc.size), 0
     used = solution.root_used & np.isfinite(temp_degc)
-    if used.sum() < 2:
-        raise FitError(
-            f"{int(used.sum())} usable roots of s for s(T)", hint="add stations away from C = 0"
-        )
+    if not used.any():
+        raise FitError("no usable root of s has a temperature", hint="add temp_case_degc")
     degc = temp_degc[used]
     middle, half = polynomial.middle_and_half(degc)
+    if order and degc.size == 1:
+        raise FitError(f"1 usable root of s for s(T) of order {order}", hint="add stations")
     if order and half == 0.0:
         raise FitError(
             f"one temperature, {middle:g} °C, for s(T) of order {order}",
             hint="add other temperatures",
         )
     limits = (float(degc.min()), float(degc.max()))
-    half = half or 1.0
-    all_roots = StationRoots(
-        s=np.where(used, solution.s_root, 0.0),
-        u=np.where(used, solution.s_root_uncertainty, np.inf),
-        x=(np.clip(temp_degc, *limits) - middle) / half,
-        turn=np.zeros(used.size) if turn is None else np.where(used, turn, 0.0),
-        log=np.zeros(used.size, dtype=np.int64) if log is None else log.level,
-    )
-    levels = np.unique(np.round(degc)).size
-    tried_orders = orders(degc.size, levels, HIGHEST_ORDER) if order is None else [order]
-    highest = tried_orders[-1]
-    # one that states no uncertainty would be the only one that counts
-    typical = float(np.median(all_roots.u[used]))
-    least_u = 1e-3 * typical if typical > 0.0 else 1.0
+    half, valid = half or 1.0, limits if with_degc else None
+    # a root that states no uncertainty would be the only one that counts
+    u = solution.s_root_uncertainty[used]
+    typical = float(np.median(u))
+    levels = None if log is None else np.unique(log.level[used], return_inverse=True)[1]
     roots = StationRoots(
-        s=all_roots.s[used],
-        u=np.maximum(all_roots.u[used], least_u),
-        x=all_roots.x[used],
-        turn=all_roots.turn[used],
-        log=np.unique(all_roots.log[used], return_inverse=True)[1],
+        s=solution.s_root[used],
+        u=np.maximum(u, 1e-3 * typical if typical > 0.0 else 1.0),
+        x=(degc - middle) / half,
+        turn=np.zeros(degc.size) if turn is None else turn.loading[used, 0],
+        log=np.zeros(degc.size, dtype=np.int64) if levels is None else levels,
     )
-    separable = None
+    if degc.size == 1:
+        scatter = history.standard_uncertainty
+        model = ScaleModel(roots.s, u[:, None] ** 2, scatter, valid, noise)
+        prior = ScalePrior(np.full(used.size, history.s), np.full(used.size, scatter))
+        return ScaleFit(model, used, prior, roots, np.eye(1))
+
+    # 2. Orders averaged, each with the turn and the scatter of logs and stations.
+    tried_orders: Sequence[int] = [order or 0]
+    if order is None:
+        levels_degc = np.unique(np.round(degc)).size
+        tried_orders = orders(degc.size, levels_degc, HIGHEST_ORDER)
+    highest, separable = tried_orders[-1], None
     if turn is not None and degc.size - highest - 2 >= SPARE:
         separable = _separates_turn(roots, highest)
     fits = _fit_orders(roots, tried_orders, shared_errors(roots, log), with_turn=separable is True)
     fit = average(fits)
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
-    left_out = _leave_out(fit, all_roots, roots, used)
-    return ScaleOverTemperature(fit, roots, to_raw, limits, used, left_out, separable)
+
+    # 3. Azimuths are corrected without the turn: it is at least that which the roots show, with its
+    # standard uncertainty, and the stated one.
+    angle, u_angle = _measure_turn(fit) if separable else (0.0, 0.0)
+    stated_deg = 0.0 if turn is None else turn.size or 0.0
+    turn_deg = max(stated_deg, float(np.hypot(angle, u_angle)))
+    components = components_of(fit.shared)
+    if turn_deg:
+        of_turn = Component(MOUNTING, "gyro turn", turn_deg, "deg", u_angle or turn_deg, 1)
+        components = (*components, of_turn)
+    model = ScaleModel(
+        to_raw @ fit.parameters[:-1],
+        fit.restated(lambda p: to_raw @ p[:-1]).total_covariance,
+        float(np.linalg.norm([size.value for size in fit.shared])),
+        valid,
+        noise,
+        turn_deg,
+    )
+    x = (np.clip(temp_degc, *limits) - middle) / half
+    left_out = _leave_out(fit, x, roots, used)
+    return ScaleFit(
+        *(model, used, left_out, roots, to_raw),
+        *(fit, separable, (angle, u_angle), components),
+    )
+
+
+def _measure_turn(fit: Fit) -> tuple[float, float]:
+    """Turn of the gyro and its standard uncertainty [°]; that of one by chance is 0."""
+    from scipy.special import stdtr
+
+    estimate = fit.of(lambda p: p[-1:])
+    angle, u = float(estimate.value[0]), float(estimate.u[0])
+    if abs(angle) < LEAST_DEG:
+        return 0.0, 0.0
+    by_chance = 2.0 * float(stdtr(estimate.dof[0], -abs(angle) / u))
+    return angle, u if by_chance <= BY_CHANCE else 0.0
 
 
 def _separates_turn(roots: StationRoots, order: int) -> bool:
@@ -346,20 +377,17 @@ def _fit_orders(
     return fits
 
 
-def _leave_out(fit: Fit, all_roots: StationRoots, roots: StationRoots, used: Mask) -> ScalePrior:
-    """s(T) [n] at each station without its own root, and its standard uncertainty with the scatter.
+def _leave_out(fit: Fit, x: Array, roots: StationRoots, used: Mask) -> ScalePrior:
+    """s(T) [n] at each station, at mapped temperatures [n], without its own root, and its standard
+    uncertainty with the scatter.
 
     Without row i the parameters change by G_i (P r)_i / P_ii, and their covariance grows by
     G_i G_iᵀ / P_ii; G is the gain, r the residual, P = V⁻¹ (I - J G) (Cook 1977).
     """
-    order = len(fit.parameters) - 2
-    design = np.column_stack(
-        [np.vander(all_roots.x, order + 1, increasing=True), np.zeros(used.size)]
-    )
-    J = np.column_stack([np.vander(roots.x, order + 1, increasing=True), roots.turn])
+    design = np.column_stack([np.vander(x, len(fit.parameters) - 1, increasing=True), 0.0 * x])
     values, variances = [], []
     for member in fit.members:
-        P = np.diag(member.precision(np.eye(len(J)) - J @ member.gain))
+        P = np.diag(member.precision(np.eye(len(roots.s)) - member.jacobian @ member.gain))
         P = np.maximum(P, LEAST_SPARE / member.noise**2)
         by_root = np.einsum("np,pn->n", design[used], member.gain)
         value, variance = design @ member.parameters, gum.variance_along(design, member.covariance)

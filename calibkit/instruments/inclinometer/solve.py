@@ -4,19 +4,14 @@ history, and what it owes to how gyros, accelerometers and positions go together
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Component
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
-from calibkit.forms import components_of
-from calibkit.frame import Remark
 from calibkit.instruments.inclinometer import root_choice, scale_fit
 from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleModel
-from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import (
@@ -28,7 +23,7 @@ from calibkit.instruments.inclinometer.root_choice import (
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
-from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
+from calibkit.recipe.shared_errors import state_sizes
 from calibkit.recipe.type_b import terms_of
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
@@ -51,69 +46,20 @@ ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the a
 
 
 @dataclass(frozen=True, slots=True)
-class Mounted:
-    """What n azimuths owe to how sensors and positions are mounted."""
-
-    by_turn: Array
-    """Derivatives [°/°] by a turn of the gyros, which both sensor pairs share."""
-    variance: Array
-    """[°²]."""
-    stated: Array
-    """Part of it that the recipe states [°²]."""
-
-    @classmethod
-    def of(
-        cls,
-        stations: Stations,
-        solutions: Mapping[Sensor, Solution],
-        spec: InclinometerRecipe,
-        azimuth_weight: Array,
-        turns_deg: Mapping[Sensor, float],
-    ) -> Self:
-        """Azimuths whose gyros are turned by unknown angles of standard deviations `turns_deg`,
-        the larger of which counts; `[[errors.component]]` and type B terms on `azimuth_deg` and
-        `position_deg` are stated.
-
-        azimuth_weight : [pairs, n], of the pairs in the combined azimuth. A turn counts in full,
-        but by its weight where that is small: a noisy gyro does not tell its turn, nor carry the
-        azimuth.
-        """
-        changes = []
-        for axis, solution in solutions.items():
-            parts = stations.components[axis]
-            with np.errstate(invalid="ignore"):
-                changes.append(np.sum(solution.azimuth_slopes * root_choice.moved(parts), axis=2))
-        by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
-        share = np.where(azimuth_weight < SMALL_WEIGHT, azimuth_weight, 1.0)
-        counted = share * np.abs(by_turn)
-        sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
-        with_positions, of_azimuth = (
-            sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
-            for terms in (
-                terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
-                terms_of(spec.type_b, "azimuth_deg", 0.0),
-            )
-        )
-        index = np.fmax.reduce(np.abs(by_index)) ** 2 * (with_positions - of_azimuth)
-        of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
-        stated_deg = max((entry.value_in("deg") for entry in of_mounting), default=0.0)
-        without_turn = of_azimuth + index
-        return cls(
-            np.fmax.reduce(by_turn),
-            without_turn + np.fmax.reduce(sizes_deg * counted) ** 2,
-            np.asarray(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
-        )
-
-
-@dataclass(frozen=True, slots=True)
 class SolvedStations:
-    """Solutions of the stations by each sensor pair that is read, and combined."""
+    """Solutions of n stations by each sensor pair that is read, and combined."""
 
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, ScalePrior]
     combined: Combined
-    mounted: Mounted
-    """Its variance is part of that of the combined azimuth."""
+    by_turn: Array
+    """Derivatives [n] [°/°] of the azimuth by a turn of the gyros, which both pairs share."""
+    mounted_variance: Array
+    """Part [n] [°²] of the variance of the combined azimuth, by how sensors and positions are
+    mounted.
+    """
+    stated_variance: Array
+    """Part of it that the recipe states [n] [°²]."""
 
     @property
     def refused(self) -> Mask:
@@ -159,18 +105,60 @@ def fit_scale(
     """Fit s(T) of each gyro to all stations, and solve every station with the s(T) fitted to all
     the others.
 
-    Raises FitError where a gyro has no usable root of s, or an s that no gyro has.
+    Raises FitError where a gyro has no usable root of s, or an s that only a wrong unit, sign or
+    latitude explains.
     """
-    status = {}
+    # 1. Stations that no working gyro can have produced are left out.
+    low, high, status = spec.scale.smallest, spec.scale.largest, {}
     for axis in spec.axes:
         first = solve_in_sequence(stations, spec, axis)
-        _require_plausible(first, stations, spec, axis)
+        usable = first.root_used
+        if not usable.any():
+            positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
+            strange = bool(positive.size) and not low <= float(np.median(positive)) <= high
+            raise FitError(
+                f"gyro_{axis}_dph: none of {usable.size} stations gives a usable s, expected one or"
+                f" more; station {stations.names[0]}:"
+                f" {first.status[0] or '; '.join(first.flags[0])}",
+                hint=WRONG
+                if strange
+                else "add stations of other inclinations and azimuths, or see [limits]",
+            )
+        median = float(np.median(first.s_root[usable]))
+        if not low <= median <= high:
+            raise FitError(
+                f"gyro_{axis}_dph: s is {median:.4g} (median of {int(usable.sum())} stations),"
+                f" expected {low:g} to {high:g}",
+                hint=WRONG,
+            )
         status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
-    plausible = replace(stations, status=status)
-    fits = {
-        axis: _fit_over_temperature(solve_in_sequence(plausible, spec, axis), plausible, spec, axis)
-        for axis in spec.axes
-    }
+    plausible, fits = replace(stations, status=status), {}
+
+    # 2. s(T) of the roots that are left, with the errors that stations share: the turn of the gyro,
+    # unless the recipe leaves it out, and the scale of a log.
+    for axis in spec.axes:
+        first = solve_in_sequence(plausible, spec, axis)
+        by_turn, _ = root_choice.mounting_slopes(
+            stations.components[axis], spec.site.latitude_deg, first.root >= 0
+        )
+        tool, loading = np.zeros(by_turn.size, dtype=np.int64), by_turn[:, None]
+        candidates = [
+            Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
+        ]
+        if stations.log.max() > 0:
+            candidates.append(scale_fit.scale_of_logs(stations.log))
+        shared = {error.group: error for error in state_sizes(spec.errors, candidates)}
+        fits[axis] = scale_fit.fit_over_temperature(
+            first,
+            stations.temperature,
+            order=None if spec.scale.order == "auto" else spec.scale.order,
+            turn=shared.get(MOUNTING),
+            log=shared.get("log"),
+            noise=stations.noise[axis],
+            history=spec.history,
+        )
+
+    # 3. Every station by the s(T) of all the others.
     turns_deg = {axis: scale.model.turn_deg for axis, scale in fits.items()}
     left_out = {axis: scale.left_out for axis, scale in fits.items()}
     solved = _solve_stations(plausible, left_out, spec, turns_deg)
@@ -181,19 +169,29 @@ def fit_scale(
 def seek_north(
     stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe
 ) -> SolvedStations:
-    """Solve every station with the s(T) of a calibration, corrected by the departure from it at the
-    stations before.
+    """Solve every station with the s(T) of a calibration, times the relative departure from it that
+    the stations before show (step D).
 
     A station whose s no gyro has is refused, and does not shift the others.
     """
+    turns_deg = {axis: models[axis].turn_deg for axis in spec.axes}
     plausible = stations
     while True:
-        solved = _solve_stations(
-            plausible,
-            {axis: _predict_departure(plausible, models[axis], spec, axis) for axis in spec.axes},
-            spec,
-            {axis: models[axis].turn_deg for axis in spec.axes},
-        )
+        priors = {}
+        for axis in spec.axes:
+            base = models[axis].prior(plausible.temperature)
+            estimates = _estimate_roots(plausible, spec, axis)
+            # the uncertainty of the measured departure combines those of s(T) and of the root
+            s, u_base = base.s[:, None], base.standard_uncertainty[:, None]
+            relative = replace(
+                estimates,
+                s=estimates.s / s,
+                uncertainty=np.hypot(estimates.uncertainty, u_base) / s,
+            )
+            departure = root_choice.history_prior(relative, plausible.elapsed, spec.departure)
+            u = np.hypot(base.standard_uncertainty, base.s * departure.standard_uncertainty)
+            priors[axis] = ScalePrior(base.s * departure.s, u)
+        solved = _solve_stations(plausible, priors, spec, turns_deg)
         status = {
             axis: _refuse_contradictions(solved.solutions[axis], plausible.status[axis], spec)
             for axis in spec.axes
@@ -206,8 +204,7 @@ def seek_north(
 def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Solve the stations of one sensor pair in order, with the history of s as prior."""
     estimates = _estimate_roots(stations, spec, axis)
-    start = spec.history
-    prior = root_choice.history_prior(estimates, stations.elapsed, start)
+    prior = root_choice.history_prior(estimates, stations.elapsed, spec.history)
     return root_choice.solve(estimates, prior, spec.site.latitude_uncertainty_deg)
 
 
@@ -247,148 +244,6 @@ def _refuse_contradictions(
     return tuple(reasons)
 
 
-def _fit_over_temperature(
-    first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
-) -> ScaleFit:
-    """s(T) of one gyro; s0 alone without temperatures, or from a single usable root."""
-    timed = bool(np.isfinite(stations.temperature).any())
-    temperature = stations.temperature if timed else np.zeros(stations.temperature.size)
-    usable = first.root_used & np.isfinite(temperature)
-    if not usable.any():
-        raise FitError(
-            f"gyro_{axis}_dph: no usable root of s has a temperature", hint="add temp_case_degc"
-        )
-    noise = stations.noise[axis]
-    order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
-    if usable.sum() == 1:
-        return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
-    # Errors that stations share: the turn of the gyro, unless the recipe leaves it out, and the
-    # scale of a log.
-    plus = first.root >= 0
-    by_turn, _ = root_choice.mounting_slopes(
-        stations.components[axis], spec.site.latitude_deg, plus
-    )
-    tool, loading = np.zeros(plus.size, dtype=np.int64), by_turn[:, None]
-    candidates = [
-        Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
-    ]
-    if stations.log.max() > 0:
-        candidates.append(scale_fit.scale_of_logs(stations.log))
-    shared = {error.group: error for error in state_sizes(spec.errors, candidates)}
-    turn = shared.get(MOUNTING)
-    over = scale_fit.fit_over_temperature(
-        first,
-        temperature,
-        order=order,
-        turn=None if turn is None else turn.loading[:, 0],
-        log=shared.get("log"),
-    )
-    # azimuths are corrected without the turn: it is at least that which the roots show, with its
-    # standard uncertainty, and the stated one
-    angle, u = over.turn_deg
-    stated_deg = 0.0 if turn is None else turn.size or 0.0
-    turn_deg = max(stated_deg, float(np.hypot(angle, u)))
-    components = components_of(over.fit.shared)
-    if turn_deg:
-        of_turn = Component(MOUNTING, "gyro turn", turn_deg, "deg", u or turn_deg, 1)
-        components = (*components, of_turn)
-    of_logs = [size for size in over.fit.shared if size.error.group == "log"]
-    flags = [*warn_of_few_levels(of_logs)]
-    if over.separable is False:
-        flags.append(Remark(ONE_ATTITUDE))
-    if abs(angle) > SHOWN * u > 0.0:
-        flags.append(
-            f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
-            " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
-            " azimuth; align the sensors and measure again"
-        )
-    valid = over.valid_degc if timed else None
-    model = ScaleModel(over.coefficients, over.covariance, over.scatter, valid, noise, turn_deg)
-    return ScaleFit(model, over.used, over.left_out, over, components, tuple(flags))
-
-
-def _fit_one_root(
-    first: Solution,
-    usable: Mask,
-    temperature: Array,
-    spec: InclinometerRecipe,
-    noise: Noise,
-    *,
-    timed: bool,
-) -> ScaleFit:
-    """s0 from a single root, with the prior uncertainty of s as scatter, which one root does not
-    determine.
-    """
-    if timed and spec.scale.order not in ("auto", 0):
-        raise FitError(
-            f"1 usable root of s for s(T) of order {spec.scale.order}", hint="add stations"
-        )
-    k = int(np.flatnonzero(usable)[0])
-    s, u = float(first.s_root[k]), float(first.s_root_uncertainty[k])
-    scatter = spec.history.standard_uncertainty
-    valid = (float(temperature[k]), float(temperature[k])) if timed else None
-    model = ScaleModel(np.array([s]), np.array([[u**2]]), scatter, valid, noise)
-    prior = ScalePrior(np.full(usable.size, spec.history.s), np.full(usable.size, scatter))
-    return ScaleFit(model, usable, prior)
-
-
-def _require_plausible(
-    first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
-) -> None:
-    """Raise FitError for a gyro without a usable root of s, or with an s that only a wrong unit,
-    sign or latitude explains.
-    """
-    usable = first.root_used
-    low, high = spec.scale.smallest, spec.scale.largest
-    if not usable.any():
-        positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
-        strange = bool(positive.size) and not low <= float(np.median(positive)) <= high
-        reasons = [
-            reason or "; ".join(flags)
-            for reason, flags in zip(first.status, first.flags, strict=True)
-        ]
-        raise FitError(
-            f"gyro_{axis}_dph: none of {usable.size} stations gives a usable s, expected one or"
-            f" more; station {stations.names[0]}: {reasons[0]}",
-            hint=(
-                WRONG
-                if strange
-                else "add stations of other inclinations and azimuths, or see [limits]"
-            ),
-        )
-    median = float(np.median(first.s_root[usable]))
-    if not low <= median <= high:
-        raise FitError(
-            f"gyro_{axis}_dph: s is {median:.4g} (median of {int(usable.sum())} stations), expected"
-            f" {low:g} to {high:g}",
-            hint=WRONG,
-        )
-
-
-def _predict_departure(
-    stations: Stations, model: ScaleModel, spec: InclinometerRecipe, axis: Sensor
-) -> ScalePrior:
-    """Prior of s at each station: s(T) times the relative departure from it that the stations
-    before show (step D).
-    """
-    base = model.prior(stations.temperature)
-    estimates = _estimate_roots(stations, spec, axis)
-    # the uncertainty of the measured departure combines those of s(T) and of the root
-    ratio = estimates.s / base.s[:, None]
-    uncertainty = (
-        np.hypot(estimates.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
-    )
-    departure = root_choice.history_prior(
-        replace(estimates, s=ratio, uncertainty=uncertainty),
-        stations.elapsed,
-        spec.departure,
-    )
-    return ScalePrior(
-        base.s * departure.s,
-        np.hypot(base.standard_uncertainty, base.s * departure.standard_uncertainty),
-    )
-
-
 def _solve_stations(
     stations: Stations,
     priors: Mapping[Sensor, ScalePrior],
@@ -417,7 +272,39 @@ def _solve_stations(
         for axis in spec.axes
     }
     combined = root_choice.combine(solutions)
-    mounted = Mounted.of(stations, solutions, spec, combined.azimuth_weight, turns_deg)
+
+    # How sensors and positions are mounted: an unknown turn of the gyros, of which the larger of
+    # two counts, in full, but by the weight of its pair where that is small (a noisy gyro does not
+    # tell its turn, nor carry the azimuth); and what [[type_b]] and [[errors.component]] state.
+    changes = []
+    for axis, solution in solutions.items():
+        with np.errstate(invalid="ignore"):
+            moved = root_choice.moved(stations.components[axis])
+            changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
+    by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
+    weight = combined.azimuth_weight
+    counted = np.where(weight < SMALL_WEIGHT, weight, 1.0) * np.abs(by_turn)
+    sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
+    with_positions, of_azimuth = (
+        sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
+        for terms in (
+            terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
+            terms_of(spec.type_b, "azimuth_deg", 0.0),
+        )
+    )
+    without_turn = of_azimuth + np.fmax.reduce(np.abs(by_index)) ** 2 * (
+        with_positions - of_azimuth
+    )
+    of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
+    stated_deg = max((entry.value_in("deg") for entry in of_mounting), default=0.0)
+    mounted_variance = without_turn + np.fmax.reduce(sizes_deg * counted) ** 2
     covariance = combined.covariance.copy()
-    covariance[:, 2, 2] += mounted.variance
-    return SolvedStations(solutions, priors, replace(combined, covariance=covariance), mounted)
+    covariance[:, 2, 2] += mounted_variance
+    return SolvedStations(
+        solutions,
+        priors,
+        replace(combined, covariance=covariance),
+        np.fmax.reduce(by_turn),
+        mounted_variance,
+        np.asarray(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
+    )
