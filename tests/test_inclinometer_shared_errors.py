@@ -57,7 +57,7 @@ def log_of(columns, name="stations"):
 def stations_of(logs, spec, noise=None):
     """Stations of logs."""
     admitted, _ = inclinometer_stations.admit_logs(logs, spec)
-    rows = inclinometer_stations.Rows.gather(admitted, spec.on_site())
+    rows = inclinometer_stations.gather_rows(admitted, spec.on_site())
     return inclinometer_stations.solve_components(rows, spec, noise)
 
 

@@ -202,9 +202,8 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
         "gyro_x_dph": indication[:, 0],
     }
     further = ("time_s", "temp_case_degc", *station_steps.REFERENCE)
+    columns |= {"name": station.astype(str), "log": 0}
     frame = pd.DataFrame(columns | dict.fromkeys(further, np.nan))[keep]
-    last_digits = {"accel_x_g": 0.0, "gyro_x_dph": 0.0}
-    read = station_steps.Rows(frame, ("1", "2", "3", "4"), np.zeros(4, dtype=int), last_digits)
     known = {"pairs": "x", "gyro_noise_dph": 0.01, "accel_noise_g": 1e-4}
     spec = InclinometerRecipe.model_validate(
         {
@@ -215,7 +214,7 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
         },
         strict=False,
     )
-    solved = station_steps.solve_components(read, spec)
+    solved = station_steps.solve_components(frame, spec)
     parts, status = solved.components["x"], solved.status["x"]
     assert status[0] == ""
     assert status[1] == "position 185° is no multiple of 90°"

@@ -90,7 +90,7 @@ def simulate(case: Case, number: int) -> Outcome:
     columns = {name: np.asarray(values) for name, values in made.logs["stations.csv"].items()}
     try:
         admitted, _ = inclinometer_stations.admit_logs(_logs(case, columns, rng), spec)
-        rows = inclinometer_stations.Rows.gather(admitted, spec.on_site())
+        rows = inclinometer_stations.gather_rows(admitted, spec.on_site())
         stations = inclinometer_stations.solve_components(rows, spec)
         fits, seen = solve.fit_scale(stations, spec)
     except CalibkitError as error:

@@ -93,7 +93,7 @@ def fit(
         )
     )
     admitted, findings = inclinometer_stations.admit_logs(logs, spec)
-    rows = inclinometer_stations.Rows.gather(admitted, spec.on_site())
+    rows = inclinometer_stations.gather_rows(admitted, spec.on_site())
     stations = inclinometer_stations.solve_components(rows, spec)
     fits, solved = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
@@ -123,7 +123,7 @@ def _seek(
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
     """Stations of a log with one row per position, solved with a run's s(T), and their flags."""
     models = coefficient_files.read_models(records, spec)
-    rows = inclinometer_stations.Rows.gather([log], spec.on_site())
+    rows = inclinometer_stations.gather_rows([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )

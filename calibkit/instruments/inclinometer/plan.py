@@ -260,7 +260,7 @@ def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
     if not task.have:
         return bench
     admitted, _ = stations.admit_logs(list(task.have), spec)
-    measured = stations.solve_components(stations.Rows.gather(admitted, spec.on_site()), spec)
+    measured = stations.solve_components(stations.gather_rows(admitted, spec.on_site()), spec)
     if not np.isfinite(measured.temperature).all():
         raise FitError(
             f"{task.have[0].file}: no case temperature, expected one to plan what is missing",

@@ -98,10 +98,8 @@ class Estimates:
 
 
 @dataclass(frozen=True, slots=True)
-class Solution:
-    """North seeking of n stations by one sensor pair; results of refused stations are NaN, with the
-    reason in `status`.
-    """
+class Angles:
+    """Angles of n stations; those of a refused station are NaN, with the reason in `status`."""
 
     inclination_deg: Array
     toolface_deg: Array
@@ -109,7 +107,15 @@ class Solution:
     azimuth_deg: Array
     """In [0, 360)."""
     uncorrected_deg: Array
-    """Azimuth with s = 1 [n] [°]."""
+    """Azimuth with s = 1."""
+    status: tuple[str, ...]
+    flags: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Solution(Angles):
+    """North seeking of n stations by one sensor pair."""
+
     s: Array
     """s that was used [n]."""
     s_root: Array
@@ -129,8 +135,6 @@ class Solution:
     """[n, 4], changes of the same by an error of the latitude, which all sensor pairs share, as
     large as its standard uncertainty.
     """
-    status: tuple[str, ...]
-    flags: tuple[tuple[str, ...], ...]
 
     @property
     def root_used(self) -> Mask:
@@ -423,24 +427,15 @@ def _list_refusals(
 
 
 @dataclass(frozen=True, slots=True)
-class Combined:
-    """North seeking of n stations by all sensor pairs; a station that no pair solves is NaN, with
-    the reason in `status`.
+class Combined(Angles):
+    """North seeking of n stations by all sensor pairs; a station that no pair solves is refused.
+    The uncorrected azimuths have the weights of the corrected ones.
     """
 
-    inclination_deg: Array
-    toolface_deg: Array
-    """In (−180, 180]."""
-    azimuth_deg: Array
-    """In [0, 360)."""
-    uncorrected_deg: Array
-    """Azimuth with s = 1, combined with the same weights."""
     azimuth_weight: Array
     """[pairs, n], of the azimuth of each pair; 0 where it is not used."""
     covariance: Array
     """[n, 3, 3] of inclination, toolface, azimuth [°]."""
-    status: tuple[str, ...]
-    flags: tuple[tuple[str, ...], ...]
 
     @property
     def standard_uncertainty(self) -> Array:

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calibkit import check
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative
@@ -24,7 +24,7 @@ from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import NO_NOISE, Noise, decide_noise
 from calibkit.instruments.inclinometer.published import SENSORS, Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.numeric import attitude, chunks
+from calibkit.numeric import attitude
 from calibkit.numeric.attitude import gravity_positive
 from calibkit.numeric.least_squares.fit import undetermined
 
@@ -36,51 +36,6 @@ PLAUSIBLE = {"accel": 1.5, "gyro": 1000.0}
 COEFFICIENTS = ("x", "y", "bias", "ramp")
 """Of a sensor in a station that is fitted by least squares."""
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Rows of all logs, their stations numbered from 0 in the order in which they appear."""
-
-    frame: "DataFrame"
-    """Canonical columns, accelerations positive along gravity, NaN of a column that a log lacks;
-    `station` is the number of the station, `time_s` counts through all logs where all have it.
-    """
-    names: tuple[str, ...]
-    """[n], of the stations."""
-    log: Integers
-    """[n], number of the log of each station."""
-    resolution: Mapping[str, float]
-    """Sensor's column → its last digit."""
-
-    @classmethod
-    def gather(cls, logs: Sequence[Log], spec: InclinometerRecipe) -> Self:
-        """Rows of all logs."""
-        import pandas as pd
-
-        sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
-        columns = [*sensors, "position_deg", "time_s", TEMPERATURE, *REFERENCE]
-        frame = pd.concat([log.frame for log in logs], ignore_index=True).reindex(columns=columns)
-        stations: list[Integers] = []
-        times, names, numbers, start_s = [], list[str](), list[int](), 0.0
-        for number, log in enumerate(logs):
-            places, station_numbers = pd.factorize(values(log.frame, "station"))
-            stations.append(places + len(names))
-            numbers += [number] * station_numbers.size
-            prefix = f"{log.name}:" if len(logs) > 1 else ""
-            names += [f"{prefix}{name:g}" for name in station_numbers.tolist()]
-            # each log starts one hour after the end of the one before
-            time = np.full(len(log.frame), np.nan)
-            if "time_s" in log.frame.columns:
-                time = values(log.frame, "time_s") - log.frame["time_s"].iloc[0] + start_s
-            times.append(time)
-            start_s = float(time[-1]) + SECONDS_PER_HOUR
-        resolution = {name: _resolution(values(frame, name), name, spec) for name in sensors}
-        for name in sensors:
-            if name.startswith("accel"):
-                frame[name] = gravity_positive(values(frame, name), spec.reference.convention)
-        frame = frame.assign(station=np.concatenate(stations), time_s=np.concatenate(times))
-        return cls(frame, tuple(names), np.array(numbers), resolution)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,23 +131,10 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
         findings += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
         for kind, suffix, unit in SENSORS:
-            column, limit = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
-            data = values(log.frame, column)
-
-            def beyond(part: Array, limit: float = limit) -> Mask:
-                return np.asarray(np.abs(part) > limit, dtype=np.bool_)
-
-            bad = chunks.rows_where(data, beyond)
-            if bad.size:
-                fault = (
-                    f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-                )
-                expected = f"at most {limit:g} {unit} of a tool at rest"
-                advice = f"state the log's unit in [columns.{column}]"
-                row = int(bad[0])
-                findings.append(
-                    check.finding_at_row(log, row, column, fault, expected, advice, "range")
-                )
+            limit = PLAUSIBLE[kind]
+            expected = f"at most {limit:g} {unit} of a tool at rest"
+            column = f"{kind}_{axis}_{suffix}"
+            findings += check.find_out_of_range(log, column, -limit, limit, unit, expected)
     return findings
 
 
@@ -214,17 +156,45 @@ def _position_fault(position: Array) -> tuple[int, str] | None:
     return (position.size - 1, f"no row at position {', '.join(missing)}") if missing else None
 
 
+def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> "DataFrame":
+    """Rows of all logs in canonical columns, NaN of one that a log lacks. `station` is the number
+    of the station, from 0 in the order of first appearance, `name` what it is called, `log` the
+    number of its log; `time_s` counts through all logs where all have it.
+    """
+    import pandas as pd
+
+    frames, stations, start_s = [], 0, 0.0
+    for number, log in enumerate(logs):
+        places, station_numbers = pd.factorize(values(log.frame, "station"))
+        prefix = f"{log.name}:" if len(logs) > 1 else ""
+        names = np.array([f"{prefix}{name:g}" for name in station_numbers.tolist()])
+        # each log starts one hour after the end of the one before
+        time = np.full(len(log.frame), np.nan)
+        if "time_s" in log.frame.columns:
+            time = values(log.frame, "time_s") - log.frame["time_s"].iloc[0] + start_s
+        start_s = float(time[-1]) + SECONDS_PER_HOUR
+        of_rows = log.frame.assign(station=places + stations, time_s=time)
+        frames.append(of_rows.assign(name=names[places], log=number))
+        stations += station_numbers.size
+    sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS for axis in spec.axes]
+    columns = ["station", "name", "log", "time_s", "position_deg", *sensors]
+    return pd.concat(frames, ignore_index=True).reindex(columns=[*columns, TEMPERATURE, *REFERENCE])
+
+
 def solve_components(
-    rows: Rows, spec: InclinometerRecipe, calibrated_noise: Mapping[Sensor, Noise] | None = None
+    frame: "DataFrame",
+    spec: InclinometerRecipe,
+    calibrated_noise: Mapping[Sensor, Noise] | None = None,
 ) -> Stations:
-    """Components of every station (step B), with the noise stated by the recipe or estimated from
-    the readings.
+    """Components of every station (step B) of rows that `gather_rows` gives, with the noise stated
+    by the recipe or estimated from the readings.
 
     The noise of a calibration is pooled with the readings' own unless they
     contradict it. Raises FitError where the noise is unknown.
     """
-    count, frame = len(rows.names), rows.frame
-    station, time_s = frame["station"].to_numpy(), values(frame, "time_s")
+    by_station = frame.groupby("station")
+    mean, first = by_station.mean(numeric_only=True), by_station.first()
+    count, station, time_s = len(mean), frame["station"].to_numpy(), values(frame, "time_s")
     position, faults = values(frame, "position_deg"), [""] * count
     if spec.stations.method == "four_differences":
         # half differences of the four positions are their fit by least squares
@@ -237,6 +207,8 @@ def solve_components(
     for axis in spec.axes:
         sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS]
         accel, gyro = (values(frame, name) for name in sensors)
+        last_digits = [_resolution(values(frame, name), name, spec) for name in sensors]
+        accel = gravity_positive(accel, spec.reference.convention)
         fits = fit_stations(
             *(station, position, accel, gyro, axis),
             time_s=time_s if spec.stations.gyro_ramp else None,
@@ -244,7 +216,6 @@ def solve_components(
             faults=faults,
         )
         before = NO_NOISE if calibrated_noise is None else calibrated_noise[axis]
-        last_digits = [rows.resolution[name] for name in sensors]
         noises[axis], outliers = decide_noise(
             fits.squares, fits.dofs, before, last_digits, spec, axis
         )
@@ -254,15 +225,13 @@ def solve_components(
         )
     # Means of the finite values of each station. Those of directions are about the first of them:
     # exactly it where all are equal.
-    by_station = frame.groupby("station")
-    mean, first = by_station.mean(), by_station.first()
     for name in ("toolface_deg", "azimuth_deg"):
         departure = attitude.wrapped(values(frame, name) - values(first, name)[station])
         mean[name] = first[name] + frame.assign(turn=departure).groupby("station")["turn"].mean()
     time = values(first, "time_s")
     return Stations(
-        names=rows.names,
-        log=rows.log,
+        names=tuple(first["name"]),
+        log=first["log"].to_numpy(),
         row_station=station,
         components=components,
         noise=noises,
