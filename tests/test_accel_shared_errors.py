@@ -332,7 +332,7 @@ def with_drift():
 def test_a_drift_is_in_the_u_of_unseen_dwells_by_their_hours(hours, off_g, accepted):
     """A drift of 10 µg/h explains zeros that move by 0.5 mg in 100 hours, and not in 36 seconds."""
     spec, fitted = with_drift()
-    correction = Correction(forms.K, fitted.k)
+    correction = Correction(fitted.k)
     unseen = dwells(2)
     part = np.linspace(-0.5, 0.5, len(unseen.temperature))
     # zeros of the middle of the session that was fitted
@@ -350,7 +350,7 @@ def test_a_drift_is_not_added_to_dwells_without_time():
     """How much of 10 µg/h dwells have that tell no time is not known: refused."""
     _, fitted = with_drift()
     with pytest.raises(FrameError, match="no time_s, expected one: the drift of the session"):
-        Correction(forms.K, fitted.k).uncertainty(dwells(2))
+        Correction(fitted.k).uncertainty(dwells(2))
 
 
 def test_temperatures_that_follow_time_are_flagged():

@@ -142,7 +142,7 @@ def triad_unseen(value, temperature=25.0, terms=()):
         residual_unit="g",
         valid={"temp_case_degc": (20.0, 30.0)},
     )
-    correction = triad_errors.Correction(forms.AFFINE, (model,))
+    correction = triad_errors.Correction((model,))
     vectors = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0]])
     unknown, of_log = np.full(4, np.nan), np.zeros(4, dtype=np.int64)
     dwells = DwellSet(

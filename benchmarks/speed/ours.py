@@ -93,11 +93,13 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     temperatures determine it.
     """
     from calibkit.instruments.accelerometer import determination, published
-    from calibkit.instruments.accelerometer.recipe import KAxisSpec
+    from calibkit.instruments.accelerometer.equation import Terms
     from calibkit.numeric.least_squares import fit, polynomial
 
+    terms, conditions = Terms.of_orders((3,) * 3, (3,) * 3, (0,) * 3), (reference, temperature)
+
     def run() -> list[fit.LinearFit]:
-        determination.require_k((KAxisSpec(),) * 3, reference, temperature)
+        determination.find_undetermined(terms, terms.names, *conditions, lower="")
         middle, half = polynomial.middle_and_half(temperature)
         t = (temperature - middle) / half
         return [

@@ -46,24 +46,12 @@ class Correction:
     each axis.
     """
 
-    form: Form
     models: tuple[Model, ...]
 
-    @classmethod
-    def of(cls, stage: Record | StageResult) -> Self:
-        """Correction by the models of a stage of a run or of a fit."""
-        form = {form.name: form for form in forms.FORMS}[stage.models[0].form]
-        return cls(form, stage.models)
-
     @property
-    def temperature_range(self) -> tuple[float, float]:
-        """Temperature range [°C] of the calibration."""
-        return self.models[0].valid[forms.TEMPERATURE]
-
-    @property
-    def noise_g(self) -> float:
-        """Noise of a component of a dwell [g], by the fit: residual rms of its models."""
-        return rms([model.residual_rms for model in self.models])
+    def form(self) -> Form:
+        """Form of all its models."""
+        return forms.BY_NAME[self.models[0].form]
 
     def readings(self, indication: Array, temperature: Array) -> Inputs:
         """Inputs of the models at indications [n, 3, g]; temperatures [n, °C] are clamped to the
@@ -154,15 +142,9 @@ class Correction:
                     )
         return np.zeros_like(indication)
 
-    @property
-    def dof(self) -> tuple[float, float]:
-        """Fewest effective degrees of freedom of a coefficient, and those of the residuals."""
-        coefficients = (model.dof_of(c) for model in self.models for c in model.coefficients)
-        return max(min(coefficients), 1.0), max(min(model.dof for model in self.models), 1.0)
-
     def outside(self, temperature: Array) -> float:
         """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
-        low, high = self.temperature_range
+        low, high = self.models[0].valid[forms.TEMPERATURE]
         return (
             chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
         )
@@ -182,7 +164,7 @@ def find_correction(compensation: str, stages: Iterable[Record | StageResult]) -
     stage_name = find_stage(compensation)
     for stage in stages:
         if stage.stage == stage_name:
-            return Correction.of(stage)
+            return Correction(stage.models)
     raise CoefficientError(
         f"the run holds no {stage_name}.json", hint="it is not a run of accelerometer"
     )
@@ -217,7 +199,8 @@ class DwellErrors:
         """
         vector, noise = dwells.indication, np.nan
         if correction is not None:
-            vector, noise = correction(vector, dwells.temperature), correction.noise_g
+            vector = correction(vector, dwells.temperature)
+            noise = rms([model.residual_rms for model in correction.models])
         if spec.reference.kind == "magnitude":
             return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, noise_g=noise)
         angles = dwells.inclination, dwells.toolface
@@ -294,11 +277,14 @@ class DwellErrors:
             unit = vector / np.linalg.norm(vector, axis=1)[:, None]
             shared = np.einsum("ni,nik->nk", unit, shared)[:, None]
             independent = np.sum(unit**2 * independent, axis=1)[:, None]
+        # fewest degrees of freedom of a coefficient, and of the residuals
+        models = correction.models
+        of_coefficients = min(model.dof_of(c) for model in models for c in model.coefficients)
         comparison = unseen(
             self.residual.ravel(),
             shared.reshape(self.residual.size, -1),
             independent.ravel(),
-            dof=correction.dof,
+            dof=(max(of_coefficients, 1.0), max(min(model.dof for model in models), 1.0)),
         )
         return over_u(f"{name}: rms error", comparison.to_object())
 

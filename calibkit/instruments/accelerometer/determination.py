@@ -61,7 +61,15 @@ def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tu
     if spec.reference.kind == "magnitude":  # the start of that fit says what it needs
         return terms, ()
     if spec.k.enabled:
-        require_k(spec.k.axes, *conditions)
+        # of a triad without an error K are what the terms of its equation are
+        of_k, names = Terms.of_orders(*_orders_of_k(spec.k.axes, cross=0)), []
+        for term in of_k.listed:
+            cross = 8 + published.CROSS[term.axis].index(term.factors[0]) if term.kind == "c" else 0
+            names.append(published.K_NAMES[cross or term.power + 4 * (term.kind == "z")])
+        lower = "lower scale_order and zero_order, or set cross to false"
+        fault = find_undetermined(of_k, names, *conditions, lower=lower)
+        if fault is not None:
+            raise fault
     lower = "lower scale_order, cross_order and bias_order, or leave out higher-order terms"
     fault = find_undetermined(terms, terms.names, *conditions, lower=lower)
     if fault is None:
@@ -71,21 +79,6 @@ def choose_terms(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Terms, tu
         raise fault
     flag = "cross-axis terms are constant over temperature: these dwells do not show their change"
     return constant, (flag,)
-
-
-def require_k(axes: Sequence[KAxisSpec], reference: Array, temperature: Array) -> None:
-    """Raise FitError where references [n, 3] and temperatures [n] [°C] leave a K undetermined.
-
-    Of a triad without an error K are what the terms of its equation are.
-    """
-    terms, names = Terms.of_orders(*_orders_of_k(axes, cross=0)), []
-    for term in terms.listed:
-        cross = 8 + published.CROSS[term.axis].index(term.factors[0]) if term.kind == "c" else 0
-        names.append(published.K_NAMES[cross or term.power + 4 * (term.kind == "z")])
-    lower = "lower scale_order and zero_order, or set cross to false"
-    fault = find_undetermined(terms, names, reference, temperature, lower=lower)
-    if fault is not None:
-        raise fault
 
 
 def find_undetermined(

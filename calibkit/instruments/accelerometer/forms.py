@@ -70,3 +70,4 @@ TRIAD = Form.of_equation("accel-triad/1", _corrected)
 AFFINE = Form.of_equation("accel-affine/1", _corrected)
 """Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
 FORMS = (K, Q, AFFINE, TRIAD)
+BY_NAME = {form.name: form for form in FORMS}

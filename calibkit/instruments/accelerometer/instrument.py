@@ -110,7 +110,7 @@ def fit(
     counted = dwells.without(suspects) if suspects else dwells
     raw = DwellErrors.compare(counted, spec)
     by_stage = {
-        result.stage: DwellErrors.compare(counted, spec, Correction.of(result))
+        result.stage: DwellErrors.compare(counted, spec, Correction(result.models))
         for result in results
         if result.stage in CORRECTIONS
     }
@@ -158,7 +158,7 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
     log = read(lengths.model_copy(update=by_rows), data.parent, data.name)
     refuse(triad_dwells.find_faults(log, lengths))
     correction = corrections.find_correction(spec.compensation, records.values())
-    low, high = correction.temperature_range
+    low, high = correction.models[0].valid[forms.TEMPERATURE]
     if forms.TEMPERATURE not in log.frame.columns:
         if high - low > 0.0:
             require(log.file, log.frame.columns, [forms.TEMPERATURE])

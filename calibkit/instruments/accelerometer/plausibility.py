@@ -72,7 +72,7 @@ def find_implausible(
         return np.zeros(0, dtype=np.int64), (turned_axes,)
 
     # 1. Dwells whose indication is far from what the triad shows at all others.
-    expected, scatter = (_predict if by_attitude else _predict_lengths)(dwells)
+    expected, scatter = _predict(dwells, by_attitude=by_attitude)
     departure = np.linalg.norm(dwells.indication - expected, axis=1)
     lone = _find_lone_temperatures(dwells)
     departure[[*lone]] = np.inf
@@ -169,43 +169,37 @@ def _find_lone_temperatures(dwells: DwellSet) -> dict[int, str]:
     return lone
 
 
-def _predict(dwells: DwellSet) -> tuple[Array, float]:
-    """Indications [n, 3, g] that the reference lets expect of this triad, and the scatter [g] of a
-    component about them.
-
-    The reference is the regressor: its length is 1 g whatever was typed, so that no row has
-    leverage over all others.
-    """
-    sample = slice(None, None, 1 + len(dwells.place) // ENOUGH)
-    reference, indication = dwells.reference, dwells.indication
-    warm = dwells.temperature - dwells.temperature.mean()
-    constant = np.column_stack([np.ones(len(warm)), reference])
-    for design in (np.column_stack([constant, constant * warm[:, None]]), constant):
-        try:
-            fits = [robust.linear(design[sample], axis) for axis in indication[sample].T]
-        except FitError:
-            continue
-        expected = design @ np.column_stack([fit.coefficients for fit in fits])
-        return expected, max(mad_sigma(fit.residuals) for fit in fits)
-    # too few dwells for a fit: a nominal sensor, with any bias and scale factor that one may have
-    return reference, 0.25 / FAR
-
-
-def _predict_lengths(dwells: DwellSet) -> tuple[Array, float]:
-    """Points [n, 3, g] on the sphere that most indications lie on, in the directions of the
-    indications, and the scatter [g] of the lengths about it.
+def _predict(dwells: DwellSet, *, by_attitude: bool) -> tuple[Array, float]:
+    """Indications [n, 3, g] that the attitudes let expect of this triad, and the scatter [g] of a
+    component about them; without attitudes, points on the sphere that most indications lie on, in
+    the directions of the indications, and the scatter of the lengths about it.
     """
     indication = dwells.indication
+    if by_attitude:
+        # the reference is the regressor: its length is 1 g whatever was typed, so that no row has
+        # leverage over all others
+        sample = slice(None, None, 1 + len(dwells.place) // ENOUGH)
+        warm = dwells.temperature - dwells.temperature.mean()
+        constant = np.column_stack([np.ones(len(warm)), dwells.reference])
+        for design in (np.column_stack([constant, constant * warm[:, None]]), constant):
+            try:
+                fits = [robust.linear(design[sample], axis) for axis in indication[sample].T]
+            except FitError:
+                continue
+            expected = design @ np.column_stack([fit.coefficients for fit in fits])
+            return expected, max(mad_sigma(fit.residuals) for fit in fits)
+        # too few dwells: a nominal sensor, with any bias and scale factor that one may have
+        return dwells.reference, 0.25 / FAR
     length = np.linalg.norm(indication, axis=1)
     usual = float(np.median(length))
     on_sphere = np.flatnonzero(np.abs(np.log(length / usual)) < np.log(TWICE))
-    sample = indication[on_sphere[:: 1 + on_sphere.size // ENOUGH]]
+    points = indication[on_sphere[:: 1 + on_sphere.size // ENOUGH]]
     try:
         # |v|² = 2 v·c + r² − |c|², linear in centre and radius
-        design = np.column_stack([2.0 * sample, np.ones(len(sample))])
-        *centre, constant = robust.linear(design, np.sum(sample**2, axis=1)).coefficients
+        design = np.column_stack([2.0 * points, np.ones(len(points))])
+        *centre, constant = robust.linear(design, np.sum(points**2, axis=1)).coefficients
         radius = float(np.sqrt(constant + np.sum(np.square(centre))))
-        scatter = mad_sigma(np.linalg.norm(sample - centre, axis=1) - radius)
+        scatter = mad_sigma(np.linalg.norm(points - centre, axis=1) - radius)
     except FitError:
         centre, radius, scatter = [0.0, 0.0, 0.0], usual, usual / TWICE / FAR
     direction = indication - centre

@@ -18,7 +18,6 @@ from calibkit.certificate.quantities import (
 )
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
-from calibkit.forms import Form
 from calibkit.instruments.accelerometer import corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
@@ -77,68 +76,60 @@ def _inputs(model: Model) -> tuple[QuantityInput, ...]:
     return (*temperature, *(QuantityInput(name, -2.0, 2.0) for name in forms.COMPONENTS))
 
 
-def _component(form: Form, model: Model, axis: int | None) -> Callable[[At], Point]:
-    """Component [g] that a model corrects, of one axis by itself or of a triad, as a function of
-    its inputs; what K0 … K9 correct otherwise than the triad is a further uncertainty.
+def _component(model: Model, axis: int) -> Callable[[At], Point]:
+    """Component [g] that a model corrects, its only one or that along an axis, as a function of its
+    inputs; what K0 … K9 correct otherwise than the triad is a further uncertainty.
     """
-    point = of_form(form, model, _inputs(model), axis)
+    form = forms.BY_NAME[model.form]
+    point = of_form(form, model, _inputs(model), None if form is forms.K else axis)
     words = Words("lack of fit of the K-factor", "K 系数的失拟")
     sizes = [p.value for p in model.parameters if p.name == "lack_of_fit" and p.value > 0.0]
     further = tuple((words, size, float("inf")) for size in sizes)
     return lambda inputs: replace(point(inputs), more=further)
 
 
-def _by_compensation(
-    records: Mapping[str, Record], spec: AccelerometerRecipe
-) -> tuple[Quantity, ...]:
-    """Corrected components [g] as `apply` gives them; compared at the six positions."""
-    correction = corrections.find_correction(spec.compensation, records.values())
-    largest = spec.acceptance.max_residual_rms_g
-    of_axes = len(correction.models) == len(AXES)
-    models = correction.models if of_axes else correction.models * len(AXES)
-    rows = [None] * len(AXES) if of_axes else [*range(len(AXES))]
-    return tuple(
-        Quantity(
+def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
+    """Corrected components [g] by the compensation of the recipe, as `apply` gives them, compared
+    at the six positions; then the results of each model, and the components that it gives by
+    itself.
+    """
+    models = corrections.find_correction(spec.compensation, records.values()).models
+    stage, largest = (
+        corrections.COMPENSATIONS[spec.compensation],
+        spec.acceptance.max_residual_rms_g,
+    )
+    limit = None
+    if largest is not None:
+        limit = ResultLimit("acceptance.max_residual_rms_g", largest)
+    quantities = []
+    for axis, letter in enumerate(AXES):
+        model = models[axis % len(models)]
+        quantity = Quantity(
             f"corrected_{letter}",
-            corrections.COMPENSATIONS[spec.compensation],
+            stage,
             "",
             Words(f"corrected {letter}", f"修正后 {letter}"),
             "g",
             _inputs(model),
-            _component(correction.form, model, row),
+            _component(model, axis),
             compared=tuple((position,) for position in POSITIONS),
-            limit=None
-            if largest is None
-            else ResultLimit("acceptance.max_residual_rms_g", largest),
+            limit=limit,
         )
-        for letter, model, row in zip(AXES, models, rows, strict=True)
-    )
-
-
-def _components(stage: str, model: Model) -> list[Quantity]:
-    """Corrected components that a model gives by itself."""
-    form = {form.name: form for form in forms.FORMS}[model.form]
-    components: list[tuple[str, Words, int | None]] = [
-        (f"component_{letter}", Words(f"corrected {letter}", f"修正 {letter}"), axis)
-        for axis, letter in enumerate(AXES)
-    ]
-    if form is forms.K:
-        components = [("component", Words("corrected component", "修正分量"), None)]
-    return [
-        Quantity(
-            *(name, stage, model.name, words, "g", _inputs(model)), _component(form, model, axis)
-        )
-        for name, words, axis in components
-    ]
-
-
-def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Quantity, ...]:
-    """Corrected components by the compensation of the recipe, then the results of each model."""
-    quantities = [*_by_compensation(records, spec)]
+        quantities.append(quantity)
     for record in records.values():
-        corrects = corrections.COMPENSATIONS[spec.compensation] == record.stage
         for model in record.models:
             quantities += chain.from_iterable(over_temperature(record.stage, model).values())
-            if model.form == forms.K.name or not corrects:
-                quantities += _components(record.stage, model)
+            if model.form == forms.K.name:
+                named = [("component", Words("corrected component", "修正分量"))]
+            elif record.stage != stage:
+                named = [(f"component_{x}", Words(f"corrected {x}", f"修正 {x}")) for x in AXES]
+            else:
+                continue
+            quantities += [
+                Quantity(
+                    *(name, record.stage, model.name, words, "g", _inputs(model)),
+                    _component(model, axis),
+                )
+                for axis, (name, words) in enumerate(named)
+            ]
     return tuple(quantities)
