@@ -153,7 +153,9 @@ def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_poly
     """S of both pairs differs, moves with temperature, and its wave is left over by a cubic."""
     pair = simulate.draw(np.random.default_rng(1), gyro_noise_dph=0.01, ideal=False)
     temperature = np.linspace(20.0, 150.0, 400)
-    s = simulate._scale(pair, temperature, np.random.default_rng(0))
+    rng = np.random.default_rng(0)
+    attitudes = simulate.Attitudes.draw(400, (5.0, 50.0), rng)
+    s = simulate.Tool((pair, pair)).stations(attitudes, 34.2, temperature, rng)[1][:, 0]
     left = s - np.polynomial.Polynomial.fit(temperature, s, 3)(temperature)
     assert left.std() > 1.2 * pair["s_repeat"]
     truth = simulate.campaign(1).truth["stations"]

@@ -332,21 +332,13 @@ def summarize_errors(
         f"Residual of {len(raw.residual)} dwells{of_which} (rms): {before:.0f} µg before,"
         f" {after:.0f} µg after the {correction} correction."
     )
-    facts = []
     values = [
         KeyValue("residual rms, before", before, "µg"),
         KeyValue("residual rms, after", after, "µg"),
     ]
     if corrected.figures:
         tilt = corrected.figures["inclination_max_deg"]
-        facts.append(
-            f"Largest inclination error: {raw.figures['inclination_max_deg']:.3f}° before,"
-            f" {tilt:.3f}° after; largest toolface error times sin(inclination):"
-            f" {corrected.figures['toolface_sin_max_deg']:.3f}° after."
-        )
         values.append(KeyValue("largest inclination error, after", tilt, "°"))
     if corrected.noise_g > 0.0:
-        noise = 1e6 * corrected.noise_g
-        facts.append(f"Noise of the dwells alone gives {noise:.0f} µg.")
-        values.append(KeyValue("noise of the dwells", noise, "µg"))
-    return Overview(sentence, tuple(facts), tuple(values), table)
+        values.append(KeyValue("noise of the dwells", 1e6 * corrected.noise_g, "µg"))
+    return Overview(sentence, (), tuple(values), table)

@@ -26,8 +26,7 @@ from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude, chunks
 from calibkit.report.run import list_components
-from calibkit.report.summary import Summary, number
-from calibkit.report.table import Table
+from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Progress
+    from calibkit.report.table import Table
 
 CORRECTIONS = {"accel_k": "K-factor", "accel_affine": "affine"}
 """Stage → name of its correction in the table of errors."""
@@ -125,12 +125,6 @@ def fit(
     components = list_components("Errors that dwells share", results[-1].models[:1])
     tables = [components] if components.rows else []
     tables.append(compared)
-    if results[-1].stage == "accel_affine":
-        rows = tuple(
-            (figure.name, number(figure.value, 2), figure.unit) for figure in results[-1].figures
-        )
-        title = "Uncertainty of one corrected dwell (type A)"
-        tables.append(Table(title, ("", "largest", "unit"), rows))
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *triad.flags))
     criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(triad, dwells))

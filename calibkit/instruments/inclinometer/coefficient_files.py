@@ -130,6 +130,7 @@ def flag_latitude(
     return flags
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, refused stations first; stations with the same flag share a line."""
     # stations where a root differs significantly from its prior, or is impossible
@@ -137,8 +138,7 @@ def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]
     for axis, pair in solved.solutions.items():
         prior = solved.priors[axis]
         limit = ROOT_DISAGREES * np.hypot(pair.s_root_uncertainty, prior.standard_uncertainty)
-        with np.errstate(invalid="ignore"):
-            departs = np.abs(pair.s_root - prior.s) > limit
+        departs = np.abs(pair.s_root - prior.s) > limit
         contradicted |= departs | [WRONG in reason for reason in pair.status]
     lines, count = list[str](), int(contradicted.sum())
     if 2 * count > contradicted.size:

@@ -128,20 +128,20 @@ class AngleErrors:
         )
 
     @classmethod
+    @np.errstate(divide="ignore", invalid="ignore")
     def compare(cls, stations: Stations, solved: SolvedStations) -> Self:
         """Errors of all stations."""
         reference, combined = stations.reference, solved.combined
-        with np.errstate(invalid="ignore"):
-            return cls(
-                np.where(solved.refused, np.nan, combined.inclination_deg - reference[:, 0]),
-                wrapped(combined.toolface_deg - reference[:, 1]),
-                wrapped(combined.uncorrected_deg - reference[:, 2]),
-                wrapped(combined.azimuth_deg - reference[:, 2]),
-                combined.standard_uncertainty[:, 2],
-                np.sqrt(combined.covariance[:, 2, 2] - solved.mounted_variance),
-                np.sqrt(solved.stated_variance),
-                solved.by_turn,
-            )
+        return cls(
+            np.where(solved.refused, np.nan, combined.inclination_deg - reference[:, 0]),
+            wrapped(combined.toolface_deg - reference[:, 1]),
+            wrapped(combined.uncorrected_deg - reference[:, 2]),
+            wrapped(combined.azimuth_deg - reference[:, 2]),
+            combined.standard_uncertainty[:, 2],
+            np.sqrt(combined.covariance[:, 2, 2] - solved.mounted_variance),
+            np.sqrt(solved.stated_variance),
+            solved.by_turn,
+        )
 
 
 def tabulate_stations(stations: Stations, solved: SolvedStations, angles: AngleErrors) -> Table:
@@ -195,14 +195,7 @@ def summarize(
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
         table = replace(table, title=title, rows=table.rows[:SHOWN])
-    fitted_to = []
-    for axis, scale in fits.items():
-        valid = scale.model.valid
-        degc = "-" if valid is None else f"{valid[0]:.1f} to {valid[1]:.1f}"
-        used = f"{int(scale.used.sum())} of {scale.used.size}"
-        fitted_to.append((axis, f"{scale.model.scatter:.1e}", degc, used))
-    heads = ("gyro", "scatter", "valid [°C]", "roots used")
-    tables = [Table("Roots of the in-situ scale factor s(T)", heads, tuple(fitted_to)), table]
+    tables = [table]
     if angles.known.any():
         title = "Errors against the reference, each station by the s(T) of the others"
         tables.append(tabulate_errors(angles, title))

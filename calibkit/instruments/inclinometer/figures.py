@@ -13,7 +13,7 @@ from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.errors import tabulate_stations
 from calibkit.numeric.attitude import wrapped
 from calibkit.report.documents import Drawn
-from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
+from calibkit.report.figures import DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -99,36 +99,33 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     """Azimuth error before and after correction against C, which shows the verdict; without a
     reference azimuth, the azimuth shift that s causes.
     """
-    figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
+    title = f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ"
+    figure, (ax,) = page(1, 1, title=title, height=4.4)
     errors, combined = report.errors, report.seen.combined
     C, bars = report.c, 2.0 * errors.standard_uncertainty
     if np.isfinite(errors.after).any():
-        axes[0].plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
+        ax.plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
         label = "corrected, bars k = 2"
-        axes[0].errorbar(C, errors.after, bars, fmt="o", ms=4, lw=0.8, color=GOOD, label=label)
-        axes[0].legend(loc="best", ncols=2)
-        axes[0].set(title="error against the reference", xlabel="C", ylabel="azimuth error [°]")
+        ax.errorbar(C, errors.after, bars, fmt="o", ms=4, lw=0.8, color=GOOD, label=label)
+        ax.legend(loc="best", ncols=2)
+        ax.set(title="error against the reference", ylabel="azimuth error [°]")
     else:
         shift = wrapped(combined.azimuth_deg - combined.uncorrected_deg)
-        axes[0].errorbar(C, shift, bars, fmt="o", ms=4, lw=0.8, color=DENOISED)
-        axes[0].set(
+        ax.errorbar(C, shift, bars, fmt="o", ms=4, lw=0.8, color=DENOISED)
+        ax.set(
             title="change of the azimuth by the scale factor s (no reference azimuth), bars k = 2",
-            xlabel="C",
             ylabel="azimuth − azimuth with s = 1 [°]",
         )
-    axes[0].axhline(0.0, color=MUTED, lw=0.6)
-    axes[1].plot(C, bars, "o", ms=4, color=ALERT)
-    axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
-    axes[1].set_ylim(bottom=0.0)
+    ax.set_xlabel("C")
+    ax.axhline(0.0, color=MUTED, lw=0.6)
     return figure
 
 
 def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Figures of a fit, and its summary with the table of all stations."""
-    first, _, *further_tables = fitted.summary.tables
     report = fitted.drawing
     table = tabulate_stations(report.stations, report.seen, report.errors)
-    full_summary = replace(fitted.summary, tables=(first, table, *further_tables))
+    full_summary = replace(fitted.summary, tables=(table, *fitted.summary.tables[1:]))
     count = len(report.fits)
     scales, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count

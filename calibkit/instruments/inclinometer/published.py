@@ -59,8 +59,6 @@ class Roots:
 
     plus: Array
     minus: Array
-    half_difference: Array
-    """(s₊ − s₋)/2; zero where the discriminant is zero."""
     clamped: Mask
     """Whether a negative discriminant was clamped to zero."""
 
@@ -173,12 +171,7 @@ def scale_roots(gyro_x: Array, gyro_y: Array, tilt: Attitude, latitude_deg: Arra
     half = cosine * np.sqrt(np.where(clamped, 0.0, discriminant))
     rotates = np.real(divisor) > 0.0
     safe = np.where(rotates, divisor, np.nan)
-    return Roots(
-        plus=(middle + half) / safe,
-        minus=(middle - half) / safe,
-        half_difference=half / safe,
-        clamped=clamped,
-    )
+    return Roots((middle + half) / safe, (middle - half) / safe, clamped)
 
 
 def azimuth(

@@ -81,18 +81,18 @@ class Estimates:
     status: tuple[str, ...]
     """[n]: empty, or why the station is refused."""
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def choose_root(self, prior: ScalePrior, rows: slice = slice(None)) -> tuple[Integers, Mask]:
         """Column [m] of the root of each selected station that the heading chooses, or else is
         likelier, and whether both are about equally likely.
         """
         s, by_heading = self.s[rows], self.by_heading[rows]
         variance = self.uncertainty[rows] ** 2 + prior.standard_uncertainty[:, None] ** 2
-        with np.errstate(divide="ignore", invalid="ignore"):
-            score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
-            # roots with infinite uncertainty are equally unlikely, negative roots impossible
-            score = np.where(np.isfinite(score), score, -1e300)
-            score = np.where(s > 0.0, score, -np.inf)
-            ambiguous = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
+        score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
+        # roots with infinite uncertainty are equally unlikely, negative roots impossible
+        score = np.where(np.isfinite(score), score, -1e300)
+        score = np.where(s > 0.0, score, -np.inf)
+        ambiguous = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
         column = np.where(by_heading >= 0, by_heading, np.argmax(score, axis=1))
         return column, (by_heading < 0) & self.usable[rows].all(axis=1) & ambiguous
 
@@ -158,17 +158,17 @@ def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
     return np.stack([attitude.inclination, attitude.toolface, s, psi, root])
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def seek_with_slopes(
     parts: Components, latitude_deg: Array, plus: Mask, weight: Array, rest: Array
 ) -> tuple[Array, Array]:
     """Results [5, n] of `seek_north`, and their derivatives [n, 5, 6] by its inputs."""
     components = parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y
     inputs = np.stack([*components, np.radians(latitude_deg), rest])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        values = np.asarray(seek_north(inputs, plus, weight), dtype=np.float64)
-        by_input = derivative(
-            lambda step: seek_north(inputs + step[:, None], plus, weight), np.zeros(6)
-        )
+    values = np.asarray(seek_north(inputs, plus, weight), dtype=np.float64)
+    by_input = derivative(
+        lambda step: seek_north(inputs + step[:, None], plus, weight), np.zeros(6)
+    )
     return values, np.moveaxis(by_input, 1, 0)
 
 
@@ -178,11 +178,11 @@ def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
     return seek_with_slopes(parts, latitude_deg, plus, always, 0.0 * always)[1][:, ROOT, :5]
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def mounting_slopes(parts: Components, latitude_deg: float, plus: Mask) -> Array:
     """Derivatives [2, n] of roots by a turn of the gyro and by an index error [1/°]."""
     latitude = np.full(plus.size, latitude_deg)
-    with np.errstate(invalid="ignore"):
-        gradient = root_slopes(parts, latitude, plus)[:, :4] * moved(parts)
+    gradient = root_slopes(parts, latitude, plus)[:, :4] * moved(parts)
     return np.asarray(np.radians(np.sum(gradient, axis=2)))
 
 
@@ -197,6 +197,7 @@ def moved(parts: Components) -> Array:
     return np.asarray(np.stack([by_turn, by_index / 2.0]))
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def estimate_roots(
     parts: Components,
     latitude_deg: ArrayLike,
@@ -223,17 +224,16 @@ def estimate_roots(
     uncertainty, off_heading = np.empty_like(s), np.full(s.shape, np.nan)
     for k in range(2):
         gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
-        with np.errstate(invalid="ignore"):
-            variance = np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient)
-            uncertainty[:, k] = np.sqrt(variance)
+        variance = np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient)
+        uncertainty[:, k] = np.sqrt(variance)
         if heading_deg is not None:
             rates = s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y
             psi = published.azimuth(parts.accel_x, parts.accel_y, *rates, latitude)
             off_heading[:, k] = np.abs(wrapped(np.degrees(psi) - heading_deg))
     uncertainty[~np.isfinite(uncertainty) | roots.clamped[:, None]] = np.inf
-    with np.errstate(invalid="ignore"):
-        separate = np.abs(roots.half_difference)[:, None] > limits.separation * uncertainty
-        usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & separate
+    half_difference = np.abs(s[:, :1] - s[:, 1:]) / 2.0
+    separate = half_difference > limits.separation * uncertainty
+    usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & separate
     # of an impossible root the azimuth is near no heading
     off_heading = np.where((s > 0.0) & np.isfinite(off_heading), off_heading, np.inf)
     with_heading = np.isfinite(off_heading).any(axis=1)
@@ -288,6 +288,7 @@ def history_prior(
     return ScalePrior(value, spread)
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def solve(
     estimates: Estimates, prior: ScalePrior, latitude_uncertainty_deg: float = 0.0
 ) -> Solution:
@@ -314,9 +315,8 @@ def solve(
     s_root, u_root = estimates.s[rows, column], estimates.uncertainty[rows, column]
     accepted = estimates.usable[rows, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        # where both are exact, they are taken to agree
-        share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
+    # where both are exact, they are taken to agree
+    share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
     weight = np.where(accepted, share, 0.0)
     # to first order, of the components, the latitude, and what the prior adds to s
     rest = np.where(accepted, (1.0 - weight) * prior.s, prior.s)
@@ -329,8 +329,7 @@ def solve(
     inputs = np.zeros((column.size, 6, 6))
     inputs[:, :4, :4] = parts.covariance
     inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
-    with np.errstate(invalid="ignore"):
-        covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
+    covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
     solved = np.array([not reason for reason in estimates.status])
 
     def kept(values: Array) -> Array:
@@ -354,6 +353,7 @@ def solve(
     )
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def _list_flags(
     estimates: Estimates,
     prior: ScalePrior,
@@ -363,8 +363,7 @@ def _list_flags(
     ambiguous: Mask,
 ) -> tuple[tuple[str, ...], ...]:
     """Flags of each station [n]."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
+    departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
     lines = []
     for k, refused in enumerate(estimates.status):
         flags = []
@@ -443,6 +442,7 @@ class Combined(Angles):
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
     """Combine the solutions of one or two sensor pairs, angle by angle: circular means weighted by
     inverse variance.
@@ -463,8 +463,7 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
     by_latitude = np.array([pair.by_latitude[:, ANGLES] for pair in pairs.values()])
     variance = np.nan_to_num(np.diagonal(of_pairs, axis1=2, axis2=3), nan=UNKNOWN)
     precision = np.where(used[:, :, None], 1.0 / np.clip(variance, EXACT, UNKNOWN), 0.0)
-    with np.errstate(invalid="ignore"):
-        weight = precision / precision.sum(axis=0)
+    weight = precision / precision.sum(axis=0)
     # the mean about the first pair that is used; the uncorrected azimuth by the azimuth's weights
     first = angles[np.argmax(used, axis=0), np.arange(used.shape[1])]
     departures = weight[:, :, [0, 1, 2, 2]] * wrapped(angles - first)

@@ -60,15 +60,28 @@ class Tool:
             "time_s": (numbers[:, None] * self.station_s + np.arange(4) * self.dwell_s).ravel(),
             "temp_case_degc": np.repeat(temp_degc, 4),
         }
-        scales = np.column_stack([_scale(pair, temp_degc, rng) for pair in self.pairs])
-        readings = [
-            _readings(pair, nominal, true_deg, gravity, rate, scales[:, j], temp_degc, rng)
-            for j, (pair, nominal) in enumerate(zip(self.pairs, (0.0, 90.0), strict=True))
-        ]
-        for axis, (accel, _) in zip("xy", readings, strict=True):
-            columns[f"accel_{axis}_g"] = accel.ravel()
-        for axis, (_, gyro) in zip("xy", readings, strict=True):
-            columns[f"gyro_{axis}_dph"] = gyro.ravel()
+        # in-situ scale factors [n, 2]
+        warmer = temp_degc - REFERENCE_DEGC
+        scales = np.empty((count, 2))
+        for j, pair in enumerate(self.pairs):
+            wave = pair["s_wave"] * np.sin(2.0 * np.pi * warmer / pair["s_wave_degc"])
+            repeat = pair["s_repeat"] * rng.normal(0.0, 1.0, count)
+            scales[:, j] = pair["s"] + pair["s_per_degc"] * warmer + wave + repeat
+        gyros = {}
+        for j, (axis, pair) in enumerate(zip("xy", self.pairs, strict=True)):
+            direction, tilt = 90.0 * j + true_deg + pair["axis_deg"], pair["axis_tilt_deg"]
+            accel = resolve_along(gravity, direction, tilt) * (1.0 + pair["accel_scale"])
+            accel += pair["accel_bias_g"]
+            bias = pair["bias_dph"] + pair["bias_dph_per_degc"] * warmer
+            walk = np.cumsum(pair["bias_walk_dph"] * rng.normal(0.0, 1.0, (count, 4)), axis=1)
+            # against its accelerometer a gyro is turned in campaigns of a plan alone
+            gyro_direction = direction + pair.get("gyro_turn_deg", 0.0)
+            gyro = resolve_along(rate, gyro_direction, tilt) / scales[:, j, None]
+            gyro += bias[:, None] + walk
+            noise = rng.normal(0.0, 1.0, (2, count, 4))
+            columns[f"accel_{axis}_g"] = (accel + pair["accel_noise_g"] * noise[0]).ravel()
+            gyros[f"gyro_{axis}_dph"] = (gyro + pair["gyro_noise_dph"] * noise[1]).ravel()
+        columns |= gyros
         return columns, scales
 
 
@@ -138,14 +151,6 @@ def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
     )
 
 
-def _scale(pair: Pair, temp_degc: Array, rng: np.random.Generator) -> Array:
-    """In-situ scale factor of a pair at n stations [n]."""
-    warmer = temp_degc - REFERENCE_DEGC
-    wave = pair["s_wave"] * np.sin(2.0 * np.pi * warmer / pair["s_wave_degc"])
-    repeat = pair["s_repeat"] * rng.normal(0.0, 1.0, temp_degc.size)
-    return np.asarray(pair["s"] + pair["s_per_degc"] * warmer + wave + repeat)
-
-
 def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
     """Components [n, 4] of vectors [n, 3] along a sensor axis at directions [n, 4] [°] about the
     tool axis, tilted out of the plane across the tool.
@@ -153,39 +158,6 @@ def resolve_along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Arra
     angle, tilt = np.radians(direction_deg), np.radians(tilt_deg)
     across_tool = vectors[:, :1] * np.cos(angle) + vectors[:, 1:2] * np.sin(angle)
     return np.asarray(across_tool * np.cos(tilt) + vectors[:, 2:] * np.sin(tilt), dtype=np.float64)
-
-
-def _readings(
-    pair: Pair,
-    nominal_deg: float,
-    turned_deg: Array,
-    gravity: Array,
-    rate_dph: Array,
-    s: Array,
-    temp_degc: Array,
-    rng: np.random.Generator,
-) -> tuple[Array, Array]:
-    """Accelerometer [n, 4] [g] and gyro [n, 4] [°/h] of one pair in four positions of n stations.
-
-    nominal_deg : direction of the pair at position 0; turned_deg : [n, 4] where the tool really is;
-    gravity, rate_dph : [n, 3] in the axes of the tool at position 0; s : [n]; temp_degc : [n] [°C].
-    """
-    direction = nominal_deg + turned_deg + pair["axis_deg"]
-    accel = (
-        resolve_along(gravity, direction, pair["axis_tilt_deg"]) * (1.0 + pair["accel_scale"])
-        + pair["accel_bias_g"]
-    )
-    bias = pair["bias_dph"] + pair["bias_dph_per_degc"] * (temp_degc - REFERENCE_DEGC)
-    walk = np.cumsum(pair["bias_walk_dph"] * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
-    # against its accelerometer a gyro is turned in campaigns of a plan alone
-    gyro_direction = direction + pair.get("gyro_turn_deg", 0.0)
-    gyro = (
-        resolve_along(rate_dph, gyro_direction, pair["axis_tilt_deg"]) / s[:, None]
-        + bias[:, None]
-        + walk
-    )
-    noise = rng.normal(0.0, 1.0, (2, *turned_deg.shape))
-    return accel + pair["accel_noise_g"] * noise[0], gyro + pair["gyro_noise_dph"] * noise[1]
 
 
 def campaign(

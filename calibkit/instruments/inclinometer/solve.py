@@ -66,6 +66,7 @@ class SolvedStations:
         """Mask [n] of the stations without a result."""
         return np.array([bool(reason) for reason in self.combined.status], dtype=np.bool_)
 
+    @np.errstate(divide="ignore", invalid="ignore")
     def require_consistent(self, place: str) -> None:
         """Raise FitError for a log most of whose stations are inconsistent; single inconsistent
         stations are only refused.
@@ -78,9 +79,8 @@ class SolvedStations:
             return
         impossible = np.zeros(count, dtype=np.bool_)
         for axis, pair in self.solutions.items():
-            with np.errstate(invalid="ignore"):
-                far = np.abs(pair.s_root - self.priors[axis].s) > IMPLAUSIBLE
-                impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
+            far = np.abs(pair.s_root - self.priors[axis].s) > IMPLAUSIBLE
+            impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
             impossible |= np.array([WRONG in reason for reason in pair.status])
         if 2 * int(impossible.sum()) > count:
             raise FitError(
@@ -88,8 +88,7 @@ class SolvedStations:
             )
         if len(self.solutions) == 2:
             x, y = (self.solutions[axis].toolface_deg for axis in ("x", "y"))
-            with np.errstate(invalid="ignore"):
-                apart_count = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
+            apart_count = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
             if 2 * apart_count > count:
                 raise FitError(
                     f"{place}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
@@ -244,6 +243,7 @@ def _refuse_contradictions(
     return tuple(reasons)
 
 
+@np.errstate(divide="ignore", invalid="ignore")
 def _solve_stations(
     stations: Stations,
     priors: Mapping[Sensor, ScalePrior],
@@ -278,9 +278,8 @@ def _solve_stations(
     # tell its turn, nor carry the azimuth); and what [[type_b]] and [[errors.component]] state.
     changes = []
     for axis, solution in solutions.items():
-        with np.errstate(invalid="ignore"):
-            moved = root_choice.moved(stations.components[axis])
-            changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
+        moved = root_choice.moved(stations.components[axis])
+        changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
     by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
     weight = combined.azimuth_weight
     counted = np.where(weight < SMALL_WEIGHT, weight, 1.0) * np.abs(by_turn)
