@@ -158,14 +158,13 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
         )
     decimals, logs = dict(campaign.decimals), [dict(log) for log in campaign.logs.values()]
     for name, mapping in mapped.items():
-        log_unit = units.unit_in_header(mapping.source)
-        ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, log_unit)
+        unit = units.unit_in_header(mapping.source)
         # as many digits in the logged unit as the canonical one has
-        slope = abs(float(ends[1] - ends[0]))
-        decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(slope)), 0)
+        ends = column_values.unmap_values(np.array([0.0, 1.0]), mapping, name, spec, unit)
+        decimals[mapping.source] = max(decimals[name] - math.floor(math.log10(np.ptp(ends))), 0)
         for log in logs:
             column = np.asarray(log.pop(name), dtype=np.float64)
-            log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, log_unit)
+            log[mapping.source] = column_values.unmap_values(column, mapping, name, spec, unit)
     truth = {**campaign.truth, "seed": seed, "plan": planned.document["sha256"]}
     as_logged = Campaign(dict(zip(campaign.logs, logs, strict=True)), decimals, truth)
     files = as_logged.files()

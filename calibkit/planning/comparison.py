@@ -77,25 +77,25 @@ def _find_rows(log: Log, action: Action) -> tuple[str, Mask]:
 
 def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
     """A ramp that ends elsewhere, or has another rate; of a case that lags, the end alone."""
-    time, air = _column(log, "time_s"), _column(log, "temp_env_degc")
-    lags = not np.isfinite(air).any()
-    degc = _column(log, "temp_case_degc") if lags else air
+    time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
+    lags = not np.isfinite(degc).any()
+    if lags:
+        degc = _column(log, "temp_case_degc")
     if not np.isfinite(degc).any():
         return
     end = float(np.nanmax(degc) if action.ramp_degc_per_min > 0.0 else np.nanmin(degc))
-    planned = f"ramp of {action.ramp_degc_per_min:+g} °C/min to {action.set_degc:g} °C"
+    planned = f"{log.file}: ramp of {action.ramp_degc_per_min:+g} °C/min to {action.set_degc:g} °C"
     if not abs(end - action.set_degc) <= NEAR_DEGC:
-        yield f"{log.file}: {planned}; it ends at {end:.1f} °C"
+        yield f"{planned}; it ends at {end:.1f} °C"
     elif not lags:
-        change = action.set_degc - degc[0]
-        share = (degc - degc[0]) / (change or np.nan)
-        rows = (share >= MIDDLE[0]) & (share <= MIDDLE[1])
-        if rows.sum() < 2:
-            yield f"{log.file}: {planned}; there is no ramp"
+        share = (degc - degc[0]) / (action.set_degc - degc[0] or np.nan)
+        first, last = (int(np.argmax(share >= part)) for part in MIDDLE)
+        if last <= first:
+            yield f"{planned}; there is no ramp"
             return
-        rate = float(np.polyfit(time[rows], degc[rows], 1)[0]) * SECONDS_PER_MINUTE
+        rate = (degc[last] - degc[first]) / (time[last] - time[first]) * SECONDS_PER_MINUTE
         if not abs(rate / action.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
-            yield f"{log.file}: {planned}; its rate is {rate:+.3g} °C/min"
+            yield f"{planned}; its rate is {rate:+.3g} °C/min"
 
 
 def _column(log: Log, name: str, otherwise: float = np.nan) -> Array:

@@ -136,11 +136,12 @@ class TriadBench(Bench):
         residual, shared, noise = self.equation(rows)
         names = self.terms.names
         fit = predict(residual, self.terms.nominal, shared, noise=noise, names=names)
-        if not self.k:
-            return fit
-        form = k_design(self.k, rows.indication, self.assumed.mapped(rows.temperature))
-        P = np.linalg.pinv(form.reshape(len(noise), -1) / noise[:, None]) / noise
-        return fit.linear(P, rows.indication.ravel())
+        if self.k:
+            form = k_design(self.k, rows.indication, self.assumed.mapped(rows.temperature))
+            P = np.linalg.pinv(form.reshape(len(noise), -1) / noise[:, None]) / noise
+            P[~form.any(axis=(0, 1))] = 0.0  # what is not fitted has no rounding either
+            fit = fit.linear(P, rows.indication.ravel())
+        return fit
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -164,20 +165,17 @@ class TriadBench(Bench):
         return {name: slopes[name] for name in self.results}
 
     def coefficients(self, rows: DwellSet) -> Iterator[PredictedCoefficient]:
-        """In powers of °C."""
+        """In powers of °C; of K those that are fitted."""
         middle_half = self.assumed.middle_half
+        to_raw: Array = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
+        labels = [("triad", term.name, term.unit) for term in self.terms.listed]
         if self.k:
-            to_raw = np.kron(np.eye(3), np.asarray(published.to_degrees(*middle_half), np.float64))
+            to_raw = np.kron(np.eye(3), published.to_degrees(*middle_half)).astype(np.float64)
             numbers = list(zip(published.K_NAMES, published.K_UNITS, strict=True))
             labels = [(model, *number) for model in forms.K_MODELS for number in numbers]
-            fitted = [10 * k + number for k, axis in enumerate(self.k) for number in axis.fitted]
-            to_raw, labels = to_raw[np.ix_(fitted, fitted)], [labels[k] for k in fitted]
-        else:
-            to_raw = np.asarray(self.terms.in_degrees(*middle_half), dtype=np.float64)
-            labels = [("triad", term.name, term.unit) for term in self.terms.listed]
-        u = self.fit(rows).of(lambda p: to_raw @ p).u.tolist()
-        for label, size in zip(labels, u, strict=True):
-            yield PredictedCoefficient(*label, size)
+        for label, u in zip(labels, self.fit(rows).of(lambda p: to_raw @ p).u, strict=True):
+            if u > 0.0:
+                yield PredictedCoefficient(*label, float(u))
 
     def design(self, degc: Tour, choice: Sequence[int], dwell_s: float) -> Design:
         """Soaks at temperatures in their order, attitudes by number; where nothing is withheld yet,
@@ -259,14 +257,14 @@ class TriadBench(Bench):
 
 
 def k_design(axes: Sequence[KAxisSpec], indication: Array, t: Array) -> Array:
-    """Design [n, 3, q] of corrected components by the K that are fitted, those of x, then y and z,
-    for temperatures t [n] in the unit that K is meant for.
+    """Design [n, 3, 30] of corrected components by K0 … K9 of x, then y and z, 0 where one is not
+    fitted, for temperatures t [n] in the unit that K is meant for.
     """
-    parts = []
+    design = np.zeros((len(t), 3, 3, 10))
     for axis, orders in enumerate(axes):
-        columns = published.columns(indication, t, axis)[:, list(orders.fitted)]
-        parts.append(columns[:, None] * np.eye(3)[axis, :, None])
-    return np.concatenate(parts, axis=2)
+        fitted = [*orders.fitted]
+        design[:, axis, axis, fitted] = published.columns(indication, t, axis)[:, fitted]
+    return design.reshape(len(t), 3, 30)
 
 
 def planned_dwells(actions: Sequence[Action], noise: float) -> DwellSet:
@@ -346,11 +344,9 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         quarter_on = [(tilt, roll + 90) for tilt, roll in across_tool]
         spots, mountings = (*((90, roll) for roll in turns), *across_tool, *quarter_on), 3
 
-    terms, orders = asked_terms(spec), [0]
-    if not lengths:
-        orders = [terms.order]
-        if spec.k.enabled:
-            orders += [max(axis.scale_order, axis.zero_order) for axis in spec.k.axes]
+    # of lengths neither K nor a temperature coefficient is fitted
+    terms, k = asked_terms(spec), spec.k.axes if spec.k.enabled and not lengths else ()
+    orders = [terms.order, *(max(axis.scale_order, axis.zero_order) for axis in k)]
     return TriadBench(
         spec=spec.model_copy(update={"errors": assumed.stated}),
         task=task,
@@ -360,7 +356,7 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
         order=max(orders),
         lengths=lengths,
         terms=terms,
-        k=spec.k.axes if spec.compensation == "k" and not lengths else (),
+        k=k if spec.compensation == "k" else (),
         fixture=fixture,
         spots=np.array(spots, dtype=np.float64),
         mounting=np.repeat(np.arange(mountings), len(spots) // mountings),
