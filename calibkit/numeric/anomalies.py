@@ -188,23 +188,14 @@ def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
 
 def equal_runs(values: Array, shortest: int) -> Integers:
     """First row and row after the last [m, 2] of each run of at least `shortest` equal values."""
-    shortest = max(shortest, 2)
-    if values.size < shortest:
-        return np.zeros((0, 2), dtype=np.int64)
 
-    def starts_run(first: int, stop: int) -> Mask:
-        part = values[first : stop + shortest - 1]
-        equal, length = part[1:] == part[:-1], 1
-        while length < shortest - 1:  # equal[k]: rows k … k + length are equal
-            doubling = min(length, shortest - 1 - length)
-            equal = equal[:-doubling] & equal[doubling:]
-            length += doubling
+    def repeats_next(first: int, stop: int) -> Mask:
         chunks.release(values)
-        return np.asarray(equal, dtype=np.bool_)
+        return np.equal(values[first:stop], values[first + 1 : stop + 1])
 
-    runs = chunks.find_runs(values.size - shortest + 1, starts_run)
-    runs[:, 1] += shortest - 1
-    return runs
+    runs = chunks.find_runs(max(values.size - 1, 0), repeats_next)
+    runs[:, 1] += 1
+    return runs[runs[:, 1] - runs[:, 0] >= shortest]
 
 
 def stuck(values: Array) -> Integers:

@@ -52,15 +52,7 @@ def causal_slope(
     passed. A window of tens of seconds suppresses the quantisation steps of the thermometer.
     `allocate` makes the array of the result.
     """
-    slope = allocate(time.size)
-    row = 0
-    for start, stop in chunks.ranges_along(time, temperature, slope):
-        # windows end in this chunk and begin in it or before it
-        row += int(
-            np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left")
-        )
-        slope[start:stop] = _slopes(time[row:stop], temperature[row:stop], window_s, start - row)
-    return slope
+    return _slope_over(time, temperature, [window_s], 0.0, allocate)
 
 
 def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
@@ -106,54 +98,43 @@ def measured_slope(
     slope is 0 where the reading has not changed for so long that this slope would have produced
     UNSEEN_STEPS steps. Only samples up to an instant enter.
     """
-    if not coarse(temperature, window_s):
-        return causal_slope(time, temperature, window_s, allocate=allocate)
-    step = quantum(temperature)
-    windows = [window_s]
-    while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
-        windows.append(2.0 * windows[-1])
+    windows, step = [window_s], 0.0
+    if coarse(temperature, window_s):
+        step = quantum(temperature)
+        while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
+            windows.append(2.0 * windows[-1])
+    return _slope_over(time, temperature, windows, step, allocate)
+
+
+def _slope_over(
+    time: Array, temperature: Array, windows: Sequence[float], step: float, allocate: Allocate
+) -> Array:
+    """Slope [n, °C/min] at each sample over the first of some windows [s] in which the reading
+    changed by MOVED steps, or over the last; 0 where it has been at rest, if the step is not 0.
+    """
     slope = allocate(time.size)
     row, changed = 0, float(time[0])
     for start, stop in chunks.ranges_along(time, temperature, slope):
+        # windows end in this chunk and begin in it or before it
         row += int(
             np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left")
         )
-        window_rows = time[row:stop], temperature[row:stop]
-        part = _coarse_slopes(*window_rows, windows, step, start - row)
-        other = (
-            np.diff(
-                temperature[max(start - 1, 0) : stop],
-                prepend=temperature[start] if start == 0 else [],
-            )
-            != 0.0
-        )
-        since = np.maximum.accumulate(np.where(other, time[start:stop], changed))
-        changed = float(since[-1])
-        unseen = (
-            np.abs(part) * (time[start:stop] - since) > UNSEEN_STEPS * step * SECONDS_PER_MINUTE
-        )
-        slope[start:stop] = np.where(unseen, 0.0, part)
-    return slope
-
-
-def _coarse_slopes(
-    time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int
-) -> Array:
-    """Slopes [n − skipped, °C/min] at the samples after the first `skipped`, each over the first
-    window in which the reading moved.
-    """
-    slope = np.zeros(time.size - skipped)
-    unsettled = np.ones(slope.size, dtype=bool)
-    for window in windows:
-        begins = time[skipped:] - window * (1.0 + 1e-9)
-        first = np.searchsorted(time, begins, side="left")
-        has_moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (
-            1.0 - 1e-9
-        )
-        window_decides = unsettled & has_moved if window != windows[-1] else unsettled
-        if window_decides.any():
-            slope[window_decides] = _slopes(time, temperature, window, skipped)[window_decides]
-        unsettled = unsettled & ~window_decides
+        section, readings, skipped = time[row:stop], temperature[row:stop], start - row
+        part = _slopes(section, readings, windows[-1], skipped)
+        # the shorter windows from the longest to the shortest, which decides last
+        for window in windows[-2::-1]:
+            begins = section[skipped:] - window * (1.0 + 1e-9)
+            before = readings[np.searchsorted(section, begins, side="left")]
+            has_moved = np.abs(readings[skipped:] - before) >= MOVED * step * (1.0 - 1e-9)
+            part = np.where(has_moved, _slopes(section, readings, window, skipped), part)
+        if step:
+            previous = temperature[max(start - 1, 0) : stop]
+            different = np.diff(previous, prepend=previous[:1] if start == 0 else []) != 0.0
+            since = np.maximum.accumulate(np.where(different, time[start:stop], changed))
+            changed = float(since[-1])
+            unseen_steps = np.abs(part) * (time[start:stop] - since) / (step * SECONDS_PER_MINUTE)
+            part[unseen_steps > UNSEEN_STEPS] = 0.0
+        slope[start:stop] = part
     return slope
 
 
