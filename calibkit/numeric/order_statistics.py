@@ -35,14 +35,11 @@ def run_medians(values: Array, first: Integers) -> Array:
     medians = np.empty(first.size)
     for size in np.unique(count).tolist():
         of_size = np.flatnonzero(count == size)
-        begin, step = int(first[of_size[0]]), max(1, chunks.ROWS // size)
-        if int(first[of_size[-1]]) == begin + (of_size.size - 1) * size:
-            equal_runs = values[begin : begin + of_size.size * size].reshape(of_size.size, size)
-        else:
-            equal_runs = values[first[of_size, None] + np.arange(size)]
-        for k in range(0, of_size.size, step):
-            part = np.partition(equal_runs[k : k + step], size // 2, axis=1)
-            medians[of_size[k : k + step]] = _median_of_parted(part, size)
+        for begin, stop in chunks.ranges(of_size.size, max(1, chunks.ROWS // size)):
+            runs = of_size[begin:stop]
+            part = values[first[runs, None] + np.arange(size)]
+            part.partition(size // 2, axis=1)
+            medians[runs] = _median_of_parted(part, size)
     return medians + 0.0  # a zero is positive
 
 

@@ -2,13 +2,13 @@
 deviation over averaging time with chi-square limits (`ALLAN` is the equation of the terms).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from calibkit.certificate.blocks import make_block, plot
-from calibkit.certificate.quantities import Quantity, of_figure, state
+from calibkit.certificate.quantities import of_figure, state
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words, unit_mark
@@ -64,25 +64,16 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         tables.append(table)
         label = Words(f"σ [{unit_mark(table.units[0])}]")
         figures.append(plot(table, label, x_label=TAU, log=True))
-    title, notes = Words("Noise at rest", "静态噪声"), _not_observable(terms)
-    return (make_block(record, title, (ALLAN,), tables, figures, notes),)
-
-
-def _not_observable(terms: Sequence[Quantity]) -> tuple[Words, ...]:
-    """Note on the terms of the Allan deviation that no record shows."""
-    present = {read_term(figure.name)[0] for figure in terms}
-    laws = [
-        law for sensor in (GYRO, ACCELEROMETER) if sensor.mean in present for law in sensor.laws
-    ]
-    absent = [NAMES[name] for name in {law.name: None for law in laws} if name not in present]
-    if not absent:
-        return ()
-    return (
-        Words(
-            f"Not stated, as no record shows it: {', '.join(words.en for words in absent)}.",
-            f"数据中不可观测，未给出：{'、'.join(words.zh for words in absent)}。",
-        ),
+    stated_names = {read_term(figure.name)[0] for figure in terms}
+    sensors = [sensor for sensor in (GYRO, ACCELEROMETER) if sensor.mean in stated_names]
+    law_names = dict.fromkeys(law.name for sensor in sensors for law in sensor.laws)
+    absent = [NAMES[name] for name in law_names if name not in stated_names]
+    not_observable = Words(
+        f"Not stated, as no record shows it: {', '.join(words.en for words in absent)}.",
+        f"数据中不可观测，未给出：{'、'.join(words.zh for words in absent)}。",
     )
+    title, notes = Words("Noise at rest", "静态噪声"), (not_observable,) if absent else ()
+    return (make_block(record, title, (ALLAN,), tables, figures, notes),)
 
 
 def _state_deviation(basis: Stated, record: Record, figure: Found, words: Words) -> Result:
