@@ -203,15 +203,6 @@ def test_memory_is_that_of_a_block():
     assert peak < 4 << 20
 
 
-def test_triangle_has_the_gram_matrix_of_the_rows():
-    """RᵀR is the rows' Gram matrix, whatever the blocks, also for fewer rows than columns."""
-    rows = np.random.default_rng(0).normal(size=(500, 7))
-    for size in (3, 64, 1000):
-        triangle = fold.triangle(lambda part: rows[part], 500, size)
-        np.testing.assert_allclose(triangle.T @ triangle, rows.T @ rows, atol=1e-11)
-    assert fold.triangle(lambda part: rows[part], 4).shape == (4, 7)
-
-
 def test_folded_fit_is_the_fit():
     """Coefficients, covariance, residuals and rms equal those of the whole design."""
     rng = np.random.default_rng(1)

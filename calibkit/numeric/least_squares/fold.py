@@ -6,7 +6,7 @@ and the next block give that of both (sequential orthogonal factorisation, Lawso
 folding costs (seminormal equations; Björck 1987).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,15 +18,6 @@ BLOCK_ROWS = 2048
 """Rows of a block: 150 kilobytes at nine columns, which stay in the cache."""
 REFINEMENTS = 2
 """The second reaches the last digit of readings whose mean is large."""
-
-
-def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS) -> Array:
-    """R [min(rows, p), p] of the rows that `block` gives slice by slice, each [m, p]."""
-    folded: Array | None = None
-    for part in _blocks(rows, size):
-        stacked = block(part) if folded is None else np.concatenate([folded, block(part)])
-        folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
-    return np.zeros((0, 0)) if folded is None else folded
 
 
 def linear(
@@ -57,11 +48,13 @@ def linear(
     """
     rows = len(indication)
 
-    def stacked(part: slice) -> Array:
+    R_of_all = np.empty((0, 0))
+    for begin, stop in chunks.ranges(rows, BLOCK_ROWS):
+        part = slice(begin, stop)
+        block = np.column_stack([design(part), indication[part]])
+        stacked = np.concatenate([R_of_all.reshape(-1, block.shape[1]), block])
+        R_of_all = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
         chunks.release(indication)
-        return np.column_stack([design(part), indication[part]])
-
-    R_of_all = triangle(stacked, rows)
     columns = R_of_all.shape[1] - 1
     solved = least_squares.linear(R_of_all[:, :columns], R_of_all[:, columns], names=names)
     R, residuals = R_of_all[:columns, :columns], allocate(rows)
@@ -84,14 +77,10 @@ def _subtract(
 ) -> Array:
     """Write the residuals r [n] of coefficients [p]; the gradient Xᵀ r [p]."""
     gradient = np.zeros(coefficients.size)
-    for part in _blocks(len(indication), BLOCK_ROWS):
+    for begin, stop in chunks.ranges(len(indication), BLOCK_ROWS):
+        part = slice(begin, stop)
         X = design(part)
         residuals[part] = indication[part] - X @ coefficients
         gradient += X.T @ residuals[part]
         chunks.release(indication, residuals)
     return gradient
-
-
-def _blocks(rows: int, size: int) -> Iterator[slice]:
-    """Slices that cover the rows in order."""
-    return (slice(begin, min(begin + size, rows)) for begin in range(0, rows, size))

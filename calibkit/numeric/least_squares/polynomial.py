@@ -19,15 +19,7 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
     """Powers 0 … order of (x − middle)/half of an abscissa [n] as columns [n, order + 1], each
     contiguous.
     """
-    rows = np.empty((order + 1, abscissa.size))
-    rows[0] = 1.0
-    if order > 0:
-        np.subtract(abscissa, middle, out=rows[1])
-        if half != 1.0:
-            rows[1] /= half
-    for k in range(2, order + 1):
-        np.multiply(rows[k - 1], rows[1], out=rows[k])
-    return rows.T
+    return np.asfortranarray(np.vander((abscissa - middle) / half, order + 1, increasing=True))
 
 
 def mapped_powers(
