@@ -29,11 +29,6 @@ def derivative(function: Callable[[Numbers], Numbers], parameters: Array) -> Arr
     return np.stack(columns, axis=-1) if columns else np.zeros((*np.shape(function(parameters)), 0))
 
 
-def absolute(x: Numbers) -> Numbers:
-    """|x|, with the derivative ±1; that of 0 is 1."""
-    return np.where(np.real(x) < 0.0, -x, x)
-
-
 def length(vector: Numbers) -> Numbers:
     """Euclidean length [...] of vectors [..., k]."""
     return np.asarray(np.sqrt(np.sum(vector * vector, axis=-1)))
@@ -48,8 +43,3 @@ def arctan2(y: Numbers, x: Numbers) -> Numbers:
     square = np.real(x) ** 2 + np.real(y) ** 2
     slope = (np.real(x) * np.imag(y) - np.real(y) * np.imag(x)) / square
     return np.asarray(angle + 1j * slope)
-
-
-def clip(x: Numbers, low: float, high: float) -> Numbers:
-    """The value, or the limit beyond which it lies and where it has no derivative."""
-    return np.where(np.real(x) < low, low, np.where(np.real(x) > high, high, x))
