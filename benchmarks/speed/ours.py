@@ -77,15 +77,14 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
 
 
 def linear(gradient: Array, increment: Array) -> Prepared:
-    """a0 + a1 G + a2 G², with rank, condition and covariance, in the memory of a block."""
-    from calibkit.numeric.least_squares import fold, polynomial
+    """a0 + a1 G + a2 G², with rank and condition, in the memory of a block."""
+    from calibkit.numeric.least_squares import fit, polynomial
 
-    def run() -> tuple[Array, Array]:
+    def run() -> Array:
         design, to_raw = polynomial.mapped_powers(gradient, 2)
-        fit = fold.linear(design, increment)
-        return polynomial.in_raw_powers(fit.coefficients, fit.covariance, to_raw)
+        return np.asarray(to_raw @ fit.linear_in_blocks(design, increment), dtype=np.float64)
 
-    return run, lambda found: {"coefficients": found[0]}
+    return run, lambda coefficients: {"coefficients": coefficients}
 
 
 def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:

@@ -6,7 +6,7 @@ b_log is the turn-on bias of a log, w_log its wander with time (`blocks`). A tur
 every log, so that the degrees of freedom of p0 are those of the logs, never those of their rows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,8 +39,8 @@ from calibkit.instruments.bias.recipe import (
 )
 from calibkit.numeric import chunks, dispersion, gum
 from calibkit.numeric.flicker import Turned
-from calibkit.numeric.least_squares import fold, polynomial
-from calibkit.numeric.least_squares.fit import rank
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.fit import linear_in_blocks, rank
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
@@ -53,7 +53,6 @@ BINS = 200
 POINTS = 9
 """Abscissae at which the degrees of freedom of the bias are found, for those of p0."""
 
-Allocate = Callable[[int], Array]
 Rows = Sequence[tuple[Array, Array]]
 """Abscissa and indication [n] of each log."""
 
@@ -76,18 +75,15 @@ def fit(logs: Sequence[Log], spec: Polynomials, errors: Errors) -> list[ChannelF
     The covariance is that of white and flicker noise: the noise of a sensor that warms up is not
     white. Few cold rows leave few degrees of freedom.
     """
-    allocate = next((log.allocate for log in logs if log.on_disk), np.empty)
     channels = []
     for entry in spec.bias:
         columns = spec.abscissa, entry.indication
         rows = [(values(log.frame, columns[0]), values(log.frame, columns[1])) for log in logs]
-        channels.append(_fit_channel(entry, spec.abscissa, rows, errors, allocate))
+        channels.append(_fit_channel(entry, spec.abscissa, rows, errors))
     return channels
 
 
-def _fit_channel(
-    entry: Bias, abscissa: str, rows: Rows, errors: Errors, allocate: Allocate
-) -> ChannelFit:
+def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> ChannelFit:
     """One channel's polynomial over the abscissa of that name.
 
     Where logs have no error in common, as one log alone, the coefficients are those of ordinary
@@ -115,9 +111,7 @@ def _fit_channel(
     if shared:
         turn_on = estimate.mixed[0].errors[:, 0]
     else:
-        coefficients = fold.linear(
-            designs[0][0], rows[0][1], names=names, allocate=allocate
-        ).coefficients
+        coefficients = linear_in_blocks(designs[0][0], rows[0][1], names=names)
         # ordinary least squares over all rows makes coefficients P y of the means y of blocks; of
         # turned ones it makes P (Uᵀ D^½)⁻¹ · turned y, log by log
         weighted = blocks.design * blocks.count[:, None]
@@ -278,7 +272,7 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     if order == 0 or low == high:
         return {}
     entry, rows = Bias(indication=model.name, order=order), [(x, values(log.frame, model.name))]
-    of_log = _fit_channel(entry, abscissa, rows, Errors(), log.allocate).model
+    of_log = _fit_channel(entry, abscissa, rows, Errors()).model
     # the rows that it corrects, about their mean: of all powers but the level, which cancels
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
     centred_powers = powers - powers.mean(axis=0)
