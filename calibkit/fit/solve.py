@@ -137,7 +137,7 @@ class Fit:
         Giesbrecht & Burns 1985), at least 1 and at most those of the rows.
         """
         value = np.asarray(function(self.parameters), dtype=np.float64)
-        G = derivative(function, self.parameters).reshape(-1, len(self.parameters))
+        G = self._slopes_of(function).reshape(-1, len(self.parameters))
         variance = np.einsum("ip,pq,iq->i", G, self.covariance, G)
         bound = np.sum((G @ self.bounds) ** 2, axis=1)
         u = np.sqrt(np.maximum(variance, 0.0) + bound).reshape(value.shape)
@@ -169,11 +169,34 @@ class Fit:
 
     def restated(self, function: Callable[[Numbers], Numbers]) -> "Fit":
         """The fit of other parameters, a function [m] of these, with their covariance."""
-        slopes = derivative(function, self.parameters)
         return replace(
-            replace(self, members=()).combined(slopes),
+            replace(self, members=()).combined(self._slopes_of(function)),
             parameters=np.asarray(function(self.parameters), dtype=np.float64),
             members=tuple(member.restated(function) for member in self.members),
+        )
+
+    def _slopes_of(self, function: Callable[[Numbers], Numbers]) -> Array:
+        """Derivatives [..., p] of a function of the parameters; 0 where these have no errors."""
+        if self.variances.size:
+            return derivative(function, self.parameters)
+        return np.zeros((*np.shape(function(self.parameters)), len(self.parameters)))
+
+    def without_errors(self, parameters: Array) -> "Fit":
+        """The same equation with other parameters, which have no errors: values alone are stated,
+        in less time.
+        """
+        p, n = len(parameters), len(self.residual)
+        return replace(
+            self,
+            parameters=parameters,
+            covariance=np.zeros((p, p)),
+            variances=np.zeros(0),
+            variance_covariance=np.zeros((0, 0)),
+            slopes=np.zeros((0, p, p)),
+            noise_shares=np.zeros((0, n)),
+            gain=np.zeros((p, 0)),
+            bounds=np.zeros((p, 0)),
+            members=(),
         )
 
     def part(self, places: Sequence[int] | Integers | slice) -> "Fit":

@@ -324,8 +324,10 @@ def write_pair(
     ratios: published.Ratios,
     from_a: Value,
     components: tuple[Component, ...],
+    *,
+    interval: bool,
 ) -> tuple[Model, tuple[Figure, ...]]:
-    """Model of N, ε, γ and α of a pair, and figures: these, the interval of α, and the second
+    """Model of N, ε, γ and α of a pair, and figures: these, the `interval` of α, and the second
     estimate of γ.
     """
     all_runs = [run for axis in "ab" for run in runs[axis]]
@@ -343,13 +345,16 @@ def write_pair(
         components=components,
     )
     low, high = ratios.alpha_interval_deg
+    ends = (
+        Figure("alpha_low_95_deg", low, "deg", 0.0),
+        Figure("alpha_high_95_deg", high, "deg", 0.0),
+    )
     _, _, gamma, alpha = pair.coefficients
     indicated = float(ratios.indicated.value)
     return pair, (
         *pair.coefficients,
         Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
-        Figure("alpha_low_95_deg", low, "deg", 0.0),
-        Figure("alpha_high_95_deg", high, "deg", 0.0),
+        *(ends if interval else ()),
         Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
         Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
         Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),

@@ -113,15 +113,14 @@ class ResponseFit(NamedTuple):
     terms: "ResponseTerms"
 
     def refit(self, rows: RateRows) -> "ResponseFit":
-        """The same for rows with small errors of rate, time or thermometer, the weights held.
+        """The values for rows with small errors of rate, time or thermometer, the weights held.
 
         dp = −(Jᵀ V⁻¹ J)⁻¹ (Jᵀ V⁻¹ dr + dJᵀ V⁻¹ r); such errors change J by combinations of its
         columns, to which V⁻¹ r is perpendicular: the second term is 0.
         """
         p, terms = self.fit.parameters, self.terms
         change = residual(p, rows, terms) - residual(p, self.rows, terms)
-        fit = replace(self.fit, parameters=p - self.fit.gain @ change, members=())
-        return ResponseFit(fit, rows, terms)
+        return ResponseFit(self.fit.without_errors(p - self.fit.gain @ change), rows, terms)
 
 
 @dataclass(frozen=True, slots=True)

@@ -270,9 +270,9 @@ def _fit_pair(
                 if terms.powers:  # without errors that the runs share
                     bent = equation.ResponseFit(equation.fit(rows, terms, ()), rows, terms)
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
-    pair, figures = write_pair(
-        run_lines, runs, ratios, from_a, stated_components(run_scale, mounting)
-    )
+    components = stated_components(run_scale, mounting)
+    # values of a refit have no errors, and α has no interval
+    pair, figures = write_pair(run_lines, runs, ratios, from_a, components, interval=frozen is None)
     within_runs, of_pair = run_scale is None, list[str]()
     if not frozen:
         of_pair = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]

@@ -103,13 +103,13 @@ class Lines:
         rows = equation.RateRows(rate, F, line_of, degc, hours, line_of, channel)
         if frozen:
             fitted = frozen.fitted.refit(rows)
-            fit = replace(frozen.fit, parameters=_best_lines(fitted, fitted.fit.parameters))
         else:
             shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
             terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
             errors = [*_errors(rows, terms, axes)]
             fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
-            fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
+        fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
+        if not frozen:
             fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
         published = []
