@@ -21,7 +21,6 @@ from calibkit.instruments.gyro_scale import (
     fit,
     lines,
     simulate as simulated,
-    simulate_rate_table,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
@@ -34,11 +33,11 @@ ALPHAS_DEG = (90.0, 89.6, 60.0, 120.0, 30.0, 3.0)
 QUANTILE = 1.959963984540054
 FEW = "+1 +2 +5 +10"
 UNEQUAL = {
-    "both ways": simulate_rate_table.both_ways(),
-    "positive only": simulate_rate_table.RATES_DPS,
-    "negative only": tuple(-rate for rate in simulate_rate_table.RATES_DPS),
+    "both ways": simulated.both_ways(),
+    "positive only": simulated.RATES_DPS,
+    "negative only": tuple(-rate for rate in simulated.RATES_DPS),
     FEW: (1.0, 2.0, 5.0, 10.0),
-    "+1..+100, -1..-20": (*simulate_rate_table.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
+    "+1..+100, -1..-20": (*simulated.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
 }
 
 

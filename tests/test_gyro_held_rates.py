@@ -11,12 +11,12 @@ import pytest
 import bench_physics as bench
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log
-from calibkit.instruments.gyro_scale import fit, lines, published, simulate_rate_table, table_runs
+from calibkit.instruments.gyro_scale import fit, lines, published, simulate, table_runs
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from conftest import write_log
 
 K = 10000.0
-RATES = simulate_rate_table.both_ways((5.0, 10.0, 20.0, 50.0, 100.0))
+RATES = simulate.both_ways((5.0, 10.0, 20.0, 50.0, 100.0))
 LOGS = {"files": ["*.csv"]}
 SPEC = RateTableRecipe(procedure="rate_table", logs=LOGS)
 
@@ -96,7 +96,7 @@ def table_log(rates, *, hold_s=40.0, along=1.0, late_s=0.0, filter_s=0.0, phase=
     )
 
 
-SLOW = simulate_rate_table.both_ways((5.0, 10.0, 20.0))
+SLOW = simulate.both_ways((5.0, 10.0, 20.0))
 
 
 @pytest.mark.parametrize(
@@ -140,7 +140,7 @@ def test_the_earths_rate_in_part_revolutions_across_the_axis_is_no_dropout(phase
     """A gyro 5 mrad off the axis' normal and parts of a revolution: the earth's rate moves all rows
     of a held rate, by as much as the table does.
     """
-    rates = simulate_rate_table.both_ways((0.1, 0.3, 0.6, 1.2, 2.4))
+    rates = simulate.both_ways((0.1, 0.3, 0.6, 1.2, 2.4))
     log = table_log(rates, hold_s=100.0, along=5e-3, phase=float(phase))
     assert not table_runs.faults(SPEC, log).findings
 
@@ -220,14 +220,14 @@ def runs_over_temperature(seed, degc, logged, *, bend=0.0):
     bends by `bend` [1] at 50 °C off 25 °C.
     """
     rng = np.random.default_rng(seed)
-    gyro = replace(simulate_rate_table.RateGyro.draw(rng), K_per_degc=20e-6)
-    table = simulate_rate_table.TurnedTable(shortest_hold_s=10.0)
-    rates = simulate_rate_table.both_ways((20.0, 50.0, 100.0))
+    gyro = replace(simulate.RateGyro.draw(rng), K_per_degc=20e-6)
+    table = simulate.TurnedTable(shortest_hold_s=10.0)
+    rates = simulate.both_ways((20.0, 50.0, 100.0))
     runs = []
     for k, (true, shown) in enumerate(zip(degc, logged, strict=True)):
         scale = 1.0 + bend * ((true - 25.0) / 50.0) ** 2 + rng.normal(0.0, 1e-6)
         seen = replace(gyro, K=gyro.K * scale)
-        columns = simulate_rate_table.run({"gyro_x_lsb": seen}, table, rates, true, rng)
+        columns = simulate.run({"gyro_x_lsb": seen}, table, rates, true, rng)
         columns["temp_case_degc"] = columns["temp_case_degc"] - true + shown
         log = replace(log_of(columns), name=f"run{k}", file=f"run{k}.csv", sha256=f"{k}")
         runs.append(table_runs.fit_run(SPEC, log))

@@ -14,7 +14,7 @@ from calibkit.instruments import parse_recipe
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit,
-    simulate_rate_table,
+    simulate,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
@@ -24,7 +24,7 @@ from calibkit.recipe import find
 SEEDS = range(50)
 LEAST = 0.88
 """Share of campaigns that the stated interval must cover."""
-RATES = simulate_rate_table.both_ways((10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
+RATES = simulate.both_ways((10.0, 20.0, 40.0, 60.0, 80.0, 100.0))
 LOGS = {"files": ["*.csv"]}
 
 
@@ -44,8 +44,8 @@ def run_about(name, table_axis, gyros, axes, start_degc, spec, rng):
         )
         for g, gyro in gyros.items()
     }
-    table = simulate_rate_table.TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
-    columns = simulate_rate_table.run(seen, table, RATES, start_degc, rng)
+    table = simulate.TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    columns = simulate.run(seen, table, RATES, start_degc, rng)
     log = Log(name, f"{name}.csv", name, len(columns["time_s"]), pd.DataFrame(columns))
     return table_runs.fit_run(spec, log)
 
@@ -66,7 +66,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
         "a": np.array([0.0, 0.0, 1.0]),
         "b": np.array([np.sin(np.radians(alpha)), 0.0, np.cos(np.radians(alpha))]),
     }
-    gyros = {g: simulate_rate_table.RateGyro.draw(rng) for g in axes}
+    gyros = {g: simulate.RateGyro.draw(rng) for g in axes}
     if per_degc is not None:
         gyros = {g: replace(gyro, K_per_degc=per_degc) for g, gyro in gyros.items()}
     runs = [
@@ -75,7 +75,7 @@ def pair(seed, spec, *, apart_degc=0.0, per_degc=None, off_deg=0.0):
     ]
     fitted = fit.fit_campaign(spec, {"a": (runs[0],), "b": (runs[1],)})
     degc = np.mean([run.temp_degc for run in runs])
-    table = simulate_rate_table.TurnedTable()
+    table = simulate.TurnedTable()
     K = {g: gyro.best_line(table, RATES, degc)[0] for g, gyro in gyros.items()}
     _, angles = coefficient_files.list_results(fitted, spec)
     return angles.models[0], fitted.flags, K["b"] / K["a"], alpha
@@ -160,7 +160,7 @@ def triad(seed, spec, arcsec):
     rng = np.random.default_rng([seed, 3])
     axes = np.eye(3) + np.radians(0.2) * rng.uniform(-1.0, 1.0, (3, 3))
     axes = {g: row / np.linalg.norm(row) for g, row in zip("xyz", axes, strict=True)}
-    gyros = {g: simulate_rate_table.RateGyro.draw(rng) for g in axes}
+    gyros = {g: simulate.RateGyro.draw(rng) for g in axes}
     tilt = np.radians(arcsec / 3600.0)
     runs = {}
     for g, axis in zip("xyz", np.eye(3), strict=True):

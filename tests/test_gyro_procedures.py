@@ -14,7 +14,6 @@ from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
     fit as gyro_fit,
     simulate,
-    simulate_rate_table,
     table_runs,
 )
 from calibkit.report import figures as drawing
@@ -93,7 +92,7 @@ def pair(tmp_path_factory):
 def runs(tmp_path_factory):
     """Return folder and truth of simulated runs (seed 3); all but room_3 and at_0 are fitted."""
     root = tmp_path_factory.mktemp("table")
-    truth = write(root / "logs", simulate_rate_table.campaign(3))
+    truth = write(root / "logs", simulate.rate_table(3))
     (root / "unseen").mkdir()
     for name in ("room_3.csv", "at_0.csv"):
         (root / "logs" / name).rename(root / "unseen" / name)
@@ -159,9 +158,9 @@ def test_the_simulated_pair_comes_out_within_3_ppm_and_4_standard_uncertainties(
 @pytest.mark.parametrize(
     "rates",
     [
-        simulate_rate_table.RATES_DPS,
-        tuple(-r for r in simulate_rate_table.RATES_DPS),
-        (*simulate_rate_table.RATES_DPS, -1.0, -2.0, -5.0, -10.0),
+        simulate.RATES_DPS,
+        tuple(-r for r in simulate.RATES_DPS),
+        (*simulate.RATES_DPS, -1.0, -2.0, -5.0, -10.0),
     ],
     ids=["positive", "negative", "unequal"],
 )

@@ -14,7 +14,6 @@ from calibkit.instruments.gyro_scale import (
     lines,
     published as gyro_figures,
     simulate as simulated_pair,
-    simulate_rate_table,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
@@ -22,12 +21,12 @@ from calibkit.numeric import earth, gum
 
 GJB, IEEE = gyro_figures.GJB, gyro_figures.IEEE
 K = 10000.0
-RATES = np.array(simulate_rate_table.both_ways())
+RATES = np.array(simulated_pair.both_ways())
 UNEQUAL = {
-    "both": simulate_rate_table.both_ways(),
-    "positive": simulate_rate_table.RATES_DPS,
-    "negative": tuple(-rate for rate in simulate_rate_table.RATES_DPS),
-    "unequal": (*simulate_rate_table.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
+    "both": simulated_pair.both_ways(),
+    "positive": simulated_pair.RATES_DPS,
+    "negative": tuple(-rate for rate in simulated_pair.RATES_DPS),
+    "unequal": (*simulated_pair.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
 }
 
 
@@ -110,7 +109,7 @@ def test_the_scale_factor_of_a_simulated_gyro_is_within_3_ppm(rates, seed):
 
 @pytest.mark.parametrize(
     ("rates", "largest_ppm"),
-    [(simulate_rate_table.both_ways(), 3.0), ((1.0, 2.0, 5.0, 10.0), 10.0)],
+    [(simulated_pair.both_ways(), 3.0), ((1.0, 2.0, 5.0, 10.0), 10.0)],
     ids=["both", "few"],
 )
 def test_the_scale_factor_is_within_its_expanded_uncertainty(rates, largest_ppm):
@@ -225,7 +224,7 @@ def test_asymmetry_is_found_in_both_senses():
 
 def test_one_sided_rates_have_no_asymmetry():
     """Positive rates alone cannot show it."""
-    rates = np.array(simulate_rate_table.RATES_DPS)
+    rates = np.array(simulated_pair.RATES_DPS)
     assert not any(name == "asymmetry" for name, _ in figures_of(rates, line(rates)))
 
 
@@ -295,7 +294,7 @@ def test_threshold_and_resolution_are_the_smallest_tested_rate_and_step_that_res
 
 def test_the_simulated_runs_give_repeatability_and_sensitivity_to_temperature():
     """Campaign of six runs: repeatability below 2 ppm, sensitivity within 0.1 ppm/°C."""
-    logs = simulate_rate_table.campaign(3)
+    logs = simulated_pair.rate_table(3)
     values = np.array([run_of(log, "x").slopes[0] for log in logs.logs.values()])
     temperature = np.array([log["temp_case_degc"].mean() for log in logs.logs.values()])
     room = values[[name.startswith("room") for name in logs.logs]]

@@ -13,7 +13,7 @@ from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit as gyro_fit,
-    simulate_rate_table,
+    simulate,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
@@ -22,7 +22,7 @@ from calibkit.numeric import gum
 SEEDS = range(24)
 LEAST = 0.88
 """Share of campaigns that the stated interval must cover."""
-RATES = simulate_rate_table.both_ways((2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0))
+RATES = simulate.both_ways((2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0))
 SPEC = RateTableRecipe(
     procedure="rate_table", logs={"files": ["*.csv"]}, site={"latitude_deg": 34.2}
 )
@@ -59,14 +59,14 @@ def scale_covers(found, gyro, name="gyro_x"):
     """Whether K of a model covers that of the gyro's best line at the temperature it states."""
     line = model(found, name)
     K = line.coefficients[0]
-    truth, _ = gyro.best_line(simulate_rate_table.TurnedTable(), RATES, line.value("temp_case"))
+    truth, _ = gyro.best_line(simulate.TurnedTable(), RATES, line.value("temp_case"))
     return inside(K.value, K.standard_uncertainty, line.dof_of(K), truth)
 
 
 def bias_covers(found, gyro, name):
     """Whether the bias of a run covers the gyro's."""
     bias, line = figure(found, f"bias.gyro_x.{name}"), model(found, f"gyro_x.{name}")
-    warmer = line.value("temp_case") - simulate_rate_table.REFERENCE_DEGC
+    warmer = line.value("temp_case") - simulate.REFERENCE_DEGC
     truth = (gyro.bias_dps + gyro.bias_dps_per_degc * warmer) * DPH_PER_DPS
     return inside(bias.value, bias.standard_uncertainty, bias.effective_dof, truth)
 
@@ -76,14 +76,14 @@ def campaign(seed, *, degc=(25.0,), repeat=0.0, drift_dph_per_h=0.0, warming=0.2
     zero drifts with time.
     """
     rng = np.random.default_rng([seed, 16])
-    gyro = replace(simulate_rate_table.RateGyro.draw(rng), **constants)
-    table = simulate_rate_table.TurnedTable(
+    gyro = replace(simulate.RateGyro.draw(rng), **constants)
+    table = simulate.TurnedTable(
         interval_s=1.0, warming_degc=warming, start_angle_deg=rng.uniform(0.0, 360.0)
     )
     logs = {}
     for number, start in enumerate(degc):
         drawn = replace(gyro, K=gyro.K * (1.0 + repeat * rng.normal()))
-        log = simulate_rate_table.run({"gyro_x_lsb": drawn}, table, RATES, start, rng)
+        log = simulate.run({"gyro_x_lsb": drawn}, table, RATES, start, rng)
         hours = (log["time_s"] - np.mean(log["time_s"][[0, -1]])) / 3600.0
         log["gyro_x_lsb"] = log["gyro_x_lsb"] + gyro.K * drift_dph_per_h / DPH_PER_DPS * hours
         logs[f"run_{number}"] = log
@@ -108,7 +108,7 @@ def test_one_run_at_25_degc_is_no_better_known_than_runs_repeat(degc):
         powers = 25.0 ** np.arange(len(curve.coefficients))
         value = powers @ [c.value for c in curve.coefficients]
         u = np.sqrt(powers @ np.array(curve.covariance) @ powers)
-        truth, _ = gyro.best_line(simulate_rate_table.TurnedTable(), RATES, 25.0)
+        truth, _ = gyro.best_line(simulate.TurnedTable(), RATES, 25.0)
         covered.append((scale_covers(found, gyro), inside(value, u, curve.dof, truth)))
     assert np.mean(covered, axis=0).min() >= LEAST
     assert 5.0 < np.sqrt(np.mean(np.square(sizes))) < 15.0

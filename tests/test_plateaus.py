@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import held_means, held_rates, simulate_rate_table
+from calibkit.instruments.gyro_scale import held_means, held_rates, simulate
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
 
 LEVEL_DPS = 15.041067 / 3600.0 * np.cos(np.radians(34.2))
@@ -14,9 +14,9 @@ K = 10000.0
 def table_log(rates, *, axis=(0.0, 0.0, 1.0), noise=3.0, seed=1, **table):
     """Log of a straight-line gyro without bias on the simulated table, and the motion."""
     rng = np.random.default_rng(seed)
-    gyro = simulate_rate_table.RateGyro(K, axis, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, noise, 0.05)
-    stand = simulate_rate_table.TurnedTable(warming_degc=0.0, **table)
-    return simulate_rate_table.run({"gyro_x_lsb": gyro}, stand, rates, 25.0, rng)
+    gyro = simulate.RateGyro(K, axis, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, noise, 0.05)
+    stand = simulate.TurnedTable(warming_degc=0.0, **table)
+    return simulate.run({"gyro_x_lsb": gyro}, stand, rates, 25.0, rng)
 
 
 RULES = PlateauSpec()
@@ -61,8 +61,8 @@ def test_every_held_rate_is_found_once():
     """The 22 rates of the simulated table come back in order, within 2 ppm of what was set,
     whatever the unevenness.
     """
-    found = averaged(table_log(simulate_rate_table.both_ways()))
-    assert found.rate_dps == pytest.approx(np.array(simulate_rate_table.both_ways()), rel=2e-6)
+    found = averaged(table_log(simulate.both_ways()))
+    assert found.rate_dps == pytest.approx(np.array(simulate.both_ways()), rel=2e-6)
 
 
 def test_no_sample_of_an_acceleration_is_used():
@@ -214,7 +214,7 @@ def test_less_than_a_revolution_is_corrected_where_the_angle_is_logged():
     uncertainties.
     """
     rates = (0.5, 1.0, 2.0, 5.0, 20.0, -0.5, -1.0, -2.0, -5.0, -20.0)
-    log = table_log(rates, axis=simulate_rate_table.tilted(60.0, 30.0), noise=0.5)
+    log = table_log(rates, axis=simulate.tilted(60.0, 30.0), noise=0.5)
     short = {name: values[: np.searchsorted(log["time_s"], 900.0)] for name, values in log.items()}
     found = averaged(short)
     partial = found.revolutions == 0
@@ -274,7 +274,7 @@ def test_the_stated_noise_of_the_means_covers_their_errors():
     uncertainties.
     """
     errors = []
-    rates = simulate_rate_table.both_ways()
+    rates = simulate.both_ways()
     for seed in range(40):
         found = averaged(
             table_log(rates, seed=seed, interval_s=1.0, shortest_hold_s=20.0, unevenness=0.0)
@@ -359,7 +359,7 @@ def test_plateaus_too_short_are_refused_and_never_joined():
     """Plateaus of three samples at 22 rates are no held rate; two rates are never averaged into
     one.
     """
-    rate = np.repeat(simulate_rate_table.both_ways(), 3)
+    rate = np.repeat(simulate.both_ways(), 3)
     with pytest.raises(FitError, match="no held rate"):
         find(np.arange(rate.size) * 2.0, rate)
 

@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from calibkit.instruments.gyro_scale import simulate as gyros, simulate_rate_table
+from calibkit.instruments.gyro_scale import simulate as gyros
 from calibkit.instruments.inclinometer import simulate
 from test_northseek import forward
 
 MADE = {
-    "rate_table": simulate_rate_table.campaign,
+    "rate_table": gyros.rate_table,
     "gyro_pair": gyros.pair,
     "inclinometer": simulate.campaign,
 }
@@ -51,7 +51,7 @@ def test_logs_have_the_columns_of_the_contract():
         stations
     )
     assert stations["position_deg"].tolist()[:5] == [0, 90, 180, 270, 0]
-    assert all("gyro_x_lsb" in log for log in simulate_rate_table.campaign(1).logs.values())
+    assert all("gyro_x_lsb" in log for log in gyros.rate_table(1).logs.values())
 
 
 def test_files_keep_what_a_fit_needs():
@@ -65,7 +65,7 @@ def test_the_table_accelerates_holds_and_turns_whole_revolutions():
     """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
     most.
     """
-    moved = simulate_rate_table._motion(simulate_rate_table.TurnedTable(), (1.0, 50.0, -50.0))
+    moved = gyros._motion(gyros.TurnedTable(), (1.0, 50.0, -50.0))
     change = np.diff(moved.rate_dps) / moved.step_s
     assert np.abs(change).max() == pytest.approx(20.0, rel=1e-6)
     for rate in (1.0, 50.0, -50.0):
@@ -78,10 +78,10 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
     """Its rate has the amplitude of the horizontal earth rate, 12.44 °/h at 34.2°, and no mean over
     a revolution.
     """
-    table = simulate_rate_table.TurnedTable(unevenness=0.0)
-    moved = simulate_rate_table._motion(table, (5.0,))
-    gyro = simulate_rate_table.RateGyro.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
-    rate = simulate_rate_table._input_rate(gyro, table, moved) * 3600.0
+    table = gyros.TurnedTable(unevenness=0.0)
+    moved = gyros._motion(table, (5.0,))
+    gyro = gyros.RateGyro.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
+    rate = gyros._input_rate(gyro, table, moved) * 3600.0
     level = 15.041067 * np.cos(np.radians(34.2))
     assert np.abs(rate).max() == pytest.approx(level, rel=1e-3)
     start = int(np.flatnonzero(moved.rate_dps == 5.0)[0])
@@ -91,10 +91,10 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
 def test_the_best_line_is_that_of_the_response_over_the_rates():
     """A gyro with ripple has a best line that is not its constant K, and one without has."""
     rng = np.random.default_rng(1)
-    gyro = simulate_rate_table.RateGyro.draw(rng)
-    table = simulate_rate_table.TurnedTable()
-    slope, _ = gyro.best_line(table, simulate_rate_table.both_ways(), 25.0)
-    straight, intercept = gyros.linear(gyro).best_line(table, simulate_rate_table.both_ways(), 25.0)
+    gyro = gyros.RateGyro.draw(rng)
+    table = gyros.TurnedTable()
+    slope, _ = gyro.best_line(table, gyros.both_ways(), 25.0)
+    straight, intercept = gyros.linear(gyro).best_line(table, gyros.both_ways(), 25.0)
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
     vertical = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
@@ -105,9 +105,9 @@ def test_the_response_is_no_polynomial_the_fit_knows():
     """Ripple leaves residuals about the line and about a septic of at least a third of its
     amplitude.
     """
-    gyro = simulate_rate_table.RateGyro.draw(np.random.default_rng(2))
+    gyro = gyros.RateGyro.draw(np.random.default_rng(2))
     rates = np.linspace(-100.0, 100.0, 401)
-    shape = simulate_rate_table._response(gyro, rates, 25.0)
+    shape = gyros._response(gyro, rates, 25.0)
     residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)
     assert residual.std() > 0.3 * gyro.K * gyro.ripple_dps
 

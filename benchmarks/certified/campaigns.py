@@ -29,7 +29,7 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.bias import simulate as sweep
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.gyro_noise import simulate as static
-from calibkit.instruments.gyro_scale import simulate, simulate_rate_table
+from calibkit.instruments.gyro_scale import simulate
 from calibkit.instruments.inclinometer import simulate as tool
 
 if TYPE_CHECKING:
@@ -64,16 +64,16 @@ def _degc(result: Result) -> float:
     return next(value for name, value, _ in result.at if name == "temp_case_degc")
 
 
-def _gyro(stated: Any) -> simulate_rate_table.RateGyro:  # noqa: ANN401 (a JSON object)
+def _gyro(stated: Any) -> simulate.RateGyro:  # noqa: ANN401 (a JSON object)
     """Gyro of a truth."""
-    return simulate_rate_table.RateGyro(**stated | {"axis": tuple(stated["axis"])})
+    return simulate.RateGyro(**stated | {"axis": tuple(stated["axis"])})
 
 
 def rate_table(number: int, _: Errors) -> tuple[Frames, Truth]:
     """One gyro at four temperatures: K and F0 there."""
-    made = simulate_rate_table.campaign(number)
+    made = simulate.rate_table(number)
     stated: Any = made.truth
-    gyro, table = _gyro(stated["gyro"]), simulate_rate_table.TurnedTable(**stated["table"])
+    gyro, table = _gyro(stated["gyro"]), simulate.TurnedTable(**stated["table"])
 
     def truth(result: Result) -> float | None:
         terms = [k for k, name in enumerate(("K", "F0")) if f".gyro_x.{name}" in result.quantity]
@@ -106,7 +106,7 @@ def gyro_triad(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """Three gyros about three axes: sensitivities and angles at 25 °C."""
     made = simulate.triad(number)
     stated: Any = made.truth
-    at, table = stated["at"]["25"], simulate_rate_table.TurnedTable(**stated["table"])
+    at, table = stated["at"]["25"], simulate.TurnedTable(**stated["table"])
     found = {}
     for k, g in enumerate("xyz"):
         found[f"gyro_orthogonality.triad.S_{g}{g}"] = at["sensitivity"][k][k]

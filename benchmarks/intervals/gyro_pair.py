@@ -1,6 +1,6 @@
 """Two gyros turned about two table axes, one run each: N, γ and α.
 
-The gyros are input axes in space with the physics of `simulate_rate_table`; their mounting error
+The gyros are input axes in space with the physics of `simulate`; their mounting error
 turns each table axis off the gyro that it is named after, in any direction. The truth is that of
 the gyros' own axes. The size of a mounting error is that of each of its two angles.
 """
@@ -19,7 +19,7 @@ from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit,
-    simulate_rate_table as simulated,
+    simulate as simulated,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe

@@ -18,7 +18,7 @@ from calibkit.errors import CalibkitError
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit,
-    simulate_rate_table as simulated,
+    simulate as simulated,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe

@@ -1,7 +1,7 @@
 """One gyro on a rate table, one run at each of several temperatures: K and F0 near 25 °C, K(T) and
 F0(T).
 
-The gyro, the table and their log are those of `simulate_rate_table`: a table that accelerates and
+The gyro, the table and their log are those of `simulate`: a table that accelerates and
 turns unevenly, the earth's rate, whole counts, a filter that lags. Errors act on the gyro: its
 scale factor or zero differs from run to run, the zero also from one direction to the other, the
 zero drifts during each run, the response is bent.
@@ -23,7 +23,7 @@ from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit,
-    simulate_rate_table as simulated,
+    simulate as simulated,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe

@@ -37,8 +37,6 @@ from calibkit.numeric.least_squares import polynomial
 
 GRID = 9
 """Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
-PARALLEL = 1e-12
-"""Sine of an angle below which every direction across the axes is possible."""
 
 
 Runs = Mapping[str, tuple[TableRun, ...]]
@@ -380,7 +378,13 @@ def of_input_axes(fit: Fit, gyros: Sequence[str]) -> Iterator[Figure]:
         for a, axis in enumerate(forms.AXES):
             yield figure_of(f"misalignment.{gyro}{axis}", unit, "1", (g, a))
     for g, h in combinations(range(len(gyros)), 2):
-        angle, pair = _value_of_angle(fit, g, h), f"{gyros[g]}_{gyros[h]}"
+
+        def angle_deg(p: Numbers, g: int = g, h: int = h) -> Numbers:
+            """atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and 180°."""
+            u_g, u_h = _unit(p)[[g, h]]
+            return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
+
+        angle, pair = fit.of(angle_deg), f"{gyros[g]}_{gyros[h]}"
         yield figure_of(f"angle_deg.{pair}", angle, "deg")
         orthogonality_error = replace(angle, value=90.0 - angle.value)
         yield figure_of(f"orthogonality_error_deg.{pair}", orthogonality_error, "deg")
@@ -409,24 +413,3 @@ def _unit(p: Numbers) -> Numbers:
     """Unit vectors [g, 3] of sensitivities [3 g]."""
     s = p.reshape(-1, 3)
     return s / length(s)[:, None]
-
-
-def _value_of_angle(fit: Fit, g: int, h: int) -> Value:
-    """Angle [°] between two input axes."""
-    a, b = _unit(fit.parameters)[[g, h]]
-    if np.linalg.norm(np.cross(a, b)) > PARALLEL:
-
-        def angle_deg(p: Numbers) -> Numbers:
-            """atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and 180°."""
-            u_g, u_h = _unit(p)[[g, h]]
-            return arctan2(length(np.cross(u_g, u_h)), np.sum(u_g * u_h)) * 180.0 / np.pi
-
-        return fit.of(angle_deg)
-    # every direction across the axis is possible: u is that of the difference in all of them
-    to_transverse_deg = np.linalg.svd(a[None])[2][1:] * 180.0 / np.pi
-    deflection_deg = fit.of(
-        lambda p: to_transverse_deg @ (_unit(p)[g] - _unit(p)[h] * np.sign(a @ b))
-    )
-    angle = np.asarray(0.0 if a @ b > 0.0 else 180.0)
-    u = np.asarray(np.linalg.norm(deflection_deg.u), dtype=np.float64)
-    return Value(angle, u, np.asarray(np.min(deflection_deg.dof)))

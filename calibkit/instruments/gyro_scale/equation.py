@@ -41,13 +41,11 @@ TINY = 1e-6
 """Difference below which two held rates are one, relative to the largest rate."""
 ASYMMETRY = 1
 """Number of the shape |Ω|; the others are powers of the rate."""
-BOTH_WAYS = 2.0
-"""Range of the signs of rates of both directions."""
 
 
 def turns_both_ways(rate_dps: Array) -> bool:
     """Whether rates of both directions are among [n]."""
-    return bool(np.ptp(np.sign(rate_dps)) == BOTH_WAYS)
+    return bool(rate_dps.min() < 0.0 < rate_dps.max())
 
 
 @dataclass(frozen=True, slots=True)

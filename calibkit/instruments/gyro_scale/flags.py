@@ -12,7 +12,7 @@ about such means in all logs but that one, of all gyros and axes together, at le
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from typing import Self
 
 import numpy as np
@@ -75,14 +75,23 @@ WITHIN = (
 )
 
 
-def list_undetermined(campaign: CampaignFit) -> tuple[str, ...]:
+def _those(*flags: tuple[bool, str]) -> list[str]:
+    """Sentences whose test holds."""
+    return [sentence for holds, sentence in flags if holds]
+
+
+def list_undetermined(campaign: CampaignFit) -> list[str]:
     """What the runs of single gyros do not determine, and what it takes."""
-    lacks = []
-    if not all(channel.curves for channel in campaign.channels):
-        lacks.append("K and F0 over temperature: log runs at temperatures 5 °C apart or more")
-    if any(len(channel.repeated) < LEAST_REPEATED for channel in campaign.channels):
-        lacks.append("repeatability: log two runs or more at the reference temperature")
-    return tuple(lacks)
+    return _those(
+        (
+            not all(channel.curves for channel in campaign.channels),
+            "K and F0 over temperature: log runs at temperatures 5 °C apart or more",
+        ),
+        (
+            any(len(channel.repeated) < LEAST_REPEATED for channel in campaign.channels),
+            "repeatability: log two runs or more at the reference temperature",
+        ),
+    )
 
 
 def of_uncertain(name: str, K: float, u: float) -> Iterator[str]:
@@ -121,7 +130,7 @@ def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe
         )
 
 
-def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
+def _of_repeats(channel: Channel, spec: RateTableRecipe) -> list[str]:
     """Flags on what the runs cannot tell of their repeatability and of the response."""
     name, cure = channel.name, 'state [[errors.component]] group = "run"'
     assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
@@ -129,30 +138,44 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> Iterator[str]:
     _, rows, terms = channel.fitted
     stated_effects = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated_effects]
-    if len(channel.runs) == 1 and unknown:
-        yield (
-            f"{name}: one run does not show how runs repeat; u of K and F0 holds within this run"
-            f" only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
-        )
-    if channel.curves and not terms.order:
-        yield (
-            f"{name}: runs at two temperatures do not show how K changes between them: K is the"
-            " mean of all runs, and its U holds their difference; add runs at a third temperature,"
-            " or leave out those far from the reference"
-        )
+    few = []
     for c in channel.mean.coefficients:
-        letter, dof = c.name, channel.mean.dof_of(c)
-        if len(channel.runs) > 1 and dof < shared_errors.FEW_DOF:
-            yield (
-                f"{name}: {letter} has {dof:.2g} degrees of freedom between"
-                f" {len(channel.runs)} runs, its interval is ±"
-                f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
+        dof = channel.mean.dof_of(c)
+        few.append(
+            (
+                len(channel.runs) > 1 and dof < shared_errors.FEW_DOF,
+                (
+                    f"{name}: {c.name} has {dof:.2g} degrees of freedom between"
+                    f" {len(channel.runs)} runs, its interval is ±"
+                    f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
+                ),
             )
-    if terms.shapes and not equation.turns_both_ways(rows.rate_dps):
-        yield (
-            f"{name}: every run turns one way and the response is bent: F0, the bias and the other"
-            " direction are not known from these runs; run the table both ways"
         )
+    return _those(
+        (
+            len(channel.runs) == 1 and bool(unknown),
+            (
+                f"{name}: one run does not show how runs repeat; u of K and F0 holds within this"
+                f" run only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
+            ),
+        ),
+        (
+            bool(channel.curves) and not terms.order,
+            (
+                f"{name}: runs at two temperatures do not show how K changes between them: K is the"
+                " mean of all runs, and its U holds their difference; add runs at a third"
+                " temperature, or leave out those far from the reference"
+            ),
+        ),
+        *few,
+        (
+            bool(terms.shapes) and not equation.turns_both_ways(rows.rate_dps),
+            (
+                f"{name}: every run turns one way and the response is bent: F0, the bias and the"
+                " other direction are not known from these runs; run the table both ways"
+            ),
+        ),
+    )
 
 
 def refuse_opposite(by_noise: Value, from_a: Value) -> None:
@@ -170,29 +193,34 @@ def refuse_opposite(by_noise: Value, from_a: Value) -> None:
         )
 
 
-def of_gamma(indicated: Value, from_a: Value) -> Iterator[str]:
+def of_gamma(indicated: Value, from_a: Value) -> list[str]:
     """Flags of γ by noise alone, at its limits and against that from A about B's axis."""
     gamma, u = float(indicated.value), float(indicated.u)
-    excess = abs(gamma) - 1.0
-    if excess > 0.0:
-        yield f"|gamma| {abs(gamma):.9g} clamped to 1"
-    if excess > CONSISTENT * u:
-        yield (
-            f"|gamma| exceeds 1 by {excess * 1e6:.0f} ppm, more than noise explains: "
-            "gyro B's own table axis is not its input axis, or the runs differ in temperature"
-        )
-    if -excess < ONE_SIDED * u:
-        yield "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo"
-    if abs(gamma) < 2.0 * u:
-        yield "gamma is within noise of 0: its sign does not tell the side"
-    expected = float(np.hypot(from_a.u, u))
-    difference = float(from_a.value) - gamma
-    if abs(difference) > CONSISTENT * expected:
-        ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
-        yield (
-            f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
-            " uncertainties: a table axis is not the input axis of its gyro"
-        )
+    excess, difference = abs(gamma) - 1.0, float(from_a.value) - gamma
+    expected = max(float(np.hypot(from_a.u, u)), np.finfo(np.float64).tiny)
+    return _those(
+        (excess > 0.0, f"|gamma| {abs(gamma):.9g} clamped to 1"),
+        (
+            excess > CONSISTENT * u,
+            (
+                f"|gamma| exceeds 1 by {excess * 1e6:.0f} ppm, more than noise explains: "
+                "gyro B's own table axis is not its input axis, or the runs differ in temperature"
+            ),
+        ),
+        (
+            -excess < ONE_SIDED * u,
+            "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo",
+        ),
+        (abs(gamma) < 2.0 * u, "gamma is within noise of 0: its sign does not tell the side"),
+        (
+            abs(difference) > CONSISTENT * expected,
+            (
+                f"gamma from A about B's axis differs by {difference:.2g},"
+                f" {abs(difference) / expected:.0f} standard uncertainties: a table axis is not the"
+                " input axis of its gyro"
+            ),
+        ),
+    )
 
 
 def of_pair(
@@ -209,17 +237,23 @@ def of_pair(
     and doubtful runs.
     """
     limit = spec.pair.largest_temperature_coefficient_ppm_degc
-    if np.isnan(apart_degc):
-        yield ("temperature is not logged: N carries no difference between the runs' temperatures")
-    elif abs(apart_degc) > FLAGGED_DEGC and spec.pair.temperature_coefficients_ppm_degc is None:
-        carried = limit * abs(apart_degc) / np.sqrt(3.0)
-        yield (
-            f"the two runs are {abs(apart_degc):.1f} °C apart: u of N holds {carried:.2g} ppm for"
-            f" scale factors that change by up to {limit:g} ppm/°C, gamma that of K_B; run both at"
-            " one temperature, or state pair.temperature_coefficients_ppm_degc"
-        )
-    if within_runs:
-        yield Remark(f"N: {WITHIN}")
+    stated = spec.pair.temperature_coefficients_ppm_degc is not None
+    yield from _those(
+        (
+            bool(np.isnan(apart_degc)),
+            "temperature is not logged: N carries no difference between the runs' temperatures",
+        ),
+        (
+            abs(apart_degc) > FLAGGED_DEGC and not stated,
+            (
+                f"the two runs are {abs(apart_degc):.1f} °C apart: u of N holds"
+                f" {limit * abs(apart_degc) / np.sqrt(3.0):.2g} ppm for scale factors that change"
+                f" by up to {limit:g} ppm/°C, gamma that of K_B; run both at one temperature, or"
+                " state pair.temperature_coefficients_ppm_degc"
+            ),
+        ),
+        (within_runs, Remark(f"N: {WITHIN}")),
+    )
     if mounting:
         error, gamma_dof = mounting
         yield (
@@ -303,28 +337,36 @@ def of_sets(
     inconsistent or unknown.
     """
     for axes_set in sets:
-        yield from (
-            f"{_place(axes_set)}{flag}" for flag in of_directions(axes_set.figures, spec.gyros)
-        )
+        for flag in of_directions(axes_set.figures, spec.gyros):
+            yield f"{_place(axes_set)}{flag}"
     directions = [[axes_set.misalignment(gyro) for gyro in spec.gyros] for axes_set in sets]
-    if len(spec.gyros) == len(forms.AXES) and np.any(np.linalg.det(directions) < 0.0):
-        yield "the input axes make a left-handed system: logs or signs may be exchanged"
-    for axes_set in sets:
-        for gyro in spec.gyros:
-            size = axes_set.figures[f"scale_factor.{gyro}"]
-            yield from of_uncertain(
-                f"{_place(axes_set)}{gyro}", size.value, size.standard_uncertainty
-            )
-    if mounting is None and len(spec.gyros) > 1:
-        yield Remark(
-            "the errors of mounting are not in u of the angles and unit vectors: state how a"
-            ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
+    three = len(spec.gyros) == len(forms.AXES)
+    yield from _those(
+        (
+            three and bool(np.any(np.linalg.det(directions) < 0.0)),
+            "the input axes make a left-handed system: logs or signs may be exchanged",
         )
-    if spec.site.latitude_deg is None:
-        yield (
-            "the latitude is not known ([site] latitude_deg): the bias stays mixed with the earth's"
-            " rate about each table axis, and `apply` is refused"
-        )
+    )
+    for axes_set, gyro in product(sets, spec.gyros):
+        size = axes_set.figures[f"scale_factor.{gyro}"]
+        name = f"{_place(axes_set)}{gyro}"
+        yield from of_uncertain(name, size.value, size.standard_uncertainty)
+    yield from _those(
+        (
+            mounting is None and len(spec.gyros) > 1,
+            Remark(
+                "the errors of mounting are not in u of the angles and unit vectors: state how a"
+                ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
+            ),
+        ),
+        (
+            spec.site.latitude_deg is None,
+            (
+                "the latitude is not known ([site] latitude_deg): the bias stays mixed with the"
+                " earth's rate about each table axis, and `apply` is refused"
+            ),
+        ),
+    )
     for axes_set in sets:
         # a bias that differs between the attitudes depends on acceleration, or the earth's rate is
         # wrong

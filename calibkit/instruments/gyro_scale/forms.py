@@ -97,16 +97,6 @@ def _sine_or_odd(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     return np.asarray(inputs[RATE][:, None] ** powers @ p)
 
 
-def _line(model: Model, p: Numbers, inputs: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
-    """F = K Ω + F0 [n, 1/s]."""
-    return np.asarray(p[0] * inputs[RATE] + p[1])
-
-
-def _pair(model: Model, p: Numbers, inputs: Inputs) -> Numbers:  # noqa: ARG001 (as every equation)
-    """N, ε, γ, α [n, 4]: these coefficients."""
-    return np.tile(p, (len(next(iter(inputs.values()))), 1))
-
-
 def _triad(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """F = S Ω + B [n, g, 1/s]; B is 0 where the biases are not known."""
     rates = np.column_stack([inputs[f"rate_{axis}_dps"] for axis in AXES])
@@ -115,7 +105,10 @@ def _triad(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     return np.asarray(rates @ S.T + (p[count:] if p.size > count else 0.0))
 
 
-LINE = replace(Form.of_equation("gyro-scale/1", _line), measured={"temp_case": 0.1})
+LINE = replace(
+    Form.of_equation("gyro-scale/1", lambda _, p, inputs: p[0] * inputs[RATE] + p[1]),
+    measured={"temp_case": 0.1},
+)
 """Indication [n, 1/s] over the table rate: F = K Ω + F0."""
 RESPONSE = Form.of_equation("gyro-response/2", _bent)
 """Indication [n, 1/s] over the table rate and temperature,
@@ -125,7 +118,9 @@ RESPONSE_1 = Form.of_equation("gyro-response/1", _sine_or_odd)
 """Indicated rate (F − F0)/K [n, °/s] over the table rate, as calibkit 0.2 wrote it: an odd
 polynomial, or the sine of an open-loop gyro.
 """
-PAIR = Form.of_equation("gyro-orthogonality/1", _pair)
+PAIR = Form.of_equation(
+    "gyro-orthogonality/1", lambda _, p, inputs: np.tile(p, (len(next(iter(inputs.values()))), 1))
+)
 """N, ε, γ and α [n, 4] of two gyros: its coefficients are its results."""
 PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 """Coefficient of a pair → unit, in the order of the covariance."""

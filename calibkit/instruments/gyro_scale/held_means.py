@@ -104,7 +104,6 @@ def average(
     """
     parts = [_whole_revolutions(motion, first, stop) for first, stop in held_rows.tolist()]
     wave = _fit_modulation(motion, indication, parts)
-    flags = []
     turning = [
         part for part in parts if part.revolutions or abs(np.sum(motion.turn_deg[part.rows])) > 1.0
     ]
@@ -113,42 +112,49 @@ def average(
             "the table never turns in this log",
             hint="a scale factor needs held rates other than zero",
         )
-    resting_count = len(parts) - len(turning)
-    if resting_count and not (wave.earth or along_axis):
-        parts = turning
-        flags.append(
-            f"{resting_count} plateaus at rest left out: their share of the earth's horizontal rate"
-            " is unknown"
-        )
+    resting_count = 0
+    if not (wave.earth or along_axis):
+        resting_count, parts = len(parts) - len(turning), turning
 
     def means(column: Array) -> Array:
         return np.array([part.average(motion, column[part.rows]) for part in parts])
 
     values = means(indication)
-    variance, squares, noise_flags = _noise(motion, indication, parts, wave, values)
+    variance, noise_flags = _noise(motion, indication, parts, wave, values)
     for j, part in enumerate(parts):
         if wave.earth and not part.revolutions:
             mean = part.average(motion, _basis(motion, part.rows))
             values[j] -= mean @ wave.factors[:2]
-            variance[j] += squares / wave.dof * float(mean @ wave.unit_covariance @ mean)
+            variance[j] += mean @ wave.covariance @ mean
     rate = means(motion.rate_dps)
     nan = np.full(len(parts), np.nan)
     by_angle = [part.average(motion, motion.by_turn(part.first, part.stop)) for part in parts]
     angle_rate = np.array(by_angle) if motion.angle_logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
-    if not revolutions.all():
-        fate = "was fitted and taken out" if wave.earth else "is not averaged out"
-        flags.append(
-            f"{int(np.sum(revolutions == 0))} plateaus of less than a revolution: the earth's"
-            f" horizontal rate {fate}"
-        )
-    flags += noise_flags
-    if motion.angle_logged and rate.any():
-        relative = float(angle_rate @ rate / (rate @ rate)) - 1.0
-        if abs(relative) > DISAGREEMENT:
-            flags.append(
-                f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says"
-            )
+    partial_count = int(np.sum(revolutions == 0))
+    fate = "was fitted and taken out" if wave.earth else "is not averaged out"
+    relative = float(angle_rate @ rate / (rate @ rate)) - 1.0 if rate.any() else 0.0
+    flags = (
+        (
+            resting_count > 0,
+            (
+                f"{resting_count} plateaus at rest left out: their share of the earth's horizontal"
+                " rate is unknown"
+            ),
+        ),
+        (
+            partial_count > 0,
+            (
+                f"{partial_count} plateaus of less than a revolution: the earth's horizontal rate"
+                f" {fate}"
+            ),
+        ),
+        *noise_flags,
+        (
+            abs(relative) > DISAGREEMENT,  # not where no angle is logged
+            f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says",
+        ),
+    )
     span = np.array([(part.first, part.stop) for part in parts], dtype=np.int64)
     return HeldMeans(
         rate_dps=rate,
@@ -161,7 +167,7 @@ def average(
         hours=_hours(
             motion.time_s, 0.5 * (motion.time_s[span[:, 0]] + motion.time_s[span[:, 1] - 1])
         ),
-        flags=tuple(flags),
+        flags=tuple(sentence for holds, sentence in flags if holds),
     )
 
 
@@ -247,10 +253,8 @@ class _Modulation:
 
     factors: Array
     """[5, m]."""
-    unit_covariance: Array
-    """[2, 2] of the factors of cos and sin, for unit variance."""
-    dof: int
-    """Of the samples about the fit."""
+    covariance: Array
+    """[m, 2, 2] of the factors of cos and sin."""
     earth: bool
     """Whether the factors of cos and sin, the earth's horizontal rate, are separable from the
     others.
@@ -285,10 +289,12 @@ def _fit_modulation(motion: Motion, indication: Array, parts: list[_Part]) -> _M
     """Equation (1) by least squares over all held rates."""
     count = sum(part.stop - part.first for part in parts)
     gram, product = np.zeros((5, 5)), np.zeros((5, indication.shape[1]))
+    squares = np.zeros(indication.shape[1])
     for part in parts:
         columns, target = part.centred(motion, indication)
         gram += columns.T @ columns
         product += columns.T @ target
+        squares += np.sum(target**2, axis=0)
     length = np.sqrt(np.diag(gram))
     fastest = max(map(abs, chunks.extremes(motion.rate_dps)))
     largest = np.sqrt(count) * np.array([1.0, 1.0, fastest, fastest, fastest])
@@ -299,27 +305,28 @@ def _fit_modulation(motion: Motion, indication: Array, parts: list[_Part]) -> _M
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
     factors = (inverse @ (inverse_length[:, None] * product)) * inverse_length[:, None]
     earth_alone = np.all(np.abs(vectors[:2, ~determined]) < INVOLVED)
+    # what (1) leaves of the samples
+    variance = np.maximum(squares - np.sum(factors * product, axis=0), 0.0)
+    variance /= max(count - len(parts) - int(determined.sum()), 1)
+    unit_covariance = (inverse * np.outer(inverse_length, inverse_length))[:2, :2]
     return _Modulation(
         factors=factors,
-        unit_covariance=(inverse * np.outer(inverse_length, inverse_length))[:2, :2],
-        dof=max(count - len(parts) - int(determined.sum()), 1),
+        covariance=variance[:, None, None] * unit_covariance,
         earth=bool(present[:2].all() and earth_alone),
     )
 
 
 def _noise(
     motion: Motion, indication: Array, parts: list[_Part], wave: _Modulation, values: Array
-) -> tuple[Array, Array, list[str]]:
+) -> tuple[Array, tuple[tuple[bool, str], ...]]:
     """Variance [p, m] of the means from the noise within held rates, raised where the noise is not
-    white; sum of squares [m] of what (1) leaves of the samples; flags.
+    white; flags, each after its test.
     """
     variances, ratios, creeping = [], [], 0
-    squares = np.zeros(indication.shape[1])
     least_departure = ONE_PPM * float(np.max(np.abs(values)))
     for part in parts:
         columns, target = part.centred(motion, indication)
         noise = target - columns @ wave.factors
-        squares += np.sum(noise**2, axis=0)
         if part.revolutions and not motion.angle_logged:
             # the phase of the earth's rate differs between held rates
             basis = _basis(motion, part.rows)
@@ -347,15 +354,19 @@ def _noise(
         # a variance with b − 1 degrees of freedom has a relative standard deviation √(2/(b − 1))
         chance = 1.0 + CHANCE * np.sqrt(2.0 / ((BLOCKS - 1) * len(ratios)))
         raised = np.where(mean > max(WHITE_RATIO, chance), mean, 1.0)
-    flags = []
-    if (raised > 1.0).any():
-        flags.append(
-            "noise within plateaus is autocorrelated: variances raised up to"
-            f" {raised.max():.1f} times"
-        )
-    if creeping > UNSETTLED * len(parts):
-        flags.append(
-            f"{creeping} of {len(parts)} plateaus begin off their mean: the gyro had not"
-            " settled, allow a longer plateaus.settle_s"
-        )
-    return np.array(variances) * raised, squares, flags
+    return np.array(variances) * raised, (
+        (
+            bool((raised > 1.0).any()),
+            (
+                "noise within plateaus is autocorrelated: variances raised up to"
+                f" {raised.max():.1f} times"
+            ),
+        ),
+        (
+            creeping > UNSETTLED * len(parts),
+            (
+                f"{creeping} of {len(parts)} plateaus begin off their mean: the gyro had not"
+                " settled, allow a longer plateaus.settle_s"
+            ),
+        ),
+    )

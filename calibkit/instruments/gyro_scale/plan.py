@@ -19,7 +19,7 @@ from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.solve import Fit, predict
-from calibkit.instruments.gyro_scale import equation, forms, simulate_rate_table, table_runs
+from calibkit.instruments.gyro_scale import equation, forms, simulate, table_runs
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
 from calibkit.numeric.dispersion import rms
@@ -430,7 +430,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
     that the plan assumes, and their truth.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    gyros = {name: simulate_rate_table.RateGyro.draw(rng) for name in spec.gyros}
+    gyros = {name: simulate.RateGyro.draw(rng) for name in spec.gyros}
     if isinstance(spec, GyroPairRecipe):
         # both gyros change with temperature alike
         per_degc = float(rng.normal(0.0, scale_per_degc(spec)))
@@ -438,7 +438,7 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
     directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     shortest_s = min(hold.duration_s for hold in schedule.recorded("rate"))
-    table = simulate_rate_table.TurnedTable(interval_s=1.0, shortest_hold_s=shortest_s)
+    table = simulate.TurnedTable(interval_s=1.0, shortest_hold_s=shortest_s)
     # the base is mounted with its axes, or with the axis of each gyro of a pair, along the table's
     mounted = directions if isinstance(spec, GyroPairRecipe) else np.eye(3)
     tilts = np.radians(rng.normal(0.0, assumed.size(*MOUNTING), (3, 3)))
@@ -456,14 +456,14 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
             to_table_deg = float(np.degrees(np.arccos(min(cosine, 1.0))))
             log_gyros[f"gyro_{name}_lsb"] = replace(
                 gyro,
-                axis=simulate_rate_table.tilted(to_table_deg, rng.uniform(0.0, 360.0)),
+                axis=simulate.tilted(to_table_deg, rng.uniform(0.0, 360.0)),
                 K=gyro.K * (1.0 + rng.normal(0.0, assumed.size(*RUN_SCALE) / PPM)),
                 bias_dps=gyro.bias_dps + rng.normal(0.0, assumed.size(*RUN_ZERO) / DPH_PER_DPS),
             )
         degc = actions[0].set_degc - table.warming_degc / 2.0
         degc += rng.normal(0.0, assumed.size(*TEMPERATURE))
         rates = [hold.table_rate_dps for hold in actions]
-        logs[log] = simulate_rate_table.run(log_gyros, table, rates, degc, rng)
+        logs[log] = simulate.run(log_gyros, table, rates, degc, rng)
     truth: dict[str, Any] = {
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},
         "directions": directions.tolist(),
@@ -475,5 +475,5 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
         )
         alpha_deg = float(np.degrees(np.arccos(directions[0] @ directions[1])))
         truth["coefficients"] = {"pair": {"N": K_b / K_a, "alpha_deg": alpha_deg}}
-    decimals = simulate_rate_table.DECIMALS | {f"gyro_{name}_lsb": 1 for name in gyros}
+    decimals = simulate.DECIMALS | {f"gyro_{name}_lsb": 1 for name in gyros}
     return Campaign(logs, decimals, truth)

@@ -1,23 +1,44 @@
 """Simulated campaigns of gyros on a rate table, by name: one gyro over temperature, two on one base
-about the axis of each, three about each axis of their base at several temperatures.
+about the axis of each, three about each axis of their base at several temperatures. The table
+accelerates between rates, turns unevenly and rotates with the earth; the gyros are slightly
+nonlinear.
+
+    F = K (1 + k_T ΔT) (ω + r sin(2π ω/P) + a |ω|/2 + b + b_T ΔT)                            (1)
+    ω = u_3 (dθ/dt + ω_E sin φ) + ω_E cos φ (u_1 cos θ − u_2 sin θ)                          (2)
+
+F indication, ω rate about the input axis u, which a filter of the first order lags, ΔT = T − 25 °C,
+r and P the ripple of the closed loop, a the asymmetry, b the bias; θ angle of the table, ω_E the
+earth's rate, φ the latitude. Counts are whole, with white noise.
 """
 
-from collections.abc import Sequence
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Self
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.gyro_scale import simulate_rate_table
-from calibkit.instruments.gyro_scale.simulate_rate_table import (
-    RateGyro,
-    TurnedTable,
-    both_ways,
-    turn,
-)
+from calibkit.constants import DPH_PER_DPS, EARTH_RATE_DPH
+from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 
-START_DEGC = 25.0
+EARTH_RATE_DPS = EARTH_RATE_DPH / DPH_PER_DPS
+REFERENCE_DEGC = 25.0
+RATES_DPS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
+"""Rates that the table holds in each direction [°/s]."""
+DECIMALS = {
+    "time_s": 1,
+    "table_rate_dps": 6,
+    "table_angle_deg": 4,
+    "temp_case_degc": 2,
+    "gyro_x_lsb": 1,
+    "gyro_a_lsb": 1,
+    "gyro_b_lsb": 1,
+}
+SPARE_S = 6.0
+"""Hold time beyond a whole revolution [s], for settling."""
+FINE = 10
+"""Integration steps of the simulated motion per sampling interval."""
 AXES = ("a_about_a", "b_about_a", "b_about_b", "a_about_b")
 """Keys <gyro>_about_<table axis> of the input axes of both gyros in both runs."""
 LARGEST_MOUNTING_ERROR_DEG = 0.02
@@ -27,8 +48,267 @@ LARGEST_MOUNTING_DEG = 0.3
 """Largest angle of an input axis from the base axis that it is named after [°]."""
 LARGEST_TURN_DEG = 0.02
 """Largest rotation of an input axis over 100 °C [°]."""
-RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+TRIAD_RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 """Rates that the table holds in each direction about each of three axes [°/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateGyro:
+    """Constants of one gyro on the table."""
+
+    K: float
+    """Scale factor at 25 °C without the terms below [1/s/(°/s)]."""
+    axis: tuple[float, float, float]
+    """Input axis, a unit vector: two components that turn with the table, and the one along the
+    table axis.
+    """
+    K_per_degc: float
+    """Relative change of the scale factor [1/°C]."""
+    ripple_dps: float
+    """Amplitude of the error of the closed loop's phase ramp [°/s]."""
+    ripple_period_dps: float
+    asymmetry: float
+    """Relative difference of the scale factors of positive and negative rates."""
+    bias_dps: float
+    bias_dps_per_degc: float
+    noise_lsb: float
+    """Standard deviation of one sample [1/s]."""
+    lag_s: float
+    """Time constant of the output filter."""
+
+    def best_line(
+        self, table: "TurnedTable", rates_dps: Sequence[float], temp_degc: float
+    ) -> tuple[float, float]:
+        """Slope [1/s/(°/s)] and intercept [1/s] of the noise-free least-squares line over table
+        rates.
+        """
+        rates = np.asarray(rates_dps, dtype=np.float64)
+        vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
+        # over a whole revolution the horizontal part of the earth's rate averages to zero, to first
+        # order
+        slope, intercept = np.polyfit(
+            rates, _response(self, (rates + vertical) * self.axis[2], temp_degc), 1
+        )
+        return float(slope), float(intercept)
+
+    @classmethod
+    def draw(
+        cls,
+        rng: np.random.Generator,
+        *,
+        axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
+        noise_lsb: float = 3.0,
+    ) -> Self:
+        """Draw a closed-loop gyro of a few ppm nonlinearity."""
+        return cls(
+            K=10000.0 * (1.0 + rng.normal(0.0, 0.01)),
+            axis=axis,
+            K_per_degc=rng.normal(0.0, 1.0) * 10e-6,
+            ripple_dps=rng.uniform(0.5e-4, 2e-4),
+            ripple_period_dps=rng.uniform(25.0, 60.0),
+            asymmetry=rng.normal(0.0, 1.0) * 1e-6,
+            bias_dps=rng.normal(0.0, 1.0) / DPH_PER_DPS,
+            bias_dps_per_degc=rng.normal(0.0, 0.01) / DPH_PER_DPS,
+            noise_lsb=noise_lsb,
+            lag_s=rng.uniform(0.02, 0.1),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class TurnedTable:
+    """Constants of a rate table with a vertical axis and of its room."""
+
+    latitude_deg: float = 34.2
+    acceleration_dps2: float = 20.0
+    unevenness: float = 1e-5
+    """Relative amplitude of the rate's variation within a revolution."""
+    interval_s: float = 0.5
+    """Sampling interval [s]."""
+    shortest_hold_s: float = 30.0
+    start_angle_deg: float = 0.0
+    warming_degc: float = 0.2
+    """Total warming of the case [°C], from the first sample to the steady state."""
+    warming_s: float = 1200.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Motion:
+    """Motion of the table at k fine steps: end of step [s], nominal rate [°/s], angle [°], and step
+    length.
+    """
+
+    time_s: Array
+    rate_dps: Array
+    angle_deg: Array
+    step_s: float
+
+
+def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
+    """Noise-free static indication [1/s] of a gyro at a rate [°/s] about its input axis, by (1)."""
+    warmer = np.asarray(temp_degc) - REFERENCE_DEGC
+    ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
+    rate_with_errors = (
+        rate_dps
+        + gyro.ripple_dps * ripple
+        + 0.5 * gyro.asymmetry * np.abs(rate_dps)
+        + gyro.bias_dps
+        + gyro.bias_dps_per_degc * warmer
+    )
+    return np.asarray(
+        gyro.K * (1.0 + gyro.K_per_degc * warmer) * rate_with_errors, dtype=np.float64
+    )
+
+
+def _motion(table: TurnedTable, rates_dps: Sequence[float]) -> _Motion:
+    """Motion of the table through held rates, at rest before the first and after the last."""
+    corners, corner_rates = [0.0, 3.0], [0.0, 0.0]
+    for rate in (*rates_dps, 0.0):
+        begin = corners[-1] + abs(rate - corner_rates[-1]) / table.acceleration_dps2
+        revolution = 360.0 / abs(rate) if rate else 0.0
+        corners += [
+            begin,
+            begin + (max(table.shortest_hold_s, SPARE_S + 1.02 * revolution) if rate else 3.0),
+        ]
+        corner_rates += [rate, rate]
+    step = table.interval_s / FINE
+    count = int(np.floor(corners[-1] / table.interval_s)) * FINE
+    time = np.arange(count + 1) * step
+    nominal_rate = np.asarray(np.interp(time, corners, corner_rates), dtype=np.float64)
+    nominal = np.radians(table.start_angle_deg + _integral(nominal_rate, step))
+    uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
+    angle = table.start_angle_deg + _integral(nominal_rate * (1.0 + uneven), step)
+    return _Motion(np.asarray(time, dtype=np.float64), nominal_rate, angle, step)
+
+
+def _integral(rate: Array, step: float) -> Array:
+    """Integral [k + 1] of a rate [k + 1] from its first value, by the trapezoidal rule."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
+
+
+def _input_rate(gyro: RateGyro, table: TurnedTable, motion: _Motion) -> Array:
+    """Rate about the gyro's input axis [k] [°/s] in each fine step, by (2)."""
+    middle = np.radians(0.5 * (motion.angle_deg[1:] + motion.angle_deg[:-1]))
+    latitude = np.radians(table.latitude_deg)
+    axial_dps = np.diff(motion.angle_deg) / motion.step_s + EARTH_RATE_DPS * np.sin(latitude)
+    level = EARTH_RATE_DPS * np.cos(latitude)
+    return np.asarray(
+        gyro.axis[0] * level * np.cos(middle)
+        - gyro.axis[1] * level * np.sin(middle)
+        + gyro.axis[2] * axial_dps,
+        dtype=np.float64,
+    )
+
+
+def _indication(
+    gyro: RateGyro, table: TurnedTable, motion: _Motion, temp_degc: Array, rng: np.random.Generator
+) -> Array:
+    """Indication [n] [1/s] at case temperatures [n] [°C]: whole counts in each sampling interval
+    over the interval's length.
+    """
+    from scipy.signal import lfilter
+
+    rate = _input_rate(gyro, table, motion)
+    keep = np.exp(-motion.step_s / gyro.lag_s)
+    filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
+    counted = _response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
+    noisy = counted + gyro.noise_lsb * rng.normal(0.0, 1.0, counted.size)
+    return noise.pulses(noisy, 1.0 / table.interval_s)
+
+
+def run(
+    gyros: Mapping[str, RateGyro],
+    table: TurnedTable,
+    rates_dps: Sequence[float],
+    start_degc: float,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    """Log columns of the table turning through held rates [°/s], with one column per gyro."""
+    motion = _motion(table, rates_dps)
+    angle = motion.angle_deg[::FINE]
+    time = motion.time_s[::FINE]
+    case = start_degc + table.warming_degc * (1.0 - np.exp(-time[1:] / table.warming_s))
+    encoder = np.round(angle + rng.normal(0.0, 2e-5, angle.size), DECIMALS["table_angle_deg"])
+    columns = {
+        "time_s": time[1:],
+        "table_rate_dps": np.diff(angle) / table.interval_s,
+        "table_angle_deg": np.remainder(encoder[1:], 360.0),
+        "temp_case_degc": noise.reading(case, 0.01, 0.01, rng),
+    }
+    return columns | {
+        name: _indication(gyro, table, motion, case, rng) for name, gyro in gyros.items()
+    }
+
+
+def turn(
+    gyros: Mapping[str, RateGyro],
+    table: TurnedTable,
+    rates_dps: Sequence[float],
+    start_degc: float,
+    rng: np.random.Generator,
+) -> tuple[dict[str, Array], float, dict[str, tuple[float, float]]]:
+    """Log columns of gyros by name, mean case temperature [°C], and the best straight line of each
+    gyro at it.
+    """
+    columns = {f"gyro_{name}_lsb": gyro for name, gyro in gyros.items()}
+    log = run(columns, table, rates_dps, start_degc, rng)
+    degc = float(np.mean(log["temp_case_degc"]))
+    return log, degc, {name: g.best_line(table, rates_dps, degc) for name, g in gyros.items()}
+
+
+def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
+    """Rates in increasing order in one direction, then in the other."""
+    return (*rates_dps, *(-rate for rate in rates_dps))
+
+
+def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
+    """Unit vector at an angle [°] to the table axis, in a direction [°] about it."""
+    tilt, azimuth = np.radians(degrees), np.radians(direction_deg)
+    return (
+        float(np.sin(tilt) * np.cos(azimuth)),
+        float(np.sin(tilt) * np.sin(azimuth)),
+        float(np.cos(tilt)),
+    )
+
+
+def rate_table(
+    seed: int, *, room_runs: int = 3, temperatures_degc: Sequence[float] = (-40.0, 0.0, 60.0)
+) -> Campaign:
+    """Simulate rate-table logs of one gyro: repeated runs at 25 °C, then one at each other
+    temperature.
+
+    Parameters
+    ----------
+    seed : what gyro, table and noise are drawn from.
+    room_runs : runs at 25 °C, for repeatability.
+    temperatures_degc : of the other runs [°C].
+
+    Returns
+    -------
+    Logs `room_1.csv` … and `at_-40.csv` …; truth with the gyro's constants and each run's best
+    straight line.
+
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    gyro = RateGyro.draw(rng, axis=tilted(rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0)))
+    table = TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    planned = {f"room_{k + 1}.csv": REFERENCE_DEGC for k in range(room_runs)}
+    planned |= {f"at_{degc:.0f}.csv": degc for degc in temperatures_degc}
+    rates = both_ways()
+    logs: dict[str, dict[str, Array]] = {}
+    lines: dict[str, dict[str, object]] = {}
+    for name, degc in planned.items():
+        logs[name], mean, of_gyro = turn({"x": gyro}, table, rates, degc, rng)
+        K, F0 = of_gyro["x"]
+        lines[name] = {"temp_case_degc": mean, "gyro_x_lsb": {"K": K, "F0": F0}}
+    truth = {
+        "procedure": "rate_table",
+        "seed": seed,
+        "gyro": asdict(gyro),
+        "table": asdict(table),
+        "rates_dps": rates,
+        "logs": lines,
+    }
+    return Campaign(logs, DECIMALS, truth)
 
 
 def pair(
@@ -63,7 +343,7 @@ def pair(
     tilts = (mounting[0], alpha, mounting[1], alpha)
     # by gyro and run: each run has its own orientation about its table axis
     directions = {
-        name: simulate_rate_table.tilted(tilt, direction_deg)
+        name: tilted(tilt, direction_deg)
         for name, tilt, direction_deg in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
     }
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
@@ -75,7 +355,7 @@ def pair(
     lines: dict[str, dict[str, float]] = {}
     for axis in ("a", "b"):
         mounted = {g: replace(gyros[g], axis=directions[f"{g}_about_{axis}"]) for g in ("a", "b")}
-        log, degc, of_gyros = turn(mounted, stand, rates, START_DEGC, rng)
+        log, degc, of_gyros = turn(mounted, stand, rates, REFERENCE_DEGC, rng)
         logs[f"table_axis_{axis}.csv"] = log
         for g, (K, F0) in of_gyros.items():
             lines[f"{g}_about_{axis}"] = {"K": K, "F0": F0, "temp_case_degc": degc}
@@ -94,7 +374,7 @@ def pair(
         "epsilon": lines["b_about_a"]["K"] / lines["a_about_a"]["K"],
         "side": "same" if gamma >= 0.0 else "opposite",
     }
-    return Campaign(logs, simulate_rate_table.DECIMALS, truth)
+    return Campaign(logs, DECIMALS, truth)
 
 
 def linear(gyro: RateGyro) -> RateGyro:
@@ -133,12 +413,12 @@ def triad(
     turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in GYROS}
     table = TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
-    rates = both_ways(RATES_DPS) if rates_dps is None else tuple(rates_dps)
+    rates = both_ways(TRIAD_RATES_DPS) if rates_dps is None else tuple(rates_dps)
     logs: dict[str, dict[str, Array]] = {}
     truths: dict[str, dict[str, list[list[float]]]] = {}
     for degc in (*temperatures_degc, *withheld_degc):
         folder = "" if degc in temperatures_degc else "withheld/"
-        warmer = (degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
+        warmer = (degc - REFERENCE_DEGC) / 100.0
         # input axes turn with temperature, a little more the warmer it is
         directions = _normalise(axes + turns * (warmer * (1.0 + 0.15 * warmer)))
         sensitivity = np.zeros((3, 3))
@@ -166,7 +446,7 @@ def triad(
         "rates_dps": rates,
         "at": truths,
     }
-    decimals = simulate_rate_table.DECIMALS | {f"gyro_{g}_lsb": 1 for g in GYROS}
+    decimals = DECIMALS | {f"gyro_{g}_lsb": 1 for g in GYROS}
     return Campaign(logs, decimals, truth)
 
 
@@ -175,4 +455,4 @@ def _normalise(vectors: Array) -> Array:
     return np.array([vector / np.linalg.norm(vector) for vector in vectors])
 
 
-CAMPAIGNS = {"gyro_pair": pair, "gyro_triad": triad, "rate_table": simulate_rate_table.campaign}
+CAMPAIGNS = {"gyro_pair": pair, "gyro_triad": triad, "rate_table": rate_table}

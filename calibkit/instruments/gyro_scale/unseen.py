@@ -49,6 +49,8 @@ OTHER_AXIS = 0.1
 """Departure of a rate gain from 1 above which the run is about another axis: no scale factor drifts
 so far.
 """
+ALONG, ACROSS = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
+"""Keys of the largest errors along and across the turned axis."""
 SUFFIX = {GJB: "_gjb", IEEE: "_ieee"}
 """Standard → end of the key of an asymmetry in validation.json."""
 Entry = dict[str, Any]
@@ -168,6 +170,8 @@ def _scale_factors(
     """Scale factor of a gyro in a run, and in the files with how runs repeat and type B terms, at
     the run's temperature, clamped to the fitted range.
     """
+    if matrix.over_temperature:
+        require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     model, degc = matrix.model, float(np.nan_to_num(run.plateaus.temp_degc).mean())
     input_values = {x.column: min(max(degc, x.low), x.high) for x in quantity.inputs}
     point = quantity.point(input_values)
@@ -199,46 +203,44 @@ def _compare_line(
     """JSON object of one gyro of a run about its own axis, and the line of its compensated
     rates.
     """
-    if matrix.over_temperature and not np.isfinite(run.temp_degc):
-        require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     (gyro,), (of_run, of_files) = matrix.gyros, scale_factors
-    u_K, K_frozen = float(of_run.u), float(of_files.value)
     line, temperature = run_lines.published(run, gyro), np.nan_to_num(run.plateaus.temp_degc)
-    indication = run.plateaus.indication[:, run.gyros.index(gyro)]
-    rate_after = matrix.rates(indication[:, None], temperature)[:, 0]
-    K_of_rows, F0_of_rows = matrix.at(temperature)
-    compensated = Line(line.rate_dps, rate_after, line.noise / np.abs(K_of_rows[:, 0, 0]))
+    F = run.plateaus.indication[:, run.gyros.index(gyro)]
     K_before, F0_before = (part.item() for part in matrix.reference)
     before_is = "K and F0 of the mean model"
     if spec.nominal_scale_factor is not None:
-        K_before, F0_before = spec.nominal_scale_factor, 0.0
-        before_is = "nominal scale factor"
-    full_scale = float(np.max(np.abs(line.rate_dps)))
-    errors = {}
-    for stage, rate in (("before", (indication - F0_before) / K_before), ("after", rate_after)):
-        error = rate - line.rate_dps
-        errors[stage] = {
-            "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
-            "rate_error_rms_dps": rms(error),
-            "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full_scale * PPM,
-        }
-    u_error = float(np.hypot(u_K, of_files.u)) / abs(K_frozen)
-    F0_frozen = float(F0_of_rows.mean())
-    entry = {
+        K_before, F0_before, before_is = spec.nominal_scale_factor, 0.0, "nominal scale factor"
+    rates = {
+        "before": (F - F0_before) / K_before,
+        "after": matrix.rates(F[:, None], temperature)[:, 0],
+    }
+    K_of_rows, F0_of_rows = matrix.at(temperature)
+    compensated = Line(line.rate_dps, rates["after"], line.noise / np.abs(K_of_rows[:, 0, 0]))
+    K_frozen = float(of_files.value)
+    entry: Entry = {
         "gyro": gyro,
         "K": line.K,
-        "K_standard_uncertainty": u_K,
+        "K_standard_uncertainty": float(of_run.u),
         "K_frozen": K_frozen,
         "K_frozen_standard_uncertainty": float(of_files.u),
         "scale_factor_error_ppm": (line.K / K_frozen - 1.0) * PPM,
-        "scale_factor_error_standard_uncertainty_ppm": u_error * PPM,
+        "scale_factor_error_standard_uncertainty_ppm": float(np.hypot(of_run.u, of_files.u))
+        / abs(K_frozen)
+        * PPM,
         "scale_factor_error_dof": min(float(of_files.dof), MOST_DOF),
-        "zero_error_dph": (line.F0 / line.K - F0_frozen / K_frozen) * DPH_PER_DPS,
+        "zero_error_dph": (line.F0 / line.K - float(F0_of_rows.mean()) / K_frozen) * DPH_PER_DPS,
         "rate_gain": compensated.K,
         "before_is": before_is,
-        **errors,
     }
-    for figure in published.figures(line, u_K, gyro):
+    full_scale = float(np.max(np.abs(line.rate_dps)))
+    for stage, rate in rates.items():
+        error = rate - line.rate_dps
+        entry[stage] = {
+            "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
+            "rate_error_rms_dps": rms(error),
+            ALONG: float(np.max(np.abs(error))) / full_scale * PPM,
+        }
+    for figure in published.figures(line, float(of_run.u), gyro):
         if figure.unit == "ppm":
             kind, standard, _ = FigureName.of(figure.name)
             key = kind + SUFFIX[standard] if kind == "asymmetry" else kind
@@ -252,21 +254,14 @@ def _compare_base(
     """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
     use each gyro alone, with its scale factor about its main axis.
     """
-    plateaus, temperature = run.plateaus, np.nan_to_num(run.plateaus.temp_degc)
-    if matrix.over_temperature and not np.isfinite(run.temp_degc):
-        raise CoefficientError(
-            f"{run.log.file}: no column '{forms.TEMPERATURE}'",
-            hint="the coefficients are over temperature",
-        )
-    rates = matrix.rates(plateaus.indication, temperature)
+    temperature, F = np.nan_to_num(run.plateaus.temp_degc), run.plateaus.indication
     S, _ = matrix.reference
     main = np.argmax(np.abs(S), axis=1)
-    main_K = S[np.arange(main.size), main]
-    uncompensated = (plateaus.indication - matrix.at(temperature)[1]) / main_K
-    axis_index = forms.AXES.index(axis)
-    true = np.zeros_like(rates)
-    true[:, axis_index] = plateaus.rate_dps + vertical_dps
-    gain = float(np.polyfit(plateaus.rate_dps, rates[:, axis_index], 1)[0])
+    rates, uncompensated = matrix.rates(F, temperature), F - matrix.at(temperature)[1]
+    uncompensated /= S[np.arange(main.size), main]
+    turned, true = forms.AXES.index(axis), np.zeros_like(rates)
+    true[:, turned] = run.rate_dps + vertical_dps
+    gain = float(np.polyfit(run.rate_dps, rates[:, turned], 1)[0])
     if not abs(gain - 1.0) < OTHER_AXIS:
         raise FrameError(
             f"{run.log.file}: the rate about {axis} comes out {gain:.4f} times the table's,"
@@ -278,20 +273,20 @@ def _compare_base(
         )
     entry: Entry = {
         "axis": axis,
+        "rate_gain": gain,
         "before_is": "each gyro by its scale factor about the axis that it senses most",
     }
-    full_scale = float(np.max(np.abs(plateaus.rate_dps))) / PPM
+    full_scale = float(np.max(np.abs(run.rate_dps))) / PPM
     for stage, error, axes in (
         ("before", uncompensated - true[:, main], main),
         ("after", rates - true, np.arange(len(forms.AXES))),
     ):
-        along_errors = np.abs(error[:, axes == axis_index])
-        across_errors = np.abs(error[:, axes != axis_index])
+        largest = np.max(np.abs(error), axis=0) / full_scale
         entry[stage] = {
-            "rate_error_max_ppm_of_full_scale": float(along_errors.max(initial=0.0)) / full_scale,
-            "cross_axis_max_ppm_of_full_scale": float(across_errors.max(initial=0.0)) / full_scale,
+            ALONG: float(np.max(largest[axes == turned], initial=0.0)),
+            ACROSS: float(np.max(largest[axes != turned], initial=0.0)),
         }
-    return entry | {"rate_gain": gain}
+    return entry
 
 
 def _compare_pair(
@@ -332,15 +327,12 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
     """Table of unseen runs before and after compensation: rates along and across the turned axis of
     a triad, else frozen and found K and rates of each gyro.
     """
-    along_key, across_key = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
     rows = []
     for name, entry in errors:
         before, after = entry["before"], entry["after"]
         gain = f"{entry['rate_gain']:.6f}"
         if triad:
-            sizes = [
-                f"{part[kind]:.1f}" for kind in (along_key, across_key) for part in (before, after)
-            ]
+            sizes = [f"{part[kind]:.1f}" for kind in (ALONG, ACROSS) for part in (before, after)]
             rows.append((f"{name} about {entry['axis']}", *sizes, gain))
             continue
         u = entry["scale_factor_error_standard_uncertainty_ppm"]
@@ -351,8 +343,8 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
                 f"{entry['K_frozen']:.4f}",
                 f"{before['scale_factor_error_ppm']:+.1f}",
                 f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
-                f"{before[along_key]:.1f}",
-                f"{after[along_key]:.1f}",
+                f"{before[ALONG]:.1f}",
+                f"{after[ALONG]:.1f}",
                 gain,
             )
         )
