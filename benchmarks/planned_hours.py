@@ -71,7 +71,8 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
             mounting = np.zeros(len(held), dtype=np.int64)
             triad = replace(bench, task=replace(task, withheld=True), spots=held, mounting=mounting)
             design = triad.design(levels, range(len(held)), 60.0)
-            yield triad.predict(replace(design, label=f"{name}, {LEVELS} temperatures"))
+            design = replace(design, label=f"{name}, {LEVELS} temperatures")
+            yield replace(design, results=triad.predict(design.rows))
         return
     if procedure == "accelerometer_magnitude":
         spread = exchange.spread_apart(bench.gravity, [0], 23)
@@ -91,7 +92,7 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
         design = bench.design((25,), RATES, 30.0)
     else:
         design = bench.design((25, 25, 25, -40, -8, 60), RATES, 30.0)
-    yield bench.predict(design)
+    yield replace(design, results=bench.predict(design.rows))
 
 
 def make_plan(procedure: str, wish: str, range_degc: tuple[float, float] | None) -> dict[str, Any]:

@@ -251,7 +251,7 @@ def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hou
             Schedule((Action(0.0, "wait", 25.0, duration_s=3600.0 * h),)),
             (),
             None,
-            results={"a": Predicted("a", "g", u, u, {})},
+            results={"a": Predicted("a", "g", u, 2.0 * u, {})},
         )
         for h, u in ((1, 9), (2, 5), (3, 6), (4, 3))
     ]

@@ -114,7 +114,7 @@ def plan_document(
                 "name": result.name,
                 "unit": result.unit,
                 "standard_uncertainty_rms": result.u,
-                "standard_uncertainty_max": result.largest_u,
+                "standard_uncertainty_max": result.expanded / COVERAGE,
                 "expanded_uncertainty": result.expanded,
                 "wanted": wish,
                 "met": None if wish is None else result.expanded <= wish,

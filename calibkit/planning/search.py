@@ -64,15 +64,10 @@ class Predicted:
     unit: str
     u: float
     """Root mean square of the standard uncertainty over the range of use."""
-    largest_u: float
-    """Largest standard uncertainty in the range of use."""
+    expanded: float
+    """Expanded uncertainty, the largest in the range of use."""
     limits: Mapping[str, float]
     """Source → its share of the mean variance; sums to 1."""
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty, the largest in the range of use."""
-        return COVERAGE * self.largest_u
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,16 +246,16 @@ class Bench(ABC):
         """What is to be said of a campaign beside the assumptions."""
         return ()
 
-    def predict(self, design: Design) -> Design:
-        """A design with its uncertainties."""
+    def predict(self, rows: Any) -> dict[str, Predicted]:  # noqa: ANN401 (as of `fit`)
+        """What rows will give."""
         results = {}
-        for name, parts in self.variances(self.rows(design)).items():
+        for name, parts in self.variances(rows).items():
             total = total_variance(parts)
-            mean = float(total.mean())
+            mean, expanded = float(total.mean()), COVERAGE * float(np.sqrt(total.max()))
             limits = {source: float(part.mean()) / mean for source, part in parts.items()}
-            u, largest_u = float(np.sqrt(mean)), float(np.sqrt(total.max()))
-            results[name] = Predicted(name, self.results[name], u, largest_u, limits)
-        return replace(design, results=results)
+            u = float(np.sqrt(mean))
+            results[name] = Predicted(name, self.results[name], u, expanded, limits)
+        return results
 
     def powers_of_degc(
         self, model: str, letter: str, unit: str, fit: Fit, count: int
@@ -284,8 +279,9 @@ def propose(bench: Bench) -> Proposal:
     for design in (*([NOTHING] if task.have else []), *bench.designs()):
         # a design that does not determine all over the range is none
         with suppress(FitError):
-            if bench.covers(bench.rows(design)):
-                candidates.append(bench.predict(design))
+            rows = bench.rows(design)
+            if bench.covers(rows):
+                candidates.append(replace(design, results=bench.predict(rows)))
     if not candidates:
         raise FitError(
             "no campaign determines all over the range",
@@ -316,7 +312,7 @@ def propose(bench: Bench) -> Proposal:
 def judge(bench: Bench) -> tuple[Predicted, ...]:
     """What the logs that are measured tell; empty where they do not determine all."""
     try:
-        return tuple(bench.predict(NOTHING).results.values()) if bench.task.have else ()
+        return tuple(bench.predict(bench.have).values()) if bench.task.have else ()
     except FitError:
         return ()
 

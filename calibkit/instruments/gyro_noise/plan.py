@@ -73,10 +73,10 @@ class RecordBench(Bench):
 
     def coefficients(self, rows: tuple[int, float]) -> Iterator[PredictedCoefficient]:
         """The terms of one log."""
-        variances = self.variances(rows)
+        results = self.predict(rows)
         for name in assumed_terms(self.assumed):
-            u = float(np.sqrt(variances[WORDS[name]][NOISE][0]))
-            yield PredictedCoefficient("gyro_noise", term_name(name, LOG), LAWS[name].unit, u)
+            result = results[WORDS[name]]
+            yield PredictedCoefficient("gyro_noise", term_name(name, LOG), result.unit, result.u)
 
     def design(self, degc: Tour, choice: None, dwell_s: float) -> Design:  # noqa: ARG002 (as of Bench)
         """One log at the reference temperature, after the instrument has warmed up."""

@@ -309,13 +309,9 @@ class PairBench(GyroBench):
 
     def coefficients(self, rows: Holds) -> Iterator[PredictedCoefficient]:
         """N and the angle between the axes."""
-        variances = self.variances(rows)
-        for name, result, unit, size in (
-            ("N", RATIO, "1", 1.0 / PPM),
-            ("alpha_deg", ANGLE, "deg", 1.0),
-        ):
-            u = float(np.sqrt(total_variance(variances[result]).mean()))
-            yield PredictedCoefficient("pair", name, unit, size * u)
+        results = self.predict(rows)
+        yield PredictedCoefficient("pair", "N", "1", results[RATIO].u / PPM)
+        yield PredictedCoefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
