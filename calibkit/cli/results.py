@@ -198,7 +198,7 @@ def _print_results(run_results: RunResults, run: str, *, as_json: bool) -> None:
         print_json({"ok": True, **objects, **evaluation.document(run_results, values)})
         return
     tables = (listing, *((evaluation.tabulate(values),) if values else ()))
-    input_name = next(iter(run_results.names.inputs), "")
+    input_name = next(iter(run_results.inputs), "")
     ask = f"Next: calibkit evaluate {run} {input_name}=…" if input_name else " "
     flags = evaluation.flag_values(values)
     print_summary(Summary(f"{run_results.run.name}: results", tables, flags, (), ask))

@@ -212,12 +212,6 @@ class MixedSolution:
         """Variance [n] of the noise of rows with shares [parts, n]."""
         return np.asarray(self.variances[: len(shares)] @ shares)
 
-    @property
-    def gain(self) -> Array:
-        """(Jᵀ V⁻¹ J)⁻¹ Jᵀ V⁻¹ [p, n], change of β by a change of y."""
-        T = np.hstack([self.rows.J, self.rows.Z * self.root])
-        return self.inverse[: self.rows.J.shape[1]] @ (T / self.R[:, None]).T
-
     @cached_property
     def noise_degrees(self) -> float:
         """Degrees of freedom in which the rows show noise and nothing else, tr(P R P R), with those
@@ -311,8 +305,10 @@ def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     """
     rows, variances = solution.rows, solution.variances
     spread = _inverse(solution.information(), rows.known.free)
+    p, T = rows.J.shape[1], np.hstack([rows.J, rows.Z * solution.root])
+    # G = (Jᵀ V⁻¹ J)⁻¹ Jᵀ V⁻¹ [p, n], change of β by a change of y
+    G = solution.inverse[:p] @ (T / solution.R[:, None]).T
     # Φ + 2 Σ w_ij G V_i P V_j Gᵀ (Kenward & Roger 1997), V_i Gᵀ = D_i Gᵀ or Z_i Z_iᵀ Gᵀ
-    G = solution.gain
     VG = [d[:, None] * G.T for d in rows.shares]
     for g in range(rows.groups):
         Z = rows.Z[:, rows.group == g]
@@ -320,7 +316,6 @@ def uncertainty(solution: MixedSolution) -> tuple[Array, Array, Array]:
     PVG = np.array([solution.projected(part) for part in VG])
     # A variance at zero is on average above the true one: what it adds is in the estimate.
     w = np.where(np.outer(variances, variances) > 0.0, spread, 0.0)
-    p = rows.J.shape[1]
     covariance = solution.inverse[:p, :p].copy()
     for part, weights in zip(VG, w, strict=True):
         covariance += 2.0 * part.T @ np.tensordot(weights, PVG, 1)

@@ -79,7 +79,9 @@ class Shared:
         return np.asarray(np.sum(loading * error, axis=(1, 2)), dtype=np.float64)
 
     def gathered(self, values: Array) -> Array:
-        """Zᵀ V [levels · k, m] for values V [n, m] of the residuals."""
+        """Zᵀ V [levels · k, m] for values V [n, m] of the residuals; 0 for V of no rows, as a fit
+        without errors has.
+        """
         level = self.level.reshape(len(self.level), -1)
         loading = self.loading.reshape(*level.shape, self.width)
         row, place = np.nonzero(level >= 0)
@@ -87,7 +89,7 @@ class Shared:
         column = (level[row, place][:, None] * self.width + np.arange(self.width)).ravel()
         loading, count = loading[row, place], self.levels * self.width
         total = np.zeros((count, values.shape[1]))
-        for k, value in enumerate(values.T):
+        for k, value in enumerate(values.T if len(values) else ()):
             total[:, k] = np.bincount(column, (loading * value[row, None]).ravel(), count)
         return total
 

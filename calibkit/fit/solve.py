@@ -88,8 +88,6 @@ class Fit:
     """Of the scaled Jacobian."""
     shared: tuple[SharedSize, ...]
     """Errors that the fit kept, with their sizes."""
-    deviance: float
-    """-2 log L, for fits of the same parameters to the same rows."""
     converged: bool
     variances: Array = field(repr=False)
     """[v], of the noise of each channel, of priors, and of `shared`."""
@@ -754,7 +752,6 @@ class _Problem:
             dof=int(used.sum()) - len(p),
             condition=linear_form.condition,
             shared=tuple(SharedSize(error, s, su, rank, b) for (error, rank, b), s, su in sizes),
-            deviance=solution.deviance,
             converged=False,
             variances=variances,
             variance_covariance=variance_covariance,

@@ -5,7 +5,6 @@ The bits of doubles are in the order of the numbers, those of negative ones in t
 the bits before, until they are few enough to be held and sorted.
 """
 
-import math
 from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
@@ -78,22 +77,17 @@ def median_magnitude(values: Array, centre: float = 0.0) -> float:
     FitError
         No value, or one that is not finite.
     """
-    n = values.size
-    if n == 0:
+    if not values.size:
         raise FitError("no values have a median")
-
-    def magnitudes() -> Iterator[Array]:
-        for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
-            block = values[start:stop]
-            magnitude = np.abs(block if centre == 0.0 else block - centre)
-            # NaN compares false with both bounds, but propagates to the maximum
-            if not math.isfinite(float(magnitude.max())):
-                raise FitError(
-                    "a value that is not finite has no place in a median", hint="exclude it"
-                )
-            yield magnitude
-
-    return median_of_chunks(magnitudes, n)
+    if not chunks.all_finite(values):
+        raise FitError("a value that is not finite has no place in a median", hint="exclude it")
+    return median_of_chunks(
+        lambda: (
+            np.abs(values[a:b] - centre)
+            for a, b in chunks.ranges_along(values, rows=chunks.CACHED_ROWS)
+        ),
+        values.size,
+    )
 
 
 def quantile_of_chunks(parts: Callable[[], Iterable[Array]], count: int, share: float) -> float:

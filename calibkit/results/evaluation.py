@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from calibkit import instruments, sensitivities
 from calibkit.arrays import Array
-from calibkit.certificate.quantities import At, Quantity, state
+from calibkit.certificate.quantities import At, Quantity, QuantityInput, state
 from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
@@ -21,7 +21,7 @@ from calibkit.errors import UsageError
 from calibkit.recipe import TypeB, type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
-from calibkit.results.inputs import Names, parse_inputs
+from calibkit.results.inputs import parse_inputs
 from calibkit.store import StoredRun
 
 SETTLED = "rates are held until the lags of the model have settled"
@@ -57,10 +57,9 @@ class RunResults:
             )
 
     @property
-    def names(self) -> Names:
-        """Inputs as a person may name them."""
-        inputs = {i.column: i for quantity in self.quantities for i in quantity.inputs}
-        return Names(inputs, self.gravity_mps2)
+    def inputs(self) -> dict[str, QuantityInput]:
+        """Column → input that any of the results has."""
+        return {i.column: i for quantity in self.quantities for i in quantity.inputs}
 
     def state(self, quantity: Quantity, point: At) -> Result:
         """Result of one of the quantities at a point."""
@@ -130,7 +129,7 @@ def answer(
     run_results: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
 ) -> tuple[list[PointResult], dict[str, Array]]:
     """Values that a command line asks for, and its ranges."""
-    points, grids = parse_inputs(run_results.names, inputs, ranges)
+    points, grids = parse_inputs(run_results.inputs, run_results.gravity_mps2, inputs, ranges)
     selected = choose(run_results, points[0], only)
     return list(evaluate(run_results, selected, points)), grids
 

@@ -105,19 +105,19 @@ def follow(runs: Sequence[StoredRun]) -> tuple[tuple[FollowedResult, ...], tuple
         procedure = runs_results[-1].run.document["procedure"]
         series = []
         for results in runs_results:
-            same_quantities = [other for other in results.quantities if _is_same(other, quantity)]
+            same_quantities = [
+                other
+                for other in results.quantities
+                if (other.model, other.name, other.unit)
+                == (quantity.model, quantity.name, quantity.unit)
+                and [i.column for i in other.inputs[:1]] == [i.column for i in quantity.inputs[:1]]
+            ]
             if same_quantities and results.run.document["procedure"] == procedure:
                 series.append((results, same_quantities[0]))
         points = _points([other for _, other in series], runs_results[-1].basis.reference_degc)
         if points:
             key_values.append(_follow(series, points))
     return tuple(key_values), tuple(flags)
-
-
-def _is_same(a: Quantity, b: Quantity) -> bool:
-    """Whether two runs have a result in common."""
-    columns_a, columns_b = [i.column for i in a.inputs[:1]], [i.column for i in b.inputs[:1]]
-    return (a.model, a.name, a.unit) == (b.model, b.name, b.unit) and columns_a == columns_b
 
 
 def _points(quantities: Sequence[Quantity], reference_degc: float) -> list[dict[str, float]]:

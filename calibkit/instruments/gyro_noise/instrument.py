@@ -104,24 +104,21 @@ def fit(
             if noise.missing:
                 samples = noise.record.samples
                 gaps.append(LeftOut("samples", noise.missing, samples, "missing", log.file))
-    scales: dict[str, dict[str, float]] = {}
-    offsets: dict[str, dict[str, float]] = {}
+    # each figure is in proportion to the scale of the indication; only the mean feels an offset
+    scales: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
+    offsets: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
     stage_figures: list[Figure] = []
     for noise in figures:
         of_record, column = deviations.list_figures(noise), noise.record.column
         stage_figures += of_record
-        # each is in proportion to the scale of the indication; only the mean feels an offset
-        by_scale = {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
-        scales.setdefault(column, {}).update(by_scale)
-        offsets.setdefault(column, {})[f"{STAGE}.{of_record[0].name}"] = 1.0
+        scales[column] |= {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
+        offsets[column][f"{STAGE}.{of_record[0].name}"] = 1.0
     conditions = (Condition(forms.PROBABILITY, spec.noise.probability, "1"),)
     result = StageResult(
         STAGE, figures=tuple(stage_figures), flags=tuple(flags), conditions=conditions
     )
-    sensitivities = []
-    for column, by_scale in scales.items():
-        sensitivities.append(Sensitivity(column, "scale", by_scale))
-        sensitivities.append(Sensitivity(column, "offset", offsets[column]))
+    sensitivities = [Sensitivity(column, "scale", scales[column]) for column in scales]
+    sensitivities += [Sensitivity(column, "offset", offsets[column]) for column in offsets]
     return Fitted(
         (result,),
         tuple(inputs),

@@ -104,7 +104,6 @@ class NoiseFit:
 
     terms: tuple[NoiseTerm, ...]
     not_observable: tuple[NotObservable, ...]
-    tau_s: Array
     model: Array
     misfit: float
     flags: tuple[str, ...]
@@ -290,7 +289,7 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
         u, dof = value * relative / 2.0, 2.0 / relative**2
         terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
     model = np.sqrt(_powers(curve.tau_s) @ attempt.coefficients)
-    return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, tuple(flags))
+    return NoiseFit(tuple(terms), tuple(absent), model, attempt.misfit, tuple(flags))
 
 
 def _reasons(attempt: _Attempt, observable: Mask, *, failed: bool) -> list[str]:
