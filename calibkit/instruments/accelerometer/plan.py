@@ -333,16 +333,14 @@ def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:
 
     # Attitudes of the fixture. A dividing head turns the tool about one horizontal axis: along the
     # tool, then across it in two planes that hold it, each of which is a mounting.
-    fixture, mountings = (
-        task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS)),
-        1,
-    )
+    fixture = task.equipment.fixture(task.attitudes or (HAND if lengths else TWO_AXIS))
+    mountings = 3 if task.attitudes == HEAD and not fixture.spots else 1
     turns, step = range(0, 360, fixture.step_deg), fixture.step_deg
     spots = fixture.spots or ((0, 0), *product(range(step, 180, step), turns), (180, 0))
-    if task.attitudes == HEAD and not fixture.spots:
+    if mountings > 1:
         across_tool = [(turn, 0) if turn <= 180 else (360 - turn, 180) for turn in turns]
         quarter_on = [(tilt, roll + 90) for tilt, roll in across_tool]
-        spots, mountings = (*((90, roll) for roll in turns), *across_tool, *quarter_on), 3
+        spots = (*((90, roll) for roll in turns), *across_tool, *quarter_on)
 
     # of lengths neither K nor a temperature coefficient is fitted
     terms, k = asked_terms(spec), spec.k.axes if spec.k.enabled and not lengths else ()
