@@ -230,8 +230,6 @@ class Fit:
         """The fit whose U holds errors of stated sizes that the rows do not tell from the
         parameters.
         """
-        if not self.variances.size:  # values alone are stated
-            return self
         size = np.array([error.size or 0.0 for error in errors])
         of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
         products = [error.gathered(self.gain.T).T for error in errors]
