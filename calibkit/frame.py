@@ -23,7 +23,7 @@ from calibkit.left_out import Cause, LeftOut
 from calibkit.numeric import chunks, intervals, row_sample
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
     import pandas as pd
 
@@ -123,8 +123,10 @@ class Log:
     """
     excluded_rows: int = 0
     """Rows that the recipe's exclusions took."""
-    allocate: Callable[[int], Array] = np.empty
-    """Makes arrays along the rows where the log lies: in memory, or on disk."""
+    on_disk: bool = False
+    """Whether the columns of the frame are in scratch files, for a log that may be larger than
+    memory.
+    """
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What was asked of the columns before, by many checks; a log that replaces this one begins
     anew.
@@ -158,13 +160,6 @@ class Log:
             self._known[""] = intervals.Steps.find(values(self.frame, "time_s"))
         steps: intervals.Steps = self._known[""]
         return steps
-
-    @property
-    def on_disk(self) -> bool:
-        """Whether the columns of the frame are on disk: what is computed along them goes span by
-        span.
-        """
-        return self.allocate is not np.empty
 
     def _file_and_line(self, row: int) -> tuple[str, int]:
         """File and line that a row of the frame came from: of a split log, those of a part."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import chunks, dwells, order_statistics
+from calibkit.numeric import chunks, dwells
 
 HOLDS = [(0, 400), (460, 700), (780, 1400), (1425, 1700)]
 
@@ -132,7 +132,6 @@ def test_dwells_and_their_means_do_not_depend_on_the_length_of_spans(quantum, mo
     intervals = [dwells.find_dwells(log, 20)]
     found = [dwells.average_dwells(log, intervals[0])]
     monkeypatch.setattr(chunks, "ROWS", 37)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
     intervals.append(dwells.find_dwells(log, 20))
     found.append(dwells.average_dwells(log, intervals[1]))
     np.testing.assert_array_equal(*intervals)

@@ -1,7 +1,6 @@
 """Fits of many rows, block by block: digits, rank, memory, and what breaks silently elsewhere."""
 
 import csv
-import tracemalloc
 from fractions import Fraction
 
 import numpy as np
@@ -180,20 +179,6 @@ def test_a_value_that_is_not_finite_is_refused_wherever_it_stands(place):
         X = polynomial.powers(t if spoiled[place] == np.inf else spoiled, 2)
         with pytest.raises(FitError, match="not finite"):
             fit.linear_in_blocks(lambda part, X=X: X[part], y if np.isnan(value) else spoiled)
-
-
-def test_memory_is_that_of_a_block():
-    """A million rows are fitted in less than 4 MiB beyond themselves, half of one of their
-    columns.
-    """
-    t, y = drifting(1_000_000)
-    design, _ = polynomial.mapped_powers(t, 2)
-    fit.linear_in_blocks(design, y[:ROWS])
-    tracemalloc.start()
-    fit.linear_in_blocks(design, y)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 4 << 20
 
 
 def test_folded_fit_is_the_fit():

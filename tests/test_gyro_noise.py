@@ -3,7 +3,6 @@ observable, limits, logs that cannot be used.
 """
 
 import dataclasses
-import tracemalloc
 
 import allantools
 import numpy as np
@@ -14,7 +13,6 @@ from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.gyro_noise import certificate, instrument as gyro_noise, simulate
-from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.allan_fit import LAWS
 from calibkit.report.summary import number
@@ -144,21 +142,6 @@ def test_a_record_on_disk_has_the_figures_of_one_in_memory(long_log, monkeypatch
     assert found[0][1] == found[1][1]
     assert "1000 of 1000000 samples (0.1%) are missing" in "".join(found[0][1])
     np.testing.assert_equal(*(dataclasses.asdict(figures[0]) for figures, _ in found))
-
-
-def test_the_noise_of_a_record_on_disk_takes_memory_for_some_chunks_alone(long_log, monkeypatch):
-    """Faults are found and figures estimated in less memory than the log's two columns take."""
-    spec, read = long_log
-    monkeypatch.setenv(logs_on_disk.SETTING, "0")
-    monkeypatch.setattr(chunks, "ROWS", 1 << 13)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
-    log = read()
-    gyro_noise._figures(spec, read())  # imports
-    tracemalloc.start()
-    gyro_noise._figures(spec, log)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 16 * len(log.frame)
 
 
 def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(

@@ -257,7 +257,7 @@ def test_blocks_leave_no_trace_in_the_result(name, monkeypatch):
     def all_of_it():
         approximations, details = forward(signal, name, 4, "trend")
         shifted = denoise._average_over_shifts(
-            whole, find_wavelet(name).bank, 0, 3, lambda _level, d: np.clip(d, -1.0, 1.0), np.empty
+            whole, find_wavelet(name).bank, 0, 3, lambda _level, d: np.clip(d, -1.0, 1.0)
         )
         rebuilt = inverse(approximations, details, name, signal.size)
         inner = slice(100, -100)  # what a block is made of at the ends of all is of no interest
@@ -277,7 +277,7 @@ def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
     def shrink(level, detail):
         return np.where(np.abs(detail) > 1.0 + level, detail, 0.0)
 
-    shifted = denoise._average_over_shifts(signal, find_wavelet(name).bank, 0, 3, shrink, np.empty)
+    shifted = denoise._average_over_shifts(signal, find_wavelet(name).bank, 0, 3, shrink)
     each = [
         inverse(*forward(signal[k:], name, 3), name, 3000 - k, shrink)[800 - k : 1800 - k]
         for k in range(8)

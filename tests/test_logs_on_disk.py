@@ -3,7 +3,6 @@
 import tempfile
 import tracemalloc
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,15 +10,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.check import chunked, thermometers
+from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.frame import Log, values
+from calibkit.frame import Log
 from calibkit.ingest import logs, logs_on_disk
 from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.gyro_scale import dropouts
-from calibkit.numeric import anomalies, chunks, intervals, level_changes, order_statistics, segments
-from calibkit.numeric.thermal import occupancy
-from calibkit.numeric.wavelet import denoise, extension
+from calibkit.numeric import anomalies
 from conftest import ROOT
 
 FILE = "ramp_heating_05.csv"
@@ -80,18 +76,6 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
     assert log.frame.equals(whole.frame)
 
 
-def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
-    """Spans of 257 rows and blocks of 37 pairs, that cut windows, intervals and wavelets
-    anywhere: the same to 1e-10.
-    """
-    _, usual = prepared(folder)
-    monkeypatch.setattr(chunks, "ROWS", 257)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    monkeypatch.setattr(denoise, "BLOCK", 37)
-    _, cut = prepared(folder)
-    same(usual, cut, rtol=1e-10)
-
-
 def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
     folder, on_disk, calibkit, monkeypatch, tmp_path
 ):
@@ -106,11 +90,6 @@ def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
             (tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory")
         )
         assert disk == memory
-
-
-def test_every_shipped_procedure_works_along_logs_on_disk():
-    """None of them takes a long log into memory."""
-    assert all(instruments.find(name).Recipe.along_chunks for name in instruments.SHIPPED)
 
 
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])
@@ -173,65 +152,26 @@ def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
         prepared(folder)
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("row", [0, chunks.ROWS - 1, chunks.ROWS, chunks.ROWS + 6])
-def test_one_value_that_is_not_finite_is_seen_in_any_span(bad, row):
-    """First, last and over the edge of a span; infinities of both signs, and sums that overflow, do
-    not hide or feign one.
-    """
-    column = np.ones(chunks.ROWS + 7)
-    assert chunks.all_finite(column)
-    assert chunks.all_finite(np.full(chunks.ROWS + 7, 1e308))
-    column[row] = bad
-    assert not chunks.all_finite(column)
-    column[3] = -bad
-    assert not chunks.all_finite(column)
-    assert chunks.all_finite(column[:0])
-
-
-@given(
-    st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=1, max_size=300),
-    st.integers(1, 40),
-)
+@given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14))
 @settings(max_examples=150, deadline=None)
-def test_the_median_in_spans_is_that_of_numpy(values, rows):
-    """Ties, even and odd numbers, spans and samples of any length: the same number to the last
-    bit.
-    """
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunks, "ROWS", rows)
-        patch.setattr(order_statistics, "COLLECTED", 7)
-        assert order_statistics.median(np.array(values)) == np.median(values)
-
-
-@given(
-    st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14), st.integers(1, 50)
-)
-@settings(max_examples=150, deadline=None)
-def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
-    """Every run of at least so many equal values, and nothing else, wherever spans cut them."""
+def test_equal_runs_are_those_of_a_loop(values, shortest):
+    """Every run of at least so many equal values, and nothing else."""
     expected, start = [], 0
     for k in range(1, len(values) + 1):
         if k == len(values) or values[k] != values[start]:
             if k - start >= shortest:
                 expected.append([start, k])
             start = k
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(chunks, "ROWS", rows)
-        found = anomalies.equal_runs(np.array(values, dtype=float), shortest)
-        assert found.tolist() == expected
-        driver = np.array(values, dtype=float).cumsum()
-        moved = [[a, b] for a, b in expected if np.ptp(driver[a : min(b, driver.size - 1)]) > 15.0]
-        assert anomalies.stuck_against(driver, 15.0, found).tolist() == moved
+    found = anomalies.equal_runs(np.array(values, dtype=float), shortest)
+    assert found.tolist() == expected
+    driver = np.array(values, dtype=float).cumsum()
+    moved = [[a, b] for a, b in expected if np.ptp(driver[a : min(b, driver.size - 1)]) > 15.0]
+    assert anomalies.stuck_against(driver, 15.0, found).tolist() == moved
 
 
 @pytest.fixture
-def long_log(monkeypatch):
-    """Return a log of 1,000,000 rows of a warmed gyro with its columns on disk, and work on it in
-    small pieces.
-    """
-    monkeypatch.setattr(chunks, "ROWS", 1 << 13)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
+def long_log():
+    """Return a log of 1,000,000 rows of a warmed gyro with its columns on disk."""
     time = np.arange(1_000_000) / 100.0
     case = 25.0 + 20.0 * np.sin(time / 2000.0) + RNG.normal(0.0, 0.01, time.size)
     made = {"time_s": time, "temp_case_degc": case, "temp_env_degc": case + 0.1}
@@ -241,75 +181,13 @@ def long_log(monkeypatch):
         columns[name] = logs_on_disk._allocate_column(column.size)
         columns[name][:] = column
     frame = pd.DataFrame(columns, copy=False)
-    return Log("a", "a.csv", "", len(frame), frame, allocate=logs_on_disk._allocate_column)
+    return Log("a", "a.csv", "", len(frame), frame, on_disk=True)
 
 
-@pytest.mark.parametrize(
-    "work",
-    [
-        lambda log: thermometers.check_steps(log, "temp_case_degc"),
-        lambda log: extension.find_end(values(log.frame, "gyro_dph"), "trend", 1 << 19),
-    ],
-    ids=["steps", "ends"],
-)
-def test_what_looks_along_a_log_on_disk_holds_pieces_of_it(long_log, work):
-    """Beside pieces, and an end of a signal, nothing is in memory."""
-    work(long_log)  # imports
-    tracemalloc.start()
-    work(long_log)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert peak < 12 * len(long_log.frame)
-
-
-@pytest.mark.skipif(
-    not Path("/proc/self/smaps").exists(), reason="only Linux lists the memory of a process"
-)
-@pytest.mark.parametrize(
-    "work",
-    [
-        lambda log: log.measured_conditions(),
-        lambda log: dropouts_of(log),  # noqa: PLW0108 (it stands below)
-        lambda log: level_changes.jumps(values(log.frame, "gyro_dph"), 2000),
-        lambda log: long_intervals(log).means(values(log.frame, "gyro_dph")),
-    ],
-    ids=["conditions", "dropouts", "jumps", "means"],
-)
-def test_what_looks_along_a_log_on_disk_lets_go_of_its_pages(long_log, work):
-    """A tenth of a column at most is left in memory."""
-    chunks.release(*(values(long_log.frame, str(name)) for name in long_log.frame.columns))
-    before = resident_scratch()
-    work(long_log)
-    assert resident_scratch() - before < len(long_log.frame)
-
-
-def resident_scratch():
-    """Bytes of scratch files that are in memory."""
-    lines = Path("/proc/self/smaps").read_text("utf-8").splitlines()
-    mapped, total = False, 0
-    for line in lines:
-        if not line.split()[0].endswith(":"):
-            mapped = "(deleted)" in line
-        elif mapped and line.startswith("Rss:"):
-            total += 1024 * int(line.split()[1])
-    return total
-
-
-def long_intervals(log):
-    """Intervals of a log that are each longer than a chunk."""
-    return intervals.Intervals.find(values(log.frame, "time_s"), 200.0)
-
-
-def dropouts_of(log):
-    """Dropouts of a gyro in two held rates."""
-    held = SimpleNamespace(
-        span=np.array([[0, 500_000], [500_000, 1_000_000]]), rate_dps=np.array([1.0, 2.0])
-    )
-    return list(dropouts.find(log, held, ["gyro_dph"]))
-
-
-def test_a_log_on_disk_is_validated_in_memory_for_some_chunks(folder, long_log, calibkit, tmp_path):
-    """Compensation, its uncertainty and both Allan deviations of a run of another log."""
+def test_a_log_on_disk_is_validated_in_memory_for_some_columns(
+    folder, long_log, calibkit, tmp_path
+):
+    """Compensation, its uncertainty and both Allan deviations take less than eight columns."""
     pinned = ("--set", "drift.model=gradient_rate", "--set", "drift.order=0")  # of one ramp
     options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path)
     assert calibkit("fit", "fog_thermal", "--data", folder, *options, *pinned).code in (0, 1)
@@ -321,22 +199,4 @@ def test_a_log_on_disk_is_validated_in_memory_for_some_chunks(folder, long_log, 
     validate(spec, run.records, [long_log])
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert peak < 12 * len(long_log.frame)
-
-
-def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
-    """Released pages are read again from the file: nothing written is lost."""
-    column = logs_on_disk._allocate_column(300_000)
-    column[:] = np.arange(300_000.0)
-    chunks.release(column, column[1000:2000], np.zeros(3))
-    assert column.sum() == 299_999 * 150_000
-    held = intervals.Intervals.find(np.arange(300_000.0), 10.0)
-    assert held.means(column)[-1] == 299_994.5
-    assert occupancy.spikes(column, held).size == 0
-    noisy = logs_on_disk._allocate_column(40_000)
-    noisy[:] = RNG.normal(0.0, 1.0, 40_000)
-    kept = denoise.denoise(noisy, allocate=logs_on_disk._allocate_column)
-    assert np.array_equal(kept.signal, denoise.denoise(np.array(noisy)).signal)
-    time = np.arange(300_000.0)
-    slope = segments.causal_slope(time, column, 60.0, allocate=logs_on_disk._allocate_column)
-    assert np.array_equal(slope, segments.causal_slope(time, np.array(column), 60.0))
+    assert peak < 8 * 8 * len(long_log.frame)

@@ -10,7 +10,7 @@ import pytest
 
 from calibkit.check import chunked
 from calibkit.ingest import logs_on_disk, write_back
-from calibkit.numeric import attitude, chunks, order_statistics
+from calibkit.numeric import attitude, chunks
 from calibkit.readers import clean
 
 
@@ -23,9 +23,8 @@ def small(monkeypatch):
 
 
 def shorten(monkeypatch):
-    """Spans of 257 rows, and searches that hold next to nothing."""
+    """Spans of 257 rows."""
     monkeypatch.setattr(chunks, "ROWS", 257)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
 
 
 @pytest.fixture
@@ -78,16 +77,6 @@ def test_a_bias_over_temperature_comes_out_byte_for_byte(logs, small, both, log_
         warm_up(tmp_path / "logs", log_writer, seed)
     disk, memory = both("bias_temperature", tmp_path / "logs", ["bias"])
     assert disk == memory
-
-
-def test_a_bias_does_not_depend_on_the_length_of_spans(both, log_writer, tmp_path, monkeypatch):
-    """Coefficients and covariances of spans of 257 rows and of one span agree to 1e-10 relative."""
-    warm_up(tmp_path / "logs", log_writer, 1)
-    _, (whole,) = both("bias_temperature", tmp_path / "logs", ["bias"])
-    shorten(monkeypatch)
-    _, (cut,) = both("bias_temperature", tmp_path / "logs", ["bias"], serial="T")
-    models = [json.loads(text)["models"] for text in (whole, cut)]
-    np.testing.assert_allclose(*map(numbers, models), rtol=1e-10)
 
 
 def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(
@@ -244,21 +233,6 @@ def test_a_rate_table_comes_out_byte_for_byte(
     assert disk == memory
     found = applied(tmp_path / "memory" / "S" / "r001", log)
     assert found[0] == found[1]
-
-
-@pytest.mark.parametrize("angle", [True, False])
-def test_a_rate_table_does_not_depend_on_the_length_of_spans(
-    angle, both, log_writer, tmp_path, monkeypatch
-):
-    """Scale factors and figures of spans of 257 rows and of one span agree to 1e-10 relative, or
-    1e-16 of nothing.
-    """
-    turned(tmp_path / "logs", log_writer, 1, angle=angle)
-    _, (whole,) = both("rate_table", tmp_path / "logs", ["gyro_scale"])
-    shorten(monkeypatch)
-    _, (cut,) = both("rate_table", tmp_path / "logs", ["gyro_scale"], serial="T")
-    models = [json.loads(text)["models"] for text in (whole, cut)]
-    np.testing.assert_allclose(*map(numbers, models), rtol=1e-10, atol=1e-16)
 
 
 DWELLS = (

@@ -3,7 +3,6 @@ which power-ons are found, and what ordinary bad input is told.
 """
 
 import json
-import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,10 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 import calibkit
-from calibkit import instruments, recipe, store
-from calibkit.check import series
+from calibkit import store
 from calibkit.ingest import logs_on_disk
-from calibkit.instruments.bias import channels, choice, power_ons, simulate, thermal
-from calibkit.numeric import chunks, gum, intervals, order_statistics
+from calibkit.instruments.bias import channels, choice, power_ons, simulate
+from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import coil, pooled_fit, uncertainty
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
@@ -278,28 +276,6 @@ def test_a_log_on_disk_is_fitted_and_compensated_as_one_in_memory(
     models = [store.load(path.parent).records["thermal.json"].models for path in folders]
     assert models[0] == models[1]
     assert (tmp_path / "disk").read_bytes() == (tmp_path / "memory").read_bytes()
-
-
-def test_a_log_on_disk_takes_memory_for_some_chunks_alone(tmp_path, monkeypatch):
-    """Faults and power-ons are found in less memory than half of the log takes."""
-    time, case, gyro = sweep(rows=1_000_000, step=0.02)
-    rows = zip(time.tolist(), case.tolist(), gyro.tolist(), strict=True)
-    text = "time_s,temp_case_degc,gyro_x_dph\n" + "".join(map("%.2f,%.4f,%.4f\n".__mod__, rows))
-    (tmp_path / "a.csv").write_text(text, encoding="ascii")
-    (tmp_path / "recipe.toml").write_text(RECIPE)
-    monkeypatch.setenv(logs_on_disk.SETTING, "0")
-    monkeypatch.setattr(chunks, "ROWS", 1 << 13)
-    monkeypatch.setattr(series, "CHUNK", 1 << 15)
-    monkeypatch.setattr(order_statistics, "COLLECTED", 1 << 13)
-    spec = instruments.parse_recipe(recipe.find(str(tmp_path / "recipe.toml"), ()))
-    log = power_ons.mend_clock(thermal.read(spec, tmp_path, "a.csv"), spec.thermal)
-    tracemalloc.start()
-    found = thermal._find_faults(spec, log)
-    assert power_ons.find_power_ons([log], [log], spec.thermal, 10.0)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert not any(finding.refused for finding in found)
-    assert peak < 1.5 * time.nbytes
 
 
 def test_logs_whose_clock_goes_on_are_one_power_on(tmp_path, fit):

@@ -13,7 +13,7 @@ def extend(signal, name, levels, extension="symmetric"):
     """Signal with a margin at both ends, and the length of the margin."""
     period = 1 << levels
     margin = find_wavelet(name).length * period
-    return denoise._extend(signal, extension, margin, period, np.empty), margin
+    return denoise._extend(signal, extension, margin, period), margin
 
 
 def extend_by(signal, count, extension="symmetric", window=12):
@@ -29,7 +29,7 @@ def forward(signal, name, levels, extension="symmetric"):
     approximations, _ = extend(signal, name, levels, extension)
     details = []
     for _ in range(levels):
-        approximations, detail = denoise._analyse(approximations, find_wavelet(name), np.empty)
+        approximations, detail = denoise._analyse(approximations, find_wavelet(name))
         details.append(detail)
     return approximations, details
 
@@ -42,7 +42,6 @@ def inverse(approximations, details, name, length, shrink=lambda _level, detail:
             details[level],
             find_wavelet(name),
             lambda part, level=level: shrink(level, part),
-            np.empty,
         )
     margin = find_wavelet(name).length << len(details)
     return approximations[margin : margin + length]

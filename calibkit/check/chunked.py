@@ -16,7 +16,6 @@ from calibkit import check, units
 from calibkit.check import facts
 from calibkit.frame import Log, values
 from calibkit.ingest import logs_on_disk, mapping
-from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
 if TYPE_CHECKING:
@@ -98,8 +97,7 @@ def find_faults(
 
     def parts() -> Iterator[Log]:
         for start in range(0, len(log.frame), rows):
-            yield replace(log, frame=log.frame.iloc[start : start + rows], allocate=np.empty)
-            release(*(values(log.frame, str(name)) for name in log.frame.columns))
+            yield replace(log, frame=log.frame.iloc[start : start + rows], on_disk=False)
 
     chunked_log = _examine_chunks(recipe, parts(), log.rows, block_rows)
     assert chunked_log is not None  # noqa: S101 (a log that was read has rows)

@@ -10,7 +10,6 @@ import numpy as np
 from calibkit import units
 from calibkit.arrays import Array, Integers
 from calibkit.frame import GAP, Finding, Log, Severity, values
-from calibkit.numeric import chunks
 
 LARGEST_RATE_DPH = 1e7
 """Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""
@@ -86,7 +85,7 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
         if all(abs(value) < _LARGEST for value in log.extremes(column)):
             continue
         data = values(log.frame, column)
-        bad = chunks.rows_where(data, lambda data: ~(np.abs(data) < _LARGEST))
+        bad = np.flatnonzero(~(np.abs(data) < _LARGEST))
         if bad.size:
             first, plural = data[bad[0]], "s" if bad.size > 1 else ""
             observation = f"{bad.size} missing or infinite value{plural} from here on"
@@ -149,7 +148,7 @@ def find_unordered_times(log: Log) -> list[Finding]:
     if log.steps.shortest > 0.0:
         return []
     time = values(log.frame, "time_s")
-    back = chunks.rows_where(time, lambda step: step <= 0.0, step=True)
+    back = np.flatnonzero(time[1:] <= time[:-1])
     if not back.size:
         return []
     k = int(back[0])
@@ -191,7 +190,7 @@ def _locate_gaps(log: Log) -> tuple[Integers, Array]:
     if not log.steps.longest > limit:
         return np.zeros(0, dtype=np.int64), np.zeros(0)
     time = values(log.frame, "time_s")
-    before = chunks.rows_where(time, lambda step: step > limit, step=True)
+    before = np.flatnonzero(np.diff(time) > limit)
     return before, time[before + 1] - time[before]
 
 
@@ -308,7 +307,7 @@ def find_out_of_range(
     if smallest >= low and largest <= high:
         return []
     data = values(log.frame, column)
-    rows = chunks.rows_where(data, lambda part: (part < low) | (part > high))
+    rows = np.flatnonzero((data < low) | (data > high))
     if not rows.size:
         return []
     first = float(data[rows[0]])

@@ -3,7 +3,7 @@ before.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,6 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
-from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.recipe import Recipe
 
 QUIETEST_DPH = 0.02
@@ -146,17 +145,8 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
     """A triad at rest whose length is not one g in most rows, or one or two axes that show more:
     another unit. Rows in which a value is missing are left out.
     """
-    columns = [values(log.frame, axis) for axis in axes]
-
-    def lengths() -> Iterator[Array]:
-        for a, b in chunks.ranges_along(*columns):
-            rows = np.column_stack([column[a:b] for column in columns])
-            length = np.sqrt(np.sum(rows**2, axis=1))
-            yield length[~np.isnan(length)] if missing else length
-
-    missing = any(np.isnan(log.extremes(axis)).any() for axis in axes)
-    count = sum(part.size for part in lengths()) if missing else len(log.frame)
-    usual = order_statistics.median_of_chunks(lengths, count)
+    lengths = np.sqrt(sum(values(log.frame, axis) ** 2 for axis in axes))
+    usual = order_statistics.median(lengths[~np.isnan(lengths)])
     if (0.8 if len(axes) == 3 else 0.0) <= usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
@@ -271,7 +261,7 @@ def measure_level(indication: Array) -> tuple[float, float]:
 def _part_means(column: Array, count: int) -> Array:
     """Means of `count` parts of a column [n]."""
     edges = np.linspace(0, column.size, count + 1).astype(np.int64).tolist()
-    return np.array([chunks.mean(column[a:b]) for a, b in pairwise(edges)])
+    return np.array([column[a:b].mean() for a, b in pairwise(edges)])
 
 
 def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
@@ -348,9 +338,5 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
 
 def _correlation(first: Array, second: Array) -> float:
     """Correlation coefficient of two series [n], neither of them constant."""
-    means = mean(first), mean(second)
-    sums = np.zeros((2, 2))
-    for a, b in ranges_along(first, second):
-        part = np.stack((first[a:b] - means[0], second[a:b] - means[1]))
-        sums += part @ part.T
-    return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))
+    x, y = first - first.mean(), second - second.mean()
+    return float(x @ y / np.sqrt((x @ x) * (y @ y)))

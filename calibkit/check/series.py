@@ -4,6 +4,8 @@ A column is judged in chunks of at most CHUNK rows, so that a log of any length 
 whether it is read whole or in chunks.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from calibkit.arrays import Array, Integers
@@ -162,19 +164,12 @@ def _check_held_spikes(
     acceleration is no spike.
     """
     low, high = chunks.extremes(cause)
-    limit, shortest, last = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6, 0
-    holds: list[tuple[int, int]] = []
-    for start, stop in chunks.ranges_along(cause):
-        moving = np.flatnonzero(np.abs(np.diff(cause[start : stop + 1])) > limit) + start + 1
-        bounds = np.concatenate(([last], moving, [data.size] if stop == data.size else [])).astype(
-            np.int64
-        )
-        long = np.flatnonzero(np.diff(bounds) >= shortest)
-        holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
-        last = int(bounds[-1])
+    limit, shortest = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6
+    moving = np.flatnonzero(np.abs(np.diff(cause)) > limit) + 1
     spike_rows = [
         anomalies.spikes(data[a + 3 : b - 3], smallest_departure=least_height) + a + 3
-        for a, b in holds
+        for a, b in pairwise([0, *moving.tolist(), data.size])
+        if b - a >= shortest
     ]
     return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
 
@@ -185,7 +180,7 @@ def _check_spikes(
     """Single rows far from their neighbours, looked for in chunks of CHUNK rows."""
     spike_rows = [
         anomalies.spikes(data[start:stop], smallest_departure=least_height) + start
-        for start, stop in chunks.ranges_along(data, rows=CHUNK)
+        for start, stop in chunks.ranges(data.size, CHUNK)
     ]
     return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
 
@@ -259,7 +254,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
     if pile is None:
         return []
     count, value = pile
-    rows = chunks.rows_where(data, lambda part: part == value)
+    rows = np.flatnonzero(data == value)
     return [
         finding_at_row(
             log,
@@ -277,7 +272,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
 
 def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """One finding for the sudden changes of the bias that stay, at the largest; a spike is none."""
-    calm = anomalies.remove_spikes(data, allocate=log.allocate)
+    calm = anomalies.remove_spikes(data)
     rows, change = level_changes.jumps(calm, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
         return []

@@ -17,9 +17,8 @@ from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, Severity, values
-from calibkit.numeric import chunks, segments
+from calibkit.numeric import segments
 from calibkit.numeric.anomalies import LEVEL_ROWS, level_steps
-from calibkit.numeric.order_statistics import quantile_of_chunks
 
 APART_DEGC = 20.0
 """Difference [°C] of case and air that no self-heating keeps up in a soak."""
@@ -204,13 +203,12 @@ def check_steps(log: Log, column: str) -> list[Finding]:
     data, time = values(log.frame, column), values(log.frame, "time_s")
     if data.size < 5 * LEVEL_ROWS:
         return []
-    tops = [(part.max(), int(part.argmax())) for part in level_steps(data)]
-    largest_chunk = max(range(len(tops)), key=lambda chunk: tops[chunk][0])
-    step, k = float(tops[largest_chunk][0]), tops[largest_chunk][1] + largest_chunk * chunks.ROWS
+    steps = level_steps(data)
+    k = int(np.argmax(steps))
+    step = float(steps[k])
     if step <= max(_STEP_DEGC, _STEP_DEGC_MIN / 60.0 * float(time[k + LEVEL_ROWS] - time[k])):
         return []
-    count = data.size - 2 * LEVEL_ROWS + 1
-    if step <= _STEPS * quantile_of_chunks(lambda: level_steps(data), count, 0.9):
+    if step <= _STEPS * float(np.quantile(steps, 0.9)):
         return []
     row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * LEVEL_ROWS]))))
     return [
@@ -235,7 +233,7 @@ def find_lost_sign(log: Log, column: str) -> list[Finding]:
     if not 0.0 <= low <= NEAR_ZERO_DEGC:
         return []
     data, time = values(log.frame, column), values(log.frame, "time_s")
-    row = int(chunks.rows_where(data, lambda part: part == low)[0])
+    row = int(np.argmin(data))
     rates = np.array(
         [
             [_rate(time, data, row, seconds, way=way) for seconds in (TURN_S, COURSE_S)]

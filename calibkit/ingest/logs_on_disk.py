@@ -2,8 +2,8 @@
 from there.
 
 Its frame is like any other, but its columns lie in scratch files: unnamed, and gone with the array.
-What a fit computes along them goes chunk by chunk into arrays that lie there too, so that the
-numbers are those of a log in memory. Only clean CSV can be read like this.
+A system that runs short of memory writes their pages back; what a fit computes of a few of them at
+a time is in memory. Only clean CSV can be read like this.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from calibkit import units
 from calibkit.errors import OutputError, UsageError
 from calibkit.frame import Log, values
 from calibkit.ingest import mapping
-from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
 if TYPE_CHECKING:
@@ -67,8 +66,6 @@ def read_to_disk(
     """A large clean log with its columns on disk; None for a log that is held in memory. Raises as
     `ingest.read_log`.
     """
-    if not recipe.along_chunks:
-        return None
     scan = scan_large_log(recipe, path, file, _largest_in_memory())
     if scan is None:
         return None
@@ -89,7 +86,6 @@ def read_to_disk(
         }
         for name, column in (*columns_on_disk.items(), ("", lines)):
             column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
-            release(column)
         row += len(frame)
         excluded_rows = {
             number: excluded_rows.get(number, 0) + rows
@@ -107,7 +103,7 @@ def read_to_disk(
         notes=(*notes, *mapping.note_exclusions(recipe.exclude, excluded_rows, file)),
         lost=tuple(lost),
         excluded_rows=sum(excluded_rows.values()),
-        allocate=_allocate_column,
+        on_disk=True,
     )
 
 

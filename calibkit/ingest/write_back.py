@@ -83,7 +83,6 @@ class Rewritten:
                 fields[k] = [logged if text is None else text for text, logged in texts]
             fields += [_format_numbers(values[row:stop]) for values in self.added.values()]
             fields += [self._status(row, stop) for _ in status]
-            chunks.release(*self.replaced.values(), *self.added.values())
             yield _format_csv(fields, quotes=quotes)
             row = stop
         if row != self.fields.count:
@@ -190,7 +189,7 @@ def rewrite_log(
     sources = {name: _find_source(recipe, name, fields, path) for name in columns}
     rows, lost = _find_rows(log)
     spread = [
-        {name: _spread(log, column, rows, fields.count) for name, column in part.items()}
+        {name: _spread(column, rows, fields.count) for name, column in part.items()}
         for part in (columns, derived or {})
     ]
     for column in (*spread[0].values(), *spread[1].values()):
@@ -220,12 +219,8 @@ def tabulate(
 
 
 def _range_of_differences(logged: Array, corrected: Array) -> tuple[float, float]:
-    """Smallest and largest difference of two columns [n], span by span."""
-    low, high = np.nan, np.nan
-    for a, b in chunks.ranges_along(logged, corrected):
-        part = logged[a:b] - corrected[a:b]
-        low, high = np.fmin(low, np.fmin.reduce(part)), np.fmax(high, np.fmax.reduce(part))
-    return float(low), float(high)
+    """Smallest and largest difference of two columns [n]."""
+    return chunks.extremes_of_present(logged - corrected)
 
 
 def _find_rows(log: Log) -> tuple[Integers | None, tuple[tuple[str, Integers], ...]]:
@@ -245,12 +240,11 @@ def _find_rows(log: Log) -> tuple[Integers | None, tuple[tuple[str, Integers], .
     return np.searchsorted(all_lines, frame_lines), tuple(lost.items())
 
 
-def _spread(log: Log, frame_values: Array, rows: Integers | None, count: int) -> Array:
+def _spread(frame_values: Array, rows: Integers | None, count: int) -> Array:
     """Values along a log's frame, along all rows of its file: missing where the frame has none."""
     if rows is None:
         return frame_values
-    file_values = log.allocate(max(count, int(rows.max(initial=-1)) + 1))
-    file_values[:] = np.nan
+    file_values = np.full(max(count, int(rows.max(initial=-1)) + 1), np.nan)
     file_values[rows] = frame_values
     return file_values
 

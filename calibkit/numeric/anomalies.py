@@ -8,12 +8,9 @@ The thresholds are wide on purpose: a false alarm in a healthy log does more har
 spike of six standard deviations.
 """
 
-from collections.abc import Callable, Iterator
-from functools import partial
-
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import mad_sigma
 
@@ -98,7 +95,7 @@ def resolution(values: Array) -> float:
 
 def span(values: Array) -> float:
     """Span between the 1 % and 99 % quantiles of a series [n], from at most 20,000 of its rows."""
-    thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
+    thinned = values[:: max(1, values.size // 20_000)]
     low, high = np.quantile(thinned, (0.01, 0.99)).tolist()
     return float(high - low)
 
@@ -125,17 +122,13 @@ def spikes(values: Array, *, smallest_departure: float = 0.0) -> Integers:
     steps = float(np.quantile(np.abs(np.diff(sample(values))), QUIET_SHARE))
     usual = QUIET_TO_SIGMA * steps / np.sqrt(2.0)
     wide_step = max(SPIKE / 2.0 * usual, floor / 2.0)
-    wide = chunks.rows_where(values, lambda step: np.abs(step) > wide_step, step=True)
-    before_steps = np.split(wide, _chunk_boundaries(wide))
-    if wide.size > values.size // 20:  # nearly every row is beside one
-        pieces = chunks.ranges(values.size - 1, chunks.CACHED_ROWS)
-        before_steps = [np.arange(first, stop) for first, stop in pieces]
-    suspects = []
-    for part in before_steps:
-        rows = np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
+    wide = np.flatnonzero(np.abs(np.diff(values)) > wide_step)
+    suspects = [np.zeros(0, dtype=np.int64)]
+    # seven rows around each: in parts, as nearly every row of a noisy series is beside a wide step
+    for a, b in chunks.ranges(wide.size):
+        rows = np.unique(np.clip(wide[a:b, None] + np.arange(-1, 3), 0, values.size - 1))
         departure = from_median(values, rows)
         suspects.append(rows[departure > max(SPIKE / 2.0 * usual, floor)])
-        chunks.release(values)
     rows = np.unique(np.concatenate(suspects))
     # the noise of the block of a row, then that of the rows around it
     edges = np.linspace(0, values.size, max(1, values.size // BLOCK) + 1).astype(np.int64)
@@ -148,9 +141,7 @@ def spikes(values: Array, *, smallest_departure: float = 0.0) -> Integers:
     # the medians of the three rows before and of the three behind the seven rows around each
     farther = np.arange(WIDTH + 1, 2 * WIDTH + 1)
     before, after = (
-        np.median(
-            chunks.take_rows(values, np.clip(rows[:, None] + side, 0, values.size - 1)), axis=1
-        )
+        np.median(values[np.clip(rows[:, None] + side, 0, values.size - 1)], axis=1)
         for side in (-farther, farther)
     )
     comes_back = np.abs(after - before) < from_median(values, rows)
@@ -161,12 +152,8 @@ def from_median(values: Array, rows: Integers) -> Array:
     """Absolute deviations [m] of rows [m] of a series [n] from the medians of the seven rows around
     them.
     """
-    neighbours = chunks.take_rows(
-        values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
-    )
-    return np.asarray(
-        np.abs(neighbours[:, WIDTH] - np.median(neighbours, axis=1)), dtype=np.float64
-    )
+    neighbours = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
+    return np.asarray(np.abs(values[rows] - np.median(values[neighbours], axis=1)))
 
 
 def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
@@ -182,18 +169,12 @@ def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
         deviations = np.abs(part[1:-1] - (part[:-2] + part[2:]) / 2.0)
         high = float(np.quantile(deviations, HIGH)) if deviations.size else 0.0
         noise[begin, end] = HIGH_TO_SIGMA * high / float(np.sqrt(1.5))
-        chunks.release(values)
     return np.array([noise[pair] for pair in pairs], dtype=np.float64)
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:
     """First row and row after the last [m, 2] of each run of at least `shortest` equal values."""
-
-    def repeats_next(first: int, stop: int) -> Mask:
-        chunks.release(values)
-        return np.equal(values[first:stop], values[first + 1 : stop + 1])
-
-    runs = chunks.find_runs(max(values.size - 1, 0), repeats_next)
+    runs = chunks.find_runs(values[1:] == values[:-1])
     runs[:, 1] += 1
     return runs[runs[:, 1] - runs[:, 0] >= shortest]
 
@@ -254,20 +235,10 @@ def stuck_against(driver: Array, least_change: float, runs: Integers) -> Integer
     """
     if not len(runs):
         return runs
-    moves = []
-    for group in np.split(runs, _chunk_boundaries(runs[:, 0])):
-        first = int(group[0, 0])
-        part = driver[first : int(group[-1, 1]) + 1]
-        # the runs' rows are pairs of first and stop: every second part between them is a run
-        pairs = np.minimum(group.ravel() - first, part.size - 1)
-        moves.append((np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2])
-        chunks.release(driver)
-    return np.asarray(runs[np.concatenate(moves) > least_change], dtype=np.int64)
-
-
-def _chunk_boundaries(rows: Integers) -> Integers:
-    """Positions at which ascending rows [m] are split into groups, each within one chunk."""
-    return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
+    # the runs' rows are pairs of first and stop: every second part between them is a run
+    pairs = np.minimum(runs.ravel(), driver.size - 1)
+    moves = (np.maximum.reduceat(driver, pairs) - np.minimum.reduceat(driver, pairs))[::2]
+    return runs[moves > least_change]
 
 
 def frozen(values: Array, smallest_leap: float, runs: Integers) -> Integers:
@@ -286,35 +257,29 @@ def frozen(values: Array, smallest_leap: float, runs: Integers) -> Integers:
     return np.asarray(runs[leaps], dtype=np.int64)
 
 
-def remove_spikes(values: Array, *, allocate: Callable[[int], Array] = np.empty) -> Array:
-    """Series [n] with each spike replaced by the median of the seven rows around it; `allocate`
-    makes the array.
-    """
+def remove_spikes(values: Array) -> Array:
+    """Series [n] with each spike replaced by the median of the seven rows around it."""
     rows = spikes(values)
     if not rows.size:
         return values
-    clean = allocate(values.size)
-    for a, b in chunks.ranges_along(values, clean):
-        clean[a:b] = values[a:b]
+    clean = values.copy()
     neighbours = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
-    clean[rows] = np.median(chunks.take_rows(values, neighbours), axis=1)
-    chunks.release(clean)
+    clean[rows] = np.median(values[neighbours], axis=1)
     return clean
 
 
-def level_steps(values: Array) -> Iterator[Array]:
-    """Changes of the lower median of LEVEL_ROWS rows of a series [n] to that of the next as many,
-    from each row on that has them, a chunk of rows at a time.
+def level_steps(values: Array) -> Array:
+    """Changes [n − 2 LEVEL_ROWS + 1] of the lower median of LEVEL_ROWS rows of a series [n] to that
+    of the next as many, from each row on that has them.
     """
-    for a, b in chunks.ranges(values.size - 2 * LEVEL_ROWS + 1):
+    steps = np.empty(values.size - 2 * LEVEL_ROWS + 1)
+    for a, b in chunks.ranges(steps.size):
         part = values[a : b + 2 * LEVEL_ROWS - 1]
         # the second smallest of two pairs
         low, high = np.minimum(part[:-1], part[1:]), np.maximum(part[:-1], part[1:])
-        level = np.maximum(low[:-2], low[2:])
-        for upper in (high[:-2], high[2:]):
-            np.minimum(level, upper, out=level)
-        yield np.abs(level[LEVEL_ROWS:] - level[:-LEVEL_ROWS])
-        chunks.release(values)
+        level = np.minimum(np.maximum(low[:-2], low[2:]), np.minimum(high[:-2], high[2:]))
+        steps[a:b] = np.abs(level[LEVEL_ROWS:] - level[:-LEVEL_ROWS])
+    return steps
 
 
 def clipped(values: Array) -> tuple[int, float] | None:
@@ -323,17 +288,12 @@ def clipped(values: Array) -> tuple[int, float] | None:
     """
     if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
-    low, high = chunks.extremes(values)
-    for end, sense in ((high, 1.0), (low, -1.0)):
-        at_end = chunks.count(values, partial(np.equal, end))
-        if at_end < PILE:
-            continue
-        nearest = np.nan
-        for a, b in chunks.ranges_along(values):
-            inside = np.where(values[a:b] != end, values[a:b], np.nan)
-            nearest = sense * float(np.fmax.reduce(sense * inside, initial=sense * nearest))
-        if np.isnan(nearest):
-            return None
-        if at_end > PILED * chunks.count(values, partial(np.equal, nearest)):
-            return at_end, end
+    for end, nearest in (
+        (values.max(), np.max(values, where=values < values.max(), initial=-np.inf)),
+        (values.min(), np.min(values, where=values > values.min(), initial=np.inf)),
+    ):
+        at_end = int(np.count_nonzero(values == end))
+        at_next = int(np.count_nonzero(values == nearest))
+        if at_end >= PILE and at_next and at_end > PILED * at_next:
+            return at_end, float(end)
     return None

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
-from calibkit.numeric import chunks
 
 MAD_TO_SIGMA = 1.4826022185056018
 """Standard deviation of a normal distribution over its median absolute deviation, 1/Φ⁻¹(3/4)."""
@@ -31,15 +30,8 @@ def rms(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(square))) if square.size else float("nan")
 
 
-def variance(values: Array) -> float:
-    """Mean square of values [n] about their mean."""
-    mean = chunks.mean(values)
-    square = sum(float(np.sum((values[a:b] - mean) ** 2)) for a, b in chunks.ranges_along(values))
-    return square / values.size
-
-
-_PARTS, _ROWS_OF_PART = 32, 16
-"""Most parts of a stretch, and fewest rows of a part, that its noise is measured within."""
+_PARTS, _ROWS_OF_PART = 32, (16, 4096)
+"""Parts of a stretch that its noise is measured within, and fewest and most rows of a part."""
 
 
 def variances_within(residuals: Array, indication: Array) -> Array:
@@ -47,13 +39,13 @@ def variances_within(residuals: Array, indication: Array) -> Array:
     their indication [n]; their median is the noise where less than half of the parts are disturbed,
     and correlation is part of it.
     """
-    parts = np.array_split(residuals, int(np.clip(residuals.size // _ROWS_OF_PART, 1, _PARTS)))
-    step = np.inf
-    for a, b in chunks.ranges_along(indication):
-        steps = np.abs(np.diff(indication[a : b + 1]))
-        step = float(np.min(steps, where=steps > 0.0, initial=step))
+    fewest_rows, most_rows = _ROWS_OF_PART
+    most_parts = max(_PARTS, residuals.size // most_rows)
+    count = int(np.clip(residuals.size // fewest_rows, 1, most_parts))
+    steps = np.abs(np.diff(indication))
+    step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
     rounding = step**2 / 12.0 if np.isfinite(step) else 0.0
-    return np.maximum([variance(part) for part in parts], rounding)
+    return np.maximum([np.var(part) for part in np.array_split(residuals, count)], rounding)
 
 
 def over_noise(scatter: float, variances: Iterable[Array]) -> float:

@@ -60,22 +60,22 @@ def find_dwells(
             f"{len(indication)} rows for windows of {window}",
             hint="a window has 4 rows or more, a log four windows",
         )
-    if not chunks.all_finite(indication):
+    if not np.isfinite(indication).all():
         raise FitError(
             "a value that is not finite reached the search for dwells", hint="cut the log at gaps"
         )
     shortest = 2 * window if shortest is None else shortest
     centre = np.array([order_statistics.median(axis) for axis in indication.T])
     windows = len(indication) - window + 1
-
-    def noise(first: int, stop: int) -> Array:
-        chunks.release(indication)
-        return _windowed_noise(indication[first : stop + window - 1], window, centre)
-
+    # sums that begin anew every so often lose no digits to the rows before a window
+    noise = np.concatenate(
+        [
+            _windowed_noise(indication[a : b + window - 1], window, centre)
+            for a, b in chunks.ranges(windows)
+        ]
+    )
     if threshold is None:
-        at_rest = order_statistics.quantile_of_chunks(
-            lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
-        )
+        at_rest = float(np.quantile(noise, AT_REST_SHARE))
         # quantised indications can stand still to the last bit, whose noise is the least at rest
         least_noise = at_rest * np.sqrt(12.0)
         steps = [
@@ -83,8 +83,7 @@ def find_dwells(
         ]
         last_bit = min((step for step in steps if step > 0.0), default=0.0)
         threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
-    runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= threshold)
-    intervals = runs + window // 2
+    intervals = chunks.find_runs(noise <= threshold) + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):
         raise FitError(
@@ -143,7 +142,6 @@ def average_rows(rows: Array) -> tuple[Array, Array]:
     count = len(rows)
     mean = rows.mean(axis=0)
     centred = rows - mean
-    chunks.release(rows)
     error = centred.std(axis=0, ddof=1) / np.sqrt(count)
     if count >= 4 * BATCHES:
         # the larger of independent rows' and of batch means'

@@ -1,6 +1,5 @@
 """Model intervals of a log: which rows fall into which, and means over them."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Self
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import chunks
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,33 +37,14 @@ class Intervals:
         """Whether no interval is empty or cut short."""
         return bool(self.well_filled.all()) and self.number.size == self.number[-1] + 1
 
-    def groups(self) -> Iterator[tuple[slice, slice]]:
-        """Consecutive intervals whose rows make up a chunk, and these rows."""
-        cuts = np.unique(
-            np.searchsorted(self.first, [*range(0, self.rows, chunks.ROWS), self.rows])
-        )
-        rows = np.append(self.first, self.rows)[cuts].tolist()
-        for a, b, start, stop in zip(
-            cuts[:-1].tolist(), cuts[1:].tolist(), rows[:-1], rows[1:], strict=True
-        ):
-            yield slice(a, b), slice(start, stop)
-
     def means(self, values: Array, *, origin: float = 0.0) -> Array:
         """Mean [m] of values [rows] over each interval, above an origin."""
-        sums = np.empty(self.first.size)
-        for intervals, rows in self.groups():
-            part = values[rows] - origin if origin else values[rows]
-            sums[intervals] = np.add.reduceat(part, self.first[intervals] - rows.start)
-            chunks.release(values)
-        return sums / self.count
+        above = values - origin if origin else values
+        return np.asarray(np.add.reduceat(above, self.first) / self.count)
 
     def last(self, values: Array) -> Array:
         """Last of the values [rows] of each interval: [m]."""
-        ends = np.empty(self.first.size)
-        for group_slice, _ in self.groups():
-            ends[group_slice] = values[self.first[group_slice] + self.count[group_slice] - 1]
-            chunks.release(values)
-        return ends
+        return np.asarray(values[self.first + self.count - 1])
 
     def filled(self, means: Array) -> Array:
         """Values of all intervals from those [m] of the ones that hold samples: straight lines
@@ -106,21 +86,14 @@ class Intervals:
                     " fast, or fit with that interval"
                 ),
             )
-        first: list[Integers] = []
-        number: list[Integers] = []
-        last = -1.0
-        for start, stop in chunks.ranges_along(time):
-            interval_of_row = time[start:stop] - float(time[0])
-            interval_of_row /= length_s
-            interval_of_row += 0.5 * min(step / length_s, 1.0)
-            np.floor(interval_of_row, out=interval_of_row)
-            new = chunks.changed_rows(interval_of_row, last)
-            first.append(new + start)
-            number.append(interval_of_row[new].astype(np.int64))
-            last = float(interval_of_row[-1])
-        begins = np.concatenate(first)
-        count = np.diff(np.append(begins, time.size))
-        return cls(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)
+        # in one array: a column of a long log takes a while to be made
+        interval_of_row = (time - time[0]) / length_s
+        interval_of_row += 0.5 * min(step / length_s, 1.0)
+        np.floor(interval_of_row, out=interval_of_row)
+        first = chunks.changed_rows(interval_of_row, -1.0)
+        number = interval_of_row[first].astype(np.int64)
+        count = np.diff(np.append(first, time.size))
+        return cls(number, first, count, time.size, float(time[0]), length_s, step)
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,14 +109,9 @@ class Steps:
     @classmethod
     def find(cls, time: Array) -> Self:
         """Steps of a log's time [n, s], which must be finite."""
-        ends = [(step.min(), step.max()) for step in _steps(time) if step.size]
-        if not ends:
+        # sorted: where most are equal, a search for the median takes longer
+        steps = np.sort(np.diff(time))
+        if not steps.size:
             return cls(*(float("nan"),) * 3)
-        low, high = np.array(ends).T
-        usual = order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1)
-        return cls(float(low.min()), float(high.max()), usual)
-
-
-def _steps(time: Array) -> Iterator[Array]:
-    """Steps of a time [n], one chunk of rows after the other."""
-    return (np.diff(time[max(a - 1, 0) : b]) for a, b in chunks.ranges_along(time))
+        middle = (steps[(steps.size - 1) // 2] + steps[steps.size // 2]) / 2.0
+        return cls(float(steps[0]), float(steps[-1]), float(middle))

@@ -32,7 +32,7 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
     for doublings in DOUBLINGS if columns else ():
         # the SIZE smallest hashes so far, ascending, and how often each is there
         smallest, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
-        for start, stop in chunks.ranges_along(*columns):
+        for start, stop in chunks.ranges(columns[0].size):
             hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
             largest = smallest[-1] if smallest.size == SIZE else np.iinfo(np.uint64).max
             different, times = np.unique(hashes[hashes <= largest], return_counts=True)

@@ -4,7 +4,6 @@ The rate is the least-squares slope (n Σ t T - Σ t Σ T)/(n Σ t² - (Σ t)²)
 at each sample; a ramp is where its magnitude stays above a limit.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -14,9 +13,6 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.numeric import chunks, order_statistics
-
-Allocate = Callable[[int], Array]
-"""Allocates an array for so many values."""
 
 COARSE_DEGC_MIN = 0.3
 """Slope [°C/min] that one quantisation step within the window may cause: the rate that separates a
@@ -42,34 +38,30 @@ class Segment:
     rate: float
 
 
-def causal_slope(
-    time: Array, temperature: Array, window_s: float, *, allocate: Allocate = np.empty
-) -> Array:
+def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
     """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that
     ends at each sample.
 
     The slope is causal: only samples up to an instant enter. It is 0 until half a window has
     passed. A window of tens of seconds suppresses the quantisation steps of the thermometer.
-    `allocate` makes the array of the result.
     """
-    return _slope_over(time, temperature, [window_s], 0.0, allocate)
-
-
-def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """Slopes [n − skipped, °C/min] at the samples of a section [n] after the first `skipped`, whose
-    windows lie within the section.
-    """
-    ends = time[skipped:]
-    first = np.searchsorted(time, ends - window_s * (1.0 + 1e-9), side="left")
-    t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
-    v = temperature - temperature[temperature.size // 2]
-    last = np.arange(skipped + 1, time.size + 1)
-    count = (last - first).astype(np.float64)
-    st, sv, stt, stv = (_window_sums(x, first, skipped) for x in (t, v, t * t, t * v))
-    spread = count * stt - st * st
-    started = (count >= 3) & (ends - time[first] >= window_s / 2.0) & (spread > 0.0)
-    slope = (count * stv - st * sv) / np.where(started, spread, 1.0)
-    return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
+    slope, begin = np.empty(time.size), 0
+    for a, b in chunks.ranges(time.size):
+        # sums that begin near the windows lose no digits to the rows before them
+        starts = time[a:b] - window_s * (1.0 + 1e-9)
+        begin += int(np.searchsorted(time[begin:b], starts[0], side="left"))
+        middle = (begin + b) // 2
+        t = (time[begin:b] - time[middle]) / SECONDS_PER_MINUTE
+        v = temperature[begin:b] - temperature[middle]
+        first = np.searchsorted(time[begin:b], starts, side="left")
+        count = np.arange(a - begin + 1, b - begin + 1) - first
+        st, sv, stt, stv = (_window_sums(x, first, a - begin) for x in (t, v, t * t, t * v))
+        spread = count * stt - st * st
+        lasts_s = time[a:b] - time[begin:b][first]
+        started = (count >= 3) & (lasts_s >= window_s / 2.0) & (spread > 0.0)
+        moving = (count * stv - st * sv) / np.where(started, spread, 1.0)
+        slope[a:b] = np.where(started, moving, 0.0)
+    return slope
 
 
 def quantum(temperature: Array, *, fine_step: float = 0.0) -> float:
@@ -87,9 +79,7 @@ def coarse(temperature: Array, window_s: float) -> bool:
     )
 
 
-def measured_slope(
-    time: Array, temperature: Array, window_s: float, *, allocate: Allocate = np.empty
-) -> Array:
+def measured_slope(time: Array, temperature: Array, window_s: float) -> Array:
     """Causal slope [n, °C/min] of thermometer readings [n, °C], over longer windows if the
     quantisation is coarse.
 
@@ -98,44 +88,21 @@ def measured_slope(
     slope is 0 where the reading has not changed for so long that this slope would have produced
     UNSEEN_STEPS steps. Only samples up to an instant enter.
     """
-    windows, step = [window_s], 0.0
-    if coarse(temperature, window_s):
-        step = quantum(temperature)
-        while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
-            windows.append(2.0 * windows[-1])
-    return _slope_over(time, temperature, windows, step, allocate)
-
-
-def _slope_over(
-    time: Array, temperature: Array, windows: Sequence[float], step: float, allocate: Allocate
-) -> Array:
-    """Slope [n, °C/min] at each sample over the first of some windows [s] in which the reading
-    changed by MOVED steps, or over the last; 0 where it has been at rest, if the step is not 0.
-    """
-    slope = allocate(time.size)
-    row, changed = 0, float(time[0])
-    for start, stop in chunks.ranges_along(time, temperature, slope):
-        # windows end in this chunk and begin in it or before it
-        row += int(
-            np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left")
-        )
-        section, readings, skipped = time[row:stop], temperature[row:stop], start - row
-        part = _slopes(section, readings, windows[-1], skipped)
-        # the shorter windows from the longest to the shortest, which decides last
-        for window in windows[-2::-1]:
-            begins = section[skipped:] - window * (1.0 + 1e-9)
-            before = readings[np.searchsorted(section, begins, side="left")]
-            has_moved = np.abs(readings[skipped:] - before) >= MOVED * step * (1.0 - 1e-9)
-            part = np.where(has_moved, _slopes(section, readings, window, skipped), part)
-        if step:
-            previous = temperature[max(start - 1, 0) : stop]
-            different = np.diff(previous, prepend=previous[:1] if start == 0 else []) != 0.0
-            since = np.maximum.accumulate(np.where(different, time[start:stop], changed))
-            changed = float(since[-1])
-            unseen_steps = np.abs(part) * (time[start:stop] - since) / (step * SECONDS_PER_MINUTE)
-            part[unseen_steps > UNSEEN_STEPS] = 0.0
-        slope[start:stop] = part
-    return slope
+    if not coarse(temperature, window_s):
+        return causal_slope(time, temperature, window_s)
+    step = quantum(temperature)
+    windows = [window_s]
+    while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
+        windows.append(2.0 * windows[-1])
+    slope = causal_slope(time, temperature, windows[-1])
+    for window in windows[-2::-1]:
+        first = np.searchsorted(time, time - window * (1.0 + 1e-9), side="left")
+        has_moved = np.abs(temperature - temperature[first]) >= MOVED * step * (1.0 - 1e-9)
+        slope = np.where(has_moved, causal_slope(time, temperature, window), slope)
+    changed = np.diff(temperature, prepend=temperature[:1]) != 0.0
+    since = np.maximum.accumulate(np.where(changed, time, time[0]))
+    unseen = np.abs(slope) * (time - since) > UNSEEN_STEPS * step * SECONDS_PER_MINUTE
+    return np.where(unseen, 0.0, slope)
 
 
 def _window_sums(x: Array, first: Integers, skipped: int) -> Array:
@@ -157,7 +124,7 @@ def segments(
     """
     runs = _merged(_runs(slope, ramp_min), merge)
     ends = np.array([(start, stop - 1) for start, stop, _ in runs], dtype=np.int64).reshape(-1, 2)
-    spans = np.ptp(chunks.take_rows(temperature, ends), axis=1).tolist()
+    spans = np.ptp(temperature[ends], axis=1).tolist()
     ramps = [
         Segment("ramp", start, stop, order_statistics.median(slope[start:stop]))
         for (start, stop, _), span in zip(runs, spans, strict=True)
@@ -180,31 +147,18 @@ def pinned(
 
 def straight_slope(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
-    centre, level = chunks.mean(time), chunks.mean(temperature)
-    square = product = 0.0
-    for a, b in chunks.ranges_along(time, temperature):
-        t = time[a:b] - centre
-        square, product = square + float(t @ t), product + float(t @ (temperature[a:b] - level))
-    return SECONDS_PER_MINUTE * product / square
+    t = time - time.mean()
+    return SECONDS_PER_MINUTE * float(t @ (temperature - temperature.mean())) / float(t @ t)
 
 
 def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
     """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min,
     or stay below it.
     """
-    bounds: list[int] = []
-    directions: list[float] = []
-    for start, stop in chunks.ranges_along(slope):
-        part = slope[start:stop]
-        # one byte per row; 2 is no direction: the first row begins a run
-        sign = (part >= ramp_min).astype(np.int8) - (part <= -ramp_min).astype(np.int8)
-        edges = chunks.changed_rows(sign, directions[-1] if directions else 2.0)
-        bounds += (edges + start).tolist()
-        directions += sign[edges].astype(np.float64).tolist()
-    return [
-        (start, stop, way)
-        for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)
-    ]
+    direction = (slope >= ramp_min).astype(np.int8) - (slope <= -ramp_min)
+    bounds = chunks.changed_rows(direction, 2.0)  # no direction: the first row begins a run
+    pairs = pairwise([*bounds.tolist(), slope.size])
+    return [(start, stop, float(direction[start])) for start, stop in pairs]
 
 
 def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:

@@ -260,8 +260,6 @@ class ExportTable(Table):
 class Recipe(Table):
     """What every recipe states, whatever the procedure."""
 
-    along_chunks: ClassVar[bool] = False
-    """Whether fits work along chunks of a log: then large logs are kept on disk."""
     error_groups: ClassVar[tuple[str, ...]] = ()
     """Groups of observations whose shared errors the procedure estimates; without one it takes no
     [errors].

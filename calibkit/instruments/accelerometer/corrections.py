@@ -19,7 +19,7 @@ from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude, chunks, gum
+from calibkit.numeric import attitude, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
@@ -145,9 +145,7 @@ class Correction:
     def outside(self, temperature: Array) -> float:
         """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
         low, high = self.models[0].valid[forms.TEMPERATURE]
-        return (
-            chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
-        )
+        return float(np.mean((temperature < low) | (temperature > high)))
 
 
 def find_stage(compensation: str) -> str:

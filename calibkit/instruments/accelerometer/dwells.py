@@ -14,7 +14,7 @@ from calibkit.frame import Finding, Log, Remark, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude, chunks, dwells as stretches
+from calibkit.numeric import attitude, dwells as stretches
 
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0
@@ -123,14 +123,11 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
 
 def read_indication(log: Log, spec: AccelerometerRecipe, *further: Array) -> Array:
     """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention, and
-    columns beside them [n, c], in the log's own storage: memory or a mapped file.
+    columns beside them [n, c].
     """
-    columns = [*(values(log.frame, component) for component in COMPONENTS), *further]
-    stacked = log.allocate(len(log.frame) * len(columns)).reshape(-1, len(columns))
-    for a, b in chunks.ranges_along(stacked, *columns):
-        stacked[a:b] = np.column_stack([column[a:b] for column in columns])
-        stacked[a:b, :3] = attitude.gravity_positive(stacked[a:b, :3], spec.reference.convention)
-    return stacked
+    triad = np.column_stack([values(log.frame, component) for component in COMPONENTS])
+    upright = attitude.gravity_positive(triad, spec.reference.convention)
+    return np.column_stack([upright, *further])
 
 
 def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
@@ -177,10 +174,10 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
     dwells = DwellSet(
         means[:, :3],
         means[:, 3],
-        chunks.take_rows(inclination, middle),
-        chunks.take_rows(toolface, middle),
+        inclination[middle],
+        toolface[middle],
         standard_errors[:, :3],
-        chunks.take_rows(time, middle),
+        time[middle],
         np.zeros(len(intervals), dtype=np.int64),
         tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
         (*notes, Remark(f"{log.file}: {len(intervals)} dwells found")),
@@ -201,7 +198,7 @@ def _find_dwell_rows(
     gap = max(spec.dwells.max_gap_s, 2.5 * step)
     bounds = [
         0,
-        *(chunks.rows_where(time, lambda gap_s: gap_s > gap, step=True) + 1).tolist(),
+        *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(),
         time.size,
     ]
     limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))

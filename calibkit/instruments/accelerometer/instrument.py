@@ -24,7 +24,7 @@ from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
-from calibkit.numeric import attitude, chunks
+from calibkit.numeric import attitude
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
@@ -165,15 +165,11 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
         f" {100.0 * outside:.1f} % of the rows"
     )
     indication = triad_dwells.read_indication(log, spec)
-    columns = {name: log.allocate(len(indication)) for name in forms.COMPONENTS}
-    angles = {name: log.allocate(len(indication)) for name in triad_dwells.ATTITUDE}
-    outputs = (*columns.values(), *angles.values())
-    for a, b in chunks.ranges_along(indication, temperature, *outputs):
-        vector = correction(indication[a:b], temperature[a:b])
-        own_sign = attitude.gravity_positive(vector, spec.reference.convention)
-        parts = (*own_sign.T, attitude.inclination(vector), attitude.toolface(vector))
-        for output, part in zip(outputs, parts, strict=True):
-            output[a:b] = part
+    vector = correction(indication, temperature)
+    own_sign = attitude.gravity_positive(vector, spec.reference.convention)
+    columns = dict(zip(forms.COMPONENTS, own_sign.T, strict=True))
+    found_angles = attitude.inclination(vector), attitude.toolface(vector)
+    angles = dict(zip(triad_dwells.ATTITUDE, found_angles, strict=True))
     applied = write_back.rewrite_log(spec.on_site(), data, log, columns, angles)
     return applied, (clamped,) if outside > 0.0 else ()
 

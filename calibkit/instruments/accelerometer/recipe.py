@@ -98,7 +98,6 @@ class _AccelAcceptance(Table):
 class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
 
-    along_chunks: ClassVar[bool] = True
     full_scales: ClassVar[Mapping[str, float]] = {"accel_g": 16.0}
     error_groups: ClassVar[tuple[str, ...]] = (
         *("soak", "session", "attitude"),

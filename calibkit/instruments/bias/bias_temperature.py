@@ -7,8 +7,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from calibkit import check as checks, units
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.results import ListTable
@@ -21,7 +19,6 @@ from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import certificate, figures, polynomials, sensitivities, tables
 from calibkit.instruments.bias.forms import POLYNOMIALS
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
-from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -131,10 +128,7 @@ def correct(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Pa
     added = {}
     for name, corrected in columns.items() if spec.output.drift else ():
         stem, unit = name.rsplit("_", 1)
-        logged = values(log.frame, name)
-        added[f"{stem}_drift_{unit}"] = drift = log.allocate(corrected.size)
-        for a, b in chunks.ranges_along(logged, corrected, drift):
-            np.subtract(logged[a:b], corrected[a:b], out=drift[a:b])
+        added[f"{stem}_drift_{unit}"] = values(log.frame, name) - corrected
     return write_back.rewrite_log(spec, data, log, columns, added), flags
 
 

@@ -135,7 +135,6 @@ def _means(design: Callable[[slice], Array], indication: Array) -> tuple[Array, 
         rows = slice(start, end)
         stacked = np.column_stack([design(rows), indication[rows]])
         parts.append(np.add.reduceat(stacked, np.arange(0, end - start, size), axis=0))
-        chunks.release(indication)
     count = np.full(sum(map(len, parts)), float(size))
     count[-1] = indication.size - size * (count.size - 1)
     return np.concatenate(parts) / count[:, None], count

@@ -171,5 +171,4 @@ def _with_model_error(
 
 def _runs(mask: Mask) -> list[slice]:
     """Runs of a mask [n]."""
-    runs = chunks.find_runs(mask.size, lambda a, b: mask[a:b])
-    return [slice(first, stop) for first, stop in runs.tolist()]
+    return [slice(first, stop) for first, stop in chunks.find_runs(mask).tolist()]

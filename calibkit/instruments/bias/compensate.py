@@ -18,7 +18,6 @@ from calibkit.frame import Log, values
 from calibkit.instruments.bias import channels, forms, power_ons
 from calibkit.instruments.bias.power_ons import PowerOn
 from calibkit.instruments.bias.recipe import ThermalRecipe
-from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -87,9 +86,7 @@ def compensate_log(
     for name, model in models.items():
         drifts = follow_bias(log, raw, model, spec)
         bias = _to_rows(log, drifts, [drift.evaluation.drift for drift in drifts])
-        logged, columns[name] = values(log.frame, name), log.allocate(bias.size)
-        for a, b in chunks.ranges_along(logged, bias, columns[name]):
-            np.subtract(logged[a:b], bias[a:b], out=columns[name][a:b])
+        columns[name] = values(log.frame, name) - bias
         stem, _, unit = name.rpartition("_")
         if spec.output.drift:
             added[f"{stem}_drift_{unit}"] = bias
@@ -103,13 +100,11 @@ def compensate_log(
 def _to_rows(log: Log, drifts: Sequence[ChannelBias], block_values: Sequence[Array]) -> Array:
     """Values of blocks interpolated to the rows [n] of one log."""
     time = values(log.frame, "time_s")
-    rows = log.allocate(time.size)
+    rows = np.empty(time.size)
     for drift, of_blocks in zip(drifts, block_values, strict=True):
-        instants = drift.power_on.blocks.time
         for _, first, stop, begins in drift.power_on.spans:
-            passed, target, origin = time[first:stop], rows[first:stop], float(time[first])
-            for a, b in chunks.ranges_along(passed, target):
-                target[a:b] = np.interp(begins + passed[a:b] - origin, instants, of_blocks)
+            passed = time[first:stop] - time[first]
+            rows[first:stop] = np.interp(begins + passed, drift.power_on.blocks.time, of_blocks)
     return rows
 
 

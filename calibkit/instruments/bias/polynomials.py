@@ -217,15 +217,12 @@ def compensate(
         abscissa = spec.polynomials.abscissa
         low, high = model.valid[abscissa]
         reference = reference_of(model, spec.reference_temp_degc)
-        x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
+        x, y = values(log.frame, abscissa), values(log.frame, entry.indication)
         zero = POLYNOMIAL.evaluate(model, {abscissa: np.array([reference])})
-        columns[entry.indication] = corrected = log.allocate(x.size)
-        for a, b in chunks.ranges_along(x, y, corrected):
-            bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x[a:b], low, high)})
-            corrected[a:b] = y[a:b] - (bias - zero)
-            outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
-        if outside:
-            share = 100.0 * outside / x.size
+        bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x, low, high)})
+        columns[entry.indication] = y - (bias - zero)
+        share = 100.0 * float(np.mean((x < low) | (x > high)))
+        if share:
             flags.append(
                 f"{log.file}: {abscissa} clamped to {low:g} … {high:g} over {share:.1f} % of the"
                 " rows"
@@ -238,18 +235,14 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
     columns, flags = compensate(log, record, spec)
     channels = []
     for name, output in columns.items():
-        after = float(np.sqrt(dispersion.variance(output)))
-        parts = (
-            dispersion.variances_within(output[a:b], output[a:b])
-            for a, b in chunks.ranges_along(output)
-        )
+        after, variances = float(np.std(output)), dispersion.variances_within(output, output)
         channels.append(
             {
                 "name": name,
                 "unit": units.column_unit(name),
-                "before": float(np.sqrt(dispersion.variance(values(log.frame, name)))),
+                "before": float(np.std(values(log.frame, name))),
                 "after": after,
-                "residual_over_noise": dispersion.over_noise(after, parts),
+                "residual_over_noise": dispersion.over_noise(after, [variances]),
                 **_judge_drift(record.model(name), log, spec),
             }
         )
@@ -318,19 +311,17 @@ def _bin_means(
     out, rms of the residuals, and the same over their noise; of indications less the level of
     their log.
     """
-    edges = np.linspace(*valid, BINS + 1)
-    count, sums, square = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS)), 0.0
-    variances = []
-    for (x_of, y_of), shift in zip(rows, level, strict=True):
-        for start, stop in chunks.ranges_along(x_of, y_of):
-            x, y = x_of[start:stop], y_of[start:stop] - shift
-            index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-            count += np.bincount(index, minlength=BINS)
-            sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
-            residual = y - np.polynomial.polynomial.polyval(x, raw)
-            square += float(np.sum(residual**2))
-            variances.append(dispersion.variances_within(residual, y))
+    x = np.concatenate([abscissa for abscissa, _ in rows])
+    levelled = [indication - shift for (_, indication), shift in zip(rows, level, strict=True)]
+    y = np.concatenate(levelled)
+    step = np.clip(np.digitize(x, np.linspace(*valid, BINS + 1)) - 1, 0, BINS - 1)
+    count = np.bincount(step, minlength=BINS)
     full = count > 0
-    means = sums[0][full] / count[full], sums[1][full] / count[full]
-    rms = float(np.sqrt(square / count.sum()))
-    return means, rms, dispersion.over_noise(rms, variances)
+    x_mean, y_mean = (np.bincount(step, of_rows, BINS)[full] / count[full] for of_rows in (x, y))
+    residuals = [
+        indication - np.polynomial.polynomial.polyval(abscissa, raw)
+        for (abscissa, _), indication in zip(rows, levelled, strict=True)
+    ]
+    scatter = dispersion.rms(np.concatenate(residuals))
+    variances = map(dispersion.variances_within, residuals, levelled)
+    return (x_mean, y_mean), scatter, dispersion.over_noise(scatter, variances)

@@ -15,7 +15,7 @@ from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.bias.recipe import ThermalTable
-from calibkit.numeric import chunks, intervals
+from calibkit.numeric import intervals
 from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
@@ -87,7 +87,7 @@ def _restarted_rows(time: Array) -> Array:
     """Rows [k] at which the clock of a log [n, s] begins anew, as after a reboot; a stamp that is
     merely out of order is none.
     """
-    back = chunks.rows_where(time, lambda step: step <= 0.0, step=True) + 1
+    back = np.flatnonzero(np.diff(time) <= 0.0) + 1
     elapsed = time[back - 1] - time[0]
     anew = time[back] - time[0] <= np.maximum(RESTARTED_S, RESTARTED * elapsed)
     return np.asarray(back[anew & (elapsed > RESTARTED_S)])
@@ -101,16 +101,13 @@ def mend_clock(log: Log, spec: ThermalTable) -> Log:
         return log
     interval_s = USUAL_INTERVAL_S if spec.interval_s == "auto" else float(spec.interval_s)
     time = values(log.frame, "time_s")
-    rows = _restarted_rows(time) if chunks.all_finite(time) else np.zeros(0, dtype=np.int64)
+    rows = _restarted_rows(time) if np.isfinite(time).all() else np.zeros(0, dtype=np.int64)
     if not rows.size:
         return log
-    mended, late = log.allocate(time.size), 0.0
-    for first, stop in pairwise((0, *rows.tolist(), time.size)):
-        if first:
-            passed = np.floor((mended[first - 1] - mended[0]) / interval_s) + 2.0
-            late = float(mended[0] + passed * interval_s - time[first])
-        for a, b in chunks.ranges_along(time[first:stop], mended[first:stop]):
-            np.add(time[first + a : first + b], late, out=mended[first + a : first + b])
+    mended = time.copy()
+    for row in rows.tolist():
+        passed = np.floor((mended[row - 1] - mended[0]) / interval_s) + 2.0
+        mended[row:] += mended[0] + passed * interval_s - mended[row]
     note = f"the clock begins anew at {log.place(int(rows[0]))}: taken as a power-on"
     columns = {str(name): values(log.frame, str(name)) for name in log.frame.columns}
     frame = pd.DataFrame(columns | {"time_s": mended}, log.frame.index, copy=False)
@@ -186,7 +183,7 @@ def _cut(log: Log, raw: Log, spec: ThermalTable, interval_s: float) -> Iterator[
     time = values(log.frame, "time_s")
     # a gap is an interval at least, so that no block holds rows of both sides
     longest = max(spec.max_gap_s, interval_s, 2.5 * log.steps.usual)
-    gaps = chunks.rows_where(time, lambda step: step > longest, step=True)
+    gaps = np.flatnonzero(np.diff(time) > longest)
     # The index numbers the rows of the file: where it jumps at a gap, the file has rows there that
     # the recipe excludes, or that lack a value. The instrument was logged, so it stayed on.
     skipped = log.frame.index[gaps + 1].to_numpy() - log.frame.index[gaps].to_numpy()

@@ -46,7 +46,6 @@ class _DriftOutput(Table):
 class BiasTemperatureRecipe(Recipe):
     """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
 
-    along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = ("log",)
 
     procedure: Literal["bias_temperature"]
@@ -148,7 +147,6 @@ class ThermalRecipe(Recipe):
     thermometer.
     """
 
-    along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = (GROUP,)
 
     procedure: Literal["thermal"]

@@ -23,7 +23,6 @@ from calibkit.instruments.fog_thermal.numeric import drift_figures, evaluate, pu
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks, RatePolynomial
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.terms import ThermalModel
 
@@ -241,15 +240,9 @@ def compensate_log(
         return gyro, ("no drift term: the indication is returned as it is",)
     model_intervals, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
     drift = model.drift_along(blocks)
-    flags, output = drift.flags(log.file), log.allocate(gyro.size)
+    flags = drift.flags(log.file)
     if model.mode == "recursive":
-        for a, b in chunks.ranges_along(time, gyro, output):
-            output[a:b] = gyro[a:b] - np.interp(time[a:b], blocks.time, drift.level)
-        return output, flags
-    for part, rows in model_intervals.groups():
-        index = np.repeat(model_intervals.number[part], model_intervals.count[part])
-        output[rows] = gyro[rows] - (
-            blocks.indication[np.maximum(index - 1, 0)] + drift.delta[index]
-        )
-        chunks.release(gyro, output)
-    return output, (*flags, "one_step: the true rate is removed (rate gain 0)")
+        return gyro - np.interp(time, blocks.time, drift.level), flags
+    index = np.repeat(model_intervals.number, model_intervals.count)
+    predicted = blocks.indication[np.maximum(index - 1, 0)] + drift.delta[index]
+    return gyro - predicted, (*flags, "one_step: the true rate is removed (rate gain 0)")

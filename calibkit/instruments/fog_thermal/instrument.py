@@ -36,7 +36,6 @@ from calibkit.instruments.fog_thermal import (
 from calibkit.instruments.fog_thermal.numeric import choice
 from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.recipe import type_b
@@ -290,9 +289,8 @@ def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -
     log = ingest.read_log(spec, data, data.name, model.columns)
     refuse(ramps.find_unusable(log))
     output, flags = compensate.compensate_log(log, model, spec)
-    gyro, drift = values(log.frame, "gyro_dph"), log.allocate(output.size)
-    for a, b in chunks.ranges_along(gyro, output, drift):
-        np.subtract(gyro[a:b], output[a:b], out=drift[a:b])
+    gyro = values(log.frame, "gyro_dph")
+    drift = gyro - output
     flags = (*flag_bridged_gaps(log), *magnitude.flag_missing_drift(log.file, drift, gyro), *flags)
     added = {"gyro_drift_dph": drift} if spec.output.drift else {}
     if spec.output.rate_uncertainty:

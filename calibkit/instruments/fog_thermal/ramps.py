@@ -18,7 +18,7 @@ from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.fog_thermal.numeric import published
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks, intervals, segments
+from calibkit.numeric import intervals, segments
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.wavelet.denoise import denoise
@@ -170,8 +170,6 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
     parts, slope = _cut(log, recipe)
     means = [blocks.means(column) for column in (time, case, env)]
     raw = published.DriftBlocks.fill(blocks, [*means, blocks.means(gyro)], slope)
-    del slope  # a column, and denoising takes two
-    chunks.release(time, env)
     smooth, noise = _denoised(log, gyro, blocks, recipe)
     coarse = [
         f"{column} is read in steps of {segments.quantum(column_values):g} °C: its rate is taken"
@@ -232,9 +230,7 @@ def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Ar
             )
             if kind == "ramp"
         ]
-        slope = segments.measured_slope(
-            time, env, recipe.segments.slope_window_s, allocate=log.allocate
-        )
+        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s)
         return segments.pinned(time, env, slope, ramps), slope
     return _find_segments(log, recipe)
 
@@ -248,7 +244,7 @@ def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Se
     first: tuple[list[segments.Segment], Array] | None = None
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
-        slope = segments.measured_slope(time, env, window, allocate=log.allocate)
+        slope = segments.measured_slope(time, env, window)
         parts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
         if any(segment.kind == "ramp" for segment in parts) or high - low < spec.ramp_min_span_degc:
             return parts, slope
@@ -307,7 +303,6 @@ def _denoised(
             threshold=spec.threshold,
             rule=spec.rule,
             extension=spec.extension,
-            allocate=log.allocate,
         )
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
@@ -316,7 +311,6 @@ def _denoised(
         for kind, sizes in (("noise", smooth.noise), ("threshold", smooth.thresholds)):
             noise.append(Figure(f"{log.name}.{kind}_{k + 1}", float(sizes[k]), "deg/h", 0.0))
     means = blocks.means(smooth.signal)
-    chunks.release(gyro)
     return means, tuple(noise)
 
 

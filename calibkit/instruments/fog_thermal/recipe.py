@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -97,8 +97,6 @@ class _FogAcceptance(Table):
 
 class FogThermalRecipe(Recipe):
     """Ramps of a fibre-optic gyro in a chamber, one or several ramps per log."""
-
-    along_chunks: ClassVar[bool] = True
 
     procedure: Literal["fog_thermal"]
     checks: _Checks = _Checks()

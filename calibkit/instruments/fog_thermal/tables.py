@@ -96,10 +96,7 @@ def allan_deviations(log: Log, after: Array) -> dict[str, object]:
     usual = log.steps.usual
     if max(log.steps.longest - usual, usual - log.steps.shortest) > UNEVEN * usual:
         return {"not_available": "the log is not evenly sampled"}
-    raw, left = (
-        allan.overlapping(rate, usual, allocate=log.allocate)
-        for rate in (values(log.frame, "gyro_dph"), after)
-    )
+    raw, left = (allan.overlapping(rate, usual) for rate in (values(log.frame, "gyro_dph"), after))
     return {
         "estimator": "overlapping Allan deviation",
         "unit": "deg/h",

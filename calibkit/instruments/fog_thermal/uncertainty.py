@@ -25,7 +25,7 @@ from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import chunks, gum
+from calibkit.numeric import gum
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import blocks_per_figure
@@ -89,10 +89,7 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
     drift_uncertainty = along_blocks(model, blocks, recipe.type_b)
-    standard = log.allocate(time.size)
-    for a, b in chunks.ranges_along(time, standard):
-        standard[a:b] = np.interp(time[a:b], blocks.time, drift_uncertainty.standard)
-    return standard
+    return np.interp(time, blocks.time, drift_uncertainty.standard)
 
 
 def state_along_logs(

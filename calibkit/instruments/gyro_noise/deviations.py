@@ -8,7 +8,7 @@ A log becomes records (`read_records`: one sensor on an even grid, NaN where sam
 record its estimates (`estimate_noise`), and these the figures of gyro_noise.json (`list_figures`).
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,9 +80,7 @@ class NoiseFigures:
     flags: tuple[str, ...]
 
 
-def estimate_noise(
-    record: _Record, rate: Array, recipe: GyroNoiseRecipe, allocate: Callable[[int], Array]
-) -> NoiseFigures:
+def estimate_noise(record: _Record, rate: Array, recipe: GyroNoiseRecipe) -> NoiseFigures:
     """Curves, terms and bias stability of one record with its rate [n], NaN where samples are
     missing; what it is too short for is flagged and left out.
     """
@@ -94,7 +92,6 @@ def estimate_noise(
             spacing=spec.spacing,
             points=spec.points,
             probability=spec.probability,
-            allocate=allocate,
         )
         terms = allan_fit.fit_noise(curve, record.sensor.laws)
         wavelet = allan.wavelet_deviation(
@@ -102,7 +99,6 @@ def estimate_noise(
             record.interval_s,
             wavelet=spec.wavelet,
             probability=spec.probability,
-            allocate=allocate,
         )
     except FitError as error:
         raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
@@ -112,7 +108,7 @@ def estimate_noise(
             stability.append(allan.bias_stability(rate, record.interval_s, block_s=block_s))
         except FitError as error:
             flags.append(f"no bias stability over {block_s:g} s: {error.message}")
-    present = _present(rate, allocate)
+    present = rate[~np.isnan(rate)]
     missing = rate.size - present.size
     if missing:
         flags.append(
@@ -123,32 +119,20 @@ def estimate_noise(
         Remark(f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
         for term in terms.not_observable
     ]
-    block, scatter = max(1, rate.size // BLOCKS), float(np.sqrt(dispersion.variance(present)))
+    block, scatter = max(1, rate.size // BLOCKS), float(np.std(present))
     return NoiseFigures(
         record=record,
         curve=curve,
         wavelet=wavelet,
         terms=terms,
         stability=tuple(stability),
-        mean=chunks.mean(present),
+        mean=float(present.mean()),
         over_noise=dispersion.over_noise(scatter, [dispersion.variances_within(present, present)]),
         missing=missing,
         block=block,
         block_means=chunks.block_means(rate, block),
         flags=(*(f"{record.name}: {flag}" for flag in flags), *unseen),
     )
-
-
-def _present(rate: Array, allocate: Callable[[int], Array]) -> Array:
-    """Rates [m] of a rate [n] that are not missing."""
-    if chunks.all_finite(rate):
-        return rate
-    present, row = allocate(rate.size), 0
-    for a, b in chunks.ranges_along(rate, present):
-        part = rate[a:b][~np.isnan(rate[a:b])]
-        present[row : row + part.size] = part
-        row += part.size
-    return present[:row]
 
 
 def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
@@ -164,8 +148,8 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     for column in spec.columns:
         rate = values(log.frame, column)
         low, high = chunks.extremes_of_present(rate)
-        present = rate.size - chunks.count(rate, np.isnan)
-        infinite = chunks.count(rate, np.isinf)
+        present = int(np.count_nonzero(~np.isnan(rate)))
+        infinite = int(np.count_nonzero(np.isinf(rate)))
         if present < spec.min_rows or infinite:
             findings.append(
                 Finding(
@@ -234,15 +218,10 @@ def _put_on_grid(log: Log, column: str, size: int) -> Array:
     missing.
     """
     logged, unit = units.column_unit(column), find_sensor(column).unit
-    time, data, rate = values(log.frame, "time_s"), values(log.frame, column), log.allocate(size)
-    place = 0
-    for a, b in chunks.ranges_along(rate):
-        rate[a:b] = np.nan
-    for a, b in chunks.ranges_along(time, data, rate):
-        steps = np.round(np.diff(time[a : b + 1]) / log.steps.usual).astype(np.int64)
-        places = place + np.concatenate(([0], np.cumsum(steps)))
-        rate[places[: b - a]] = units.convert(data[a:b], logged, unit)
-        place = int(places[-1])
+    steps = np.round(np.diff(values(log.frame, "time_s")) / log.steps.usual).astype(np.int64)
+    rate = np.full(size, np.nan)
+    places = np.concatenate(([0], np.cumsum(steps)))
+    rate[places] = units.convert(values(log.frame, column), logged, unit)
     return rate
 
 
@@ -250,17 +229,12 @@ def require_even_grid(log: Log) -> int:
     """Number of intervals of the even grid that a log's time lies on; raises FitError where it lies
     on none.
     """
-    time = values(log.frame, "time_s")
-    usual, steps, worst, largest, shortest = log.steps.usual, 0, 0, -1.0, 1.0
-    for a, b in chunks.ranges_along(time):
-        off_grid = np.diff(time[a : b + 1]) / usual
-        steps_of_chunk = np.round(off_grid)
-        off_grid = np.abs(off_grid - steps_of_chunk)
-        if off_grid.size and off_grid.max() > largest:
-            worst, largest = a + int(np.argmax(off_grid)), float(off_grid.max())
-        shortest = min(shortest, float(steps_of_chunk.min(initial=1.0)))
-        steps += int(steps_of_chunk.sum())
-    if largest > OFF_GRID or shortest < 1.0 or steps > time.size + MOST_MISSING:
+    time, usual = values(log.frame, "time_s"), log.steps.usual
+    whole_steps = np.round(np.diff(time) / usual)
+    off_grid = np.abs(np.diff(time) / usual - whole_steps)
+    steps = int(whole_steps.sum())
+    if off_grid.max() > OFF_GRID or whole_steps.min() < 1.0 or steps > time.size + MOST_MISSING:
+        worst = int(np.argmax(off_grid))
         step = float(time[worst + 1] - time[worst])
         raise FitError(
             f"{log.file}:{log.line(worst + 1)}: a step of {step:g} s, expected"

@@ -76,7 +76,7 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     findings = deviations.find_faults(log, spec)
     refuse(findings)
     figures = [
-        deviations.estimate_noise(record, rate, spec, log.allocate)
+        deviations.estimate_noise(record, rate, spec)
         for record, rate in deviations.read_records(log, spec.noise.columns)
     ]
     return figures, [

@@ -2,7 +2,7 @@
 stability.
 """
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -59,7 +59,6 @@ class NoiseAcceptance(Table):
 class GyroNoiseRecipe(Recipe):
     """Gyros or accelerometers at rest at one temperature, one record per log."""
 
-    along_chunks: ClassVar[bool] = True
     procedure: Literal["gyro_noise"]
     noise: _Noise = _Noise()
     acceptance: NoiseAcceptance = NoiseAcceptance()

@@ -25,7 +25,6 @@ from calibkit.instruments.gyro_scale.forms import (
     read_matrices,
 )
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
-from calibkit.numeric import chunks
 
 LARGEST_CONDITION = 1e3
 """Largest condition number of the unit vectors of the input axes: noise of the gyros is amplified
@@ -80,15 +79,10 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
         if matrix.over_temperature:
             require(log.file, columns, [TEMPERATURE])
         indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
-        rates = {name: log.allocate(rows) for name in matrix.outputs}
-        (low, high), rates_outside = matrix.rate_limits, 0
-        for a, b in chunks.ranges_along(*indications, temperature, *rates.values()):
-            F = np.column_stack([indication[a:b] for indication in indications])
-            chunk_rates = matrix.rates(F, temperature[a:b])
-            rates_outside += int(np.count_nonzero((chunk_rates < low) | (chunk_rates > high)))
-            for output, rate in zip(rates.values(), chunk_rates.T, strict=True):
-                output[a:b] = rate + inertial_dps
-        derived |= rates
+        rates = matrix.rates(np.column_stack(indications), temperature)
+        low, high = matrix.rate_limits
+        rates_outside = int(np.count_nonzero((rates < low) | (rates > high)))
+        derived |= dict(zip(matrix.outputs, (rates + inertial_dps).T, strict=True))
         if TEMPERATURE in columns:
             flags += flag_temperatures(log.file, matrix, temperature)
         if rates_outside:
@@ -128,9 +122,7 @@ def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list
         return []
     slack = 0.0 if matrix.over_temperature else TEMPERATURE_SLACK
     low, high = matrix.temperature
-    rows_outside = chunks.count(
-        temperature, lambda part: (part < low - slack) | (part > high + slack)
-    )
+    rows_outside = np.count_nonzero((temperature < low - slack) | (temperature > high + slack))
     if not rows_outside:
         return []
     consequence = "clamped"

@@ -8,7 +8,6 @@ or that it is filtered.
 """
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from calibkit.check.content import finding_of_column
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.held_means import HeldMeans
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 SHARE = 0.5
@@ -60,10 +59,7 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
         rows_between.append(bool(np.max(departures / change) > max(BETWEEN, clear / abs(change))))
         sides = ((column, levels[k : k + 2]), (forms.RATE, means.rate_dps[k : k + 2]))
         rows_after = [
-            chunks.count(
-                values(log.frame, name)[start:end],
-                partial(_is_beyond, level=0.5 * (x + y), change=y - x),
-            )
+            int(np.sum(_is_beyond(values(log.frame, name)[start:end], 0.5 * (x + y), y - x)))
             for name, (x, y) in sides
         ]
         gyro_passed_s, table_passed_s = (time[max(end - 1 - count, 0)] for count in rows_after)
@@ -127,11 +123,11 @@ def find(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterator[Finding
             noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             deficit = SHARE * abs(K * rate)
             hidden = deficit <= max(CLEAR * noise, least_response)
-            if hidden or np.ptp(chunks.extremes(data[a:b])) < deficit:
+            if hidden or np.ptp(data[a:b]) < deficit:
                 continue
             # not even a share of the expected response
             level = F0 + SHARE * K * rate
-            low = chunks.rows_where(data[a:b], partial(_is_beyond, level=level, change=-K * rate))
+            low = np.flatnonzero(_is_beyond(data[a:b], level, -K * rate))
             if 0 < low.size < b - a:
                 first, expected = (first, expected) if lost else (a + int(low[0]), F0 + K * rate)
                 lost += low.size

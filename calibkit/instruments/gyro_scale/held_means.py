@@ -128,8 +128,7 @@ def average(
             variance[j] += mean @ wave.covariance @ mean
     rate = means(motion.rate_dps)
     nan = np.full(len(parts), np.nan)
-    by_angle = [part.average(motion, motion.by_turn(part.first, part.stop)) for part in parts]
-    angle_rate = np.array(by_angle) if motion.angle_logged else nan
+    angle_rate = means(motion.turn_deg / motion.interval_s) if motion.angle_logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
     partial_count = int(np.sum(revolutions == 0))
     fate = "was fitted and taken out" if wave.earth else "is not averaged out"
@@ -228,8 +227,6 @@ class _Part:
         weights = self.weights(motion)
         # summed along contiguous values, pairwise: indications are large, their differences small
         total = np.sum(values.T * weights, axis=-1)
-        motion.release()
-        chunks.release(values)
         return np.asarray(total / np.sum(weights), dtype=np.float64)
 
     def centred(self, motion: Motion, indication: Array) -> tuple[Array, Array]:
@@ -242,8 +239,6 @@ class _Part:
         # them
         columns = np.column_stack((basis, basis * rate.mean(), rate))
         signals = signals - signals.mean(axis=0)
-        motion.release()
-        chunks.release(indication)
         return columns - columns.mean(axis=0), signals
 
 

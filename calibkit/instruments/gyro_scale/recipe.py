@@ -50,7 +50,6 @@ class PlateauSpec(Table):
 class GyroRecipe(Recipe):
     """Keys that all rate-table procedures share."""
 
-    along_chunks: ClassVar[bool] = True
     full_scales: ClassVar[Mapping[str, float]] = {"rate_dps": 2000.0}
     component_units: ClassVar[Mapping[tuple[str, str], str]] = {
         ("mounting", "angle"): "deg",

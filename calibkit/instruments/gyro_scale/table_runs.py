@@ -3,7 +3,7 @@
 units and signs, too few rates, lost pulses (`dropouts`).
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,7 +18,7 @@ from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import dropouts, forms, held_means, held_rates
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
-from calibkit.numeric import anomalies, chunks, earth, order_statistics
+from calibkit.numeric import anomalies, chunks, earth
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -167,9 +167,7 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     flags = (*notes, *(str(finding) for finding in findings if finding.flagged))
     low = high = float("nan")
     if forms.TEMPERATURE in log.frame.columns:
-        temperature = anomalies.remove_spikes(
-            values(log.frame, forms.TEMPERATURE), allocate=log.allocate
-        )
+        temperature = anomalies.remove_spikes(values(log.frame, forms.TEMPERATURE))
         low, high = chunks.extremes(temperature)
         if high - low > ONE_SOAK_DEGC:
             ends = [chunks.extremes(temperature[a:b]) for a, b in means.span.tolist()]
@@ -194,7 +192,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.H
         )
         for gyro in gyros:
             # counts that no rate of the log explains, as loggers write for overload
-            usual = _quantile(values(log.frame, gyro), 0.99, np.abs)
+            usual = float(np.quantile(np.abs(values(log.frame, gyro)), 0.99))
             limit = BEYOND * usual if usual > 0.0 else np.inf
             expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
             advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
@@ -230,8 +228,7 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
     # from the 0.5 % to the 99.5 % quantile, which excludes spikes
     reach = {}
     for name in columns:
-        counts = values(log.frame, name)
-        reach[name] = _quantile(counts, 0.995) - _quantile(counts, 0.005)
+        reach[name] = float(np.ptp(np.quantile(values(log.frame, name), (0.005, 0.995))))
     # a gyro across the table axis indicates its misalignment, of either sign
     driven_column = max(columns, key=lambda name: reach[name])
     for name in columns:
@@ -249,31 +246,15 @@ def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
     columns = {name: values(log.frame, name) for name in log.frame.columns if name != "run"}
     rate, temp_degc = columns[forms.RATE], columns.get(forms.TEMPERATURE)
     counts = [columns[forms.gyro_column(gyro)] for gyro in spec.gyros]
-    # gyros side by side, in the log's own storage (memory or mapped file)
-    signals = counts[0].reshape(-1, 1)
-    if len(counts) > 1:
-        signals = log.allocate(len(log.frame) * len(counts)).reshape(-1, len(counts))
-        for a, b in chunks.ranges_along(signals, *counts):
-            signals[a:b] = np.column_stack([of_gyro[a:b] for of_gyro in counts])
+    signals = np.column_stack(counts)
     if spec.plateaus.one_row:
         return held_means.of_rows(columns.get("time_s"), rate, signals, temp_degc)
-    motion = held_rates.Motion.of(
-        columns["time_s"], rate, columns.get(ANGLE), allocate=log.allocate
-    )
+    motion = held_rates.Motion.of(columns["time_s"], rate, columns.get(ANGLE))
     spans = stated_segments.stated_rows(log, spec, ["rate"])
     if spans is None:
         spans = held_rates.find(motion, spec.plateaus)
     along_axis = spec.procedure == "rate_table"
     return held_means.average(motion, signals, spans, temp_degc, along_axis=along_axis)
-
-
-def _quantile(
-    counts: Array, share: float, function: Callable[[Array], Array] = np.asarray
-) -> float:
-    """Quantile of an indication, or of a function of it."""
-    return order_statistics.quantile_of_chunks(
-        lambda: (function(counts[a:b]) for a, b in chunks.ranges_along(counts)), counts.size, share
-    )
 
 
 def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -> Iterator[Finding]:

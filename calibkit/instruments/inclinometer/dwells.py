@@ -13,7 +13,7 @@ import numpy as np
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer import published
-from calibkit.numeric import attitude, chunks
+from calibkit.numeric import attitude
 from calibkit.numeric.dwells import average_rows
 
 if TYPE_CHECKING:
@@ -52,13 +52,11 @@ class DwellLog:
         """Expand a value of each dwell to the rows [n] of the log as it was read; a row between two
         dwells takes the value of the earlier one, or NaN with `standing`.
         """
-        of_log_rows = log.allocate(len(log.frame))
-        for a, b in chunks.ranges_along(of_log_rows):
-            rows = np.arange(a, b)
-            dwell = np.searchsorted(self.start, rows, side="right") - 1
-            of_log_rows[a:b] = of_row[np.maximum(dwell, 0)]
-            if standing:
-                of_log_rows[a:b][(dwell < 0) | (rows >= self.stop[dwell])] = np.nan
+        rows = np.arange(len(log.frame))
+        dwell = np.searchsorted(self.start, rows, side="right") - 1
+        of_log_rows = of_row[np.maximum(dwell, 0)]
+        if standing:
+            of_log_rows[(dwell < 0) | (rows >= self.stop[dwell])] = np.nan
         return of_log_rows
 
     def held(self) -> tuple[Held, ...]:
@@ -114,7 +112,6 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         turns = of_dwell[:, circular]
         of_dwell[:, circular] = turns[0] + attitude.wrapped(turns - turns[0])
         averages.append(average_rows(of_dwell))
-        chunks.release(*logged)
     means, errors = np.moveaxis(np.array(averages), 1, 0)
     dwells = pd.DataFrame(means, columns=names, index=frame.index[start])
     if "station" in names:
@@ -141,16 +138,11 @@ def _find_runs(log: Log) -> tuple[Integers, Integers]:
     position = values(log.frame, "position_deg")
     station = values(log.frame, "station") if "station" in log.frame.columns else position
     width = 2.0 * published.POSITION_TOLERANCE_DEG
-    edges = [np.zeros(1, dtype=np.int64)]
-    for a, b in chunks.ranges_along(position, station):
-        cell = np.remainder(
-            np.round(np.remainder(position[a : b + 1], 360.0) / width), 360.0 / width
-        )
-        changes = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
-        if station is not position:
-            changes |= np.diff(station[a : b + 1]) != 0.0
-        edges.append(np.flatnonzero(changes) + a + 1)
-    bounds = np.concatenate([*edges, [position.size]])
+    cell = np.remainder(np.round(np.remainder(position, 360.0) / width), 360.0 / width)
+    changes = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
+    if station is not position:
+        changes |= np.diff(station) != 0.0
+    bounds = np.concatenate([[0], np.flatnonzero(changes) + 1, [position.size]])
     return bounds[:-1], bounds[1:]
 
 
@@ -160,18 +152,16 @@ def _find_stands(
     """First row and end row of the runs in a position that last long enough, without the settling
     time at both ends; raises FrameError where there is none.
     """
-    positioned = np.isfinite(chunks.take_rows(values(log.frame, "position_deg"), start))
+    positioned = np.isfinite(values(log.frame, "position_deg")[start])
     start, stop = start[positioned], stop[positioned]
     time, settle_s, stands = values(log.frame, "time_s"), spec.stations.settle_s, []
-    lasts_s = chunks.take_rows(time, stop - 1) - chunks.take_rows(time, start)
-    lasting = lasts_s >= spec.stations.dwell_s
+    lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
     for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
         of_run = time[a:b]
         first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
         last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
         if last - first >= FEWEST:
             stands.append((first, last))
-        chunks.release(time)
     if not stands:
         raise FrameError(
             f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",

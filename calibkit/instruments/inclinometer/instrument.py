@@ -34,7 +34,6 @@ from calibkit.instruments.inclinometer import (
 from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
-from calibkit.numeric import chunks
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
@@ -149,10 +148,8 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     for axis, solution in solved.solutions.items():
         # a station without a result is corrected by the s(T) of the calibration
         s = np.where(np.isfinite(solution.s), solution.s, solved.priors[axis].s)
-        gyro = values(log.frame, f"gyro_{axis}_dph")
-        columns[f"gyro_{axis}_dph"] = corrected = dwelt.along(s[stations.row_station], log)
-        for a, b in chunks.ranges_along(gyro, corrected):
-            corrected[a:b] *= gyro[a:b]
+        name = f"gyro_{axis}_dph"
+        columns[name] = dwelt.along(s[stations.row_station], log) * values(log.frame, name)
     combined = solved.combined
     angles = {
         "inclination_deg": combined.inclination_deg,

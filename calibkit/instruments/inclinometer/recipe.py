@@ -130,7 +130,6 @@ class InclinometerRecipe(Recipe):
     axis.
     """
 
-    along_chunks: ClassVar[bool] = True
     error_groups: ClassVar[tuple[str, ...]] = ("log", "mounting")
 
     procedure: Literal["inclinometer"]

@@ -131,7 +131,6 @@ def linear_in_blocks(
         block = np.column_stack([design(rows), indication[rows]])
         stacked = np.concatenate([folded.reshape(-1, block.shape[1]), block])
         folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
-        chunks.release(indication)
     coefficients = linear(folded[:, :-1], folded[:, -1], names=names).coefficients
     R = folded[: coefficients.size, :-1]
     for _ in range(BLOCK_REFINEMENTS):
@@ -139,7 +138,6 @@ def linear_in_blocks(
         for rows in blocks:
             X = design(rows)
             gradient += X.T @ (indication[rows] - X @ coefficients)
-            chunks.release(indication)
         half = triangular(R, gradient, trans="T")
         coefficients = coefficients + triangular(R, half)
     return coefficients

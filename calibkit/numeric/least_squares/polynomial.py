@@ -41,9 +41,7 @@ def mapped_powers(
     half = half or 1.0
 
     def columns(part: slice) -> Array:
-        mapped = powers(chunks.take_slice(abscissa, part), order, middle=middle, half=half)
-        chunks.release(abscissa)
-        return mapped
+        return powers(abscissa[part], order, middle=middle, half=half)
 
     return columns, to_raw_powers(middle, half, order)
 

@@ -8,7 +8,7 @@ A rate here is the indication of any sensor at rest, and results are in its unit
 Records in memory and on disk are worked along in the same blocks, so that results are identical.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -112,7 +112,6 @@ def overlapping(
     spacing: Spacing = "octave",
     points: int = 1,
     probability: float = 0.95,
-    allocate: Callable[[int], Array] = np.empty,
 ) -> DeviationCurve:
     """Overlapping Allan deviation of a rate signal.
 
@@ -124,7 +123,6 @@ def overlapping(
     tau_s : averaging times [s], each rounded to whole samples (the curve carries the rounded ones);
         without them `points` an octave or a decade, from one sample to a third of the record.
     probability : of the two-sided limits, which are chi-square's.
-    allocate : makes the array [n + 1] of the running sum, in memory or on disk.
 
     Raises
     ------
@@ -158,15 +156,9 @@ def overlapping(
             "every other sample is a gap: no two whole neighbours",
             hint="look at how the log marks gaps",
         )
-    # the running sum Y of the rate less its mean, carried over blocks in extended precision
-    total, carry = allocate(rate.size + 1), np.longdouble(0.0)
-    total[0] = 0.0
-    for start, stop, block in centred(rate, gaps, total):
-        part = total[start + 1 : stop + 1]
-        np.cumsum(block, out=part)
-        step = np.longdouble(part[-1])
-        part += float(carry)
-        carry += step
+    # the running sum Y of the rate less its mean
+    total = np.zeros(rate.size + 1)
+    np.cumsum(centred(rate), out=total[1:])
     # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m
     sums = [
         square_beside_gaps(filtered(total, (1.0, -2.0, 1.0), m), gaps.closed_to(2 * m))
@@ -197,7 +189,6 @@ def wavelet_deviation(
     *,
     wavelet: str = "db2",
     probability: float = 0.95,
-    allocate: Callable[[int], Array] = np.empty,
 ) -> DeviationCurve:
     """Wavelet deviation of a rate signal, on the Allan deviation's scale but blind to drift.
 
@@ -208,7 +199,6 @@ def wavelet_deviation(
     wavelet : an orthogonal PyWavelets name with p vanishing moments, blind to drift of degree p −
         1: "haar" (p = 1) is the Allan deviation itself, "db2" ignores a linear drift, "db3" a
         quadratic one.
-    allocate : makes the array [n] that is filtered, in memory or on disk.
 
     Raises
     ------
@@ -233,9 +223,7 @@ def wavelet_deviation(
             hint="use haar or a longer record",
         )
     low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
-    gaps, smooth = Gaps.find(rate), allocate(rate.size)
-    for start, stop, block in centred(rate, gaps, smooth):
-        smooth[start:stop] = block
+    gaps, smooth = Gaps.find(rate), centred(rate)
     factors, squares, counts = [], [], []
     for factor in (1 << level for level in range(levels)):
         details = _next_level(smooth, low[::-1] / np.sqrt(2.0), high[::-1] / np.sqrt(2.0), factor)
@@ -283,20 +271,11 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def centred(rate: Array, gaps: Gaps, result: Array) -> Iterator[tuple[int, int, Array]]:
-    """First place, place after the last and values of consecutive blocks of a rate [n] less its
-    mean without gaps, gaps as zero; memory pages of `result` are released with those of the rate.
-    """
-    if gaps.runs.size:
-        total = sum(float(np.nansum(rate[a:b])) for a, b in chunks.ranges_along(rate))
-        mean = total / (rate.size - gaps.missing)
-    else:
-        mean = chunks.mean(rate)
-    for start, stop in chunks.ranges_along(rate, result, rows=chunks.CACHED_ROWS):
-        block = rate[start:stop] - mean
-        if gaps.runs.size:
-            block[np.isnan(block)] = 0.0
-        yield start, stop, block
+def centred(rate: Array) -> Array:
+    """A rate [n] less its mean without gaps; 0 in gaps."""
+    values = rate - np.nanmean(rate)
+    values[np.isnan(values)] = 0.0
+    return values
 
 
 def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> BiasStability:
@@ -342,12 +321,11 @@ def require_record(record: ArrayLike, interval_s: float) -> Array:
     interval.
     """
     rate = np.asarray(record, dtype=np.float64)
-    finite = rate.ndim == 1 and chunks.all_finite(rate)
-    if rate.ndim != 1 or rate.size - (0 if finite else chunks.count(rate, np.isnan)) < 3:
+    if rate.ndim != 1 or np.count_nonzero(~np.isnan(rate)) < 3:
         raise FitError(
             f"a record of shape {rate.shape} holds fewer than three rates", hint="record for longer"
         )
-    if not finite and chunks.count(rate, np.isinf):
+    if np.isinf(rate).any():
         raise FitError(
             "an infinite rate in the record", hint="mark unusable samples as missing (NaN)"
         )

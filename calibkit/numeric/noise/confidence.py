@@ -12,7 +12,6 @@ from typing import Literal, get_args
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric import chunks
 from calibkit.numeric.noise.gaps import Gaps
 
 Noise = Literal[
@@ -55,7 +54,7 @@ def identify_noise(total: Array, gaps: Gaps, factors: Integers) -> tuple[Noise, 
         blocks = (total.size - 1) // int(factor)
         first = max(blocks - MOST_MEANS, 0) // 2 * int(factor)
         part = slice(first, first + min(blocks, MOST_MEANS) * int(factor) + 1, int(factor))
-        means = np.diff(chunks.take_slice(total, part)) / factor
+        means = np.diff(total[part]) / factor
         closed = gaps.closed_to(int(factor))
         begins = np.arange(part.start, part.stop - 1, part.step)
         gaps_begun = np.searchsorted(closed[:, 0], begins, side="right")

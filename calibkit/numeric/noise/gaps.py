@@ -6,7 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.numeric import chunks
 
 BLOCK = 1 << 13
@@ -27,13 +27,7 @@ class Gaps:
     @classmethod
     def find(cls, rate: Array) -> Self:
         """Gaps of a rate [n], in which NaN is missing."""
-
-        def missing(first: int, stop: int) -> Mask:
-            nan = np.isnan(rate[first:stop])
-            chunks.release(rate)
-            return nan
-
-        return cls(rate.size, chunks.find_runs(rate.size, missing))
+        return cls(rate.size, chunks.find_runs(np.isnan(rate)))
 
     @property
     def missing(self) -> int:
@@ -56,18 +50,12 @@ class Gaps:
 
 
 def filtered(values: Array, taps: Sequence[float], tap_spacing: int) -> Iterator[tuple[int, Array]]:
-    """First place i and Σ_k taps_k values[i + k · tap_spacing] of consecutive blocks of places; the
-    memory pages of `values` are released after some.
-    """
-    size = values.size - (len(taps) - 1) * tap_spacing
-    for first, last in chunks.ranges(size):
-        for a in range(first, last, BLOCK):
-            b = min(a + BLOCK, last)
-            total: Array = taps[0] * values[a:b]
-            for k, tap in enumerate(taps[1:], start=1):
-                total += tap * values[a + k * tap_spacing : b + k * tap_spacing]
-            yield a, total
-        chunks.release(values)
+    """First place i and Σ_k taps_k values[i + k · tap_spacing] of consecutive blocks of places."""
+    for a, b in chunks.ranges(values.size - (len(taps) - 1) * tap_spacing, BLOCK):
+        total: Array = taps[0] * values[a:b]
+        for k, tap in enumerate(taps[1:], start=1):
+            total += tap * values[a + k * tap_spacing : b + k * tap_spacing]
+        yield a, total
 
 
 def square_beside_gaps(blocks: Iterable[tuple[int, Array]], closed: Integers) -> tuple[float, int]:

@@ -2,12 +2,10 @@
 interval than 5 σ, with σ by the median absolute deviation (`spikes`).
 """
 
-from collections.abc import Iterator
-
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 from calibkit.numeric.intervals import Intervals
 
@@ -26,41 +24,14 @@ def spikes(indication: Array, intervals: Intervals) -> Integers:
     (counts of a quiet gyro), the smallest non-zero deviation is used instead. With two samples in
     an interval neither is a spike.
     """
-    deviation, middles, largest = (np.empty(intervals.first.size) for _ in range(3))
-    for chunk, rows in intervals.groups():
-        first = intervals.first[chunk] - rows.start
-        middles[chunk] = order_statistics.run_medians(indication[rows], first)
-        distances = _deviation(indication[rows], middles[chunk], intervals.count[chunk])
-        deviation[chunk] = order_statistics.run_medians(distances, first)
-        largest[chunk] = np.maximum.reduceat(distances, first)
-        chunks.release(indication)
-
-    def deviations() -> Iterator[Array]:
-        for chunk, rows in intervals.groups():
-            yield _deviation(indication[rows], middles[chunk], intervals.count[chunk])
-            chunks.release(indication)
-
-    log_deviation = order_statistics.median_of_chunks(deviations, intervals.rows)
-    if log_deviation == 0.0:
-        log_deviation = min(
-            (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0
-        )
+    middles = order_statistics.run_medians(indication, intervals.first)
+    distances = np.abs(indication - np.repeat(middles, intervals.count))
+    log_deviation = order_statistics.median(distances)
+    if log_deviation == 0.0 and distances.any():
+        log_deviation = float(distances[distances > 0.0].min())
+    deviation = order_statistics.run_medians(distances, intervals.first)
     limit = SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
-    rows_of_spikes = [np.zeros(0, dtype=np.int64)]
-    for k in np.flatnonzero(largest > limit).tolist():
-        start = int(intervals.first[k])
-        part = indication[start : start + int(intervals.count[k])]
-        rows_of_spikes.append(np.flatnonzero(np.abs(part - middles[k]) > limit[k]) + start)
-    return np.concatenate(rows_of_spikes)
-
-
-def _deviation(values: Array, middles: Array, count: Integers) -> Array:
-    """Absolute deviations [n] of values [n] from the medians [m] of their intervals of `count` [m]
-    samples.
-    """
-    distances = np.repeat(middles, count)
-    np.subtract(values, distances, out=distances)
-    return np.abs(distances, out=distances)
+    return np.flatnonzero(distances > np.repeat(limit, intervals.count))
 
 
 def means(values: Array, intervals: Intervals, *, excluded: Integers) -> Array:

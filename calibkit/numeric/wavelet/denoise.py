@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, did_you_mean
-from calibkit.numeric.chunks import all_finite, ranges, release
+from calibkit.numeric.chunks import ranges
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Extension, beyond, find_end
 from calibkit.numeric.wavelet.lifting import Wavelet, clean_spans, find_wavelet
 from calibkit.numeric.wavelet.shrinkage import (
@@ -33,8 +33,6 @@ from calibkit.numeric.wavelet.shrinkage import (
     noise_gains,
 )
 
-Allocate = Callable[[int], Array]
-"""Allocates an array for so many values."""
 BLOCK = 1 << 15
 """Coefficients that go through all steps of a level at a time: they stay in a processor's
 second-level cache.
@@ -80,7 +78,6 @@ def denoise(
     rule: Rule = "firm",
     extension: Extension = "trend",
     shifted: int = SHIFTED,
-    allocate: Allocate = np.empty,
 ) -> Denoised:
     """Remove from a segment [n] of equidistant samples what its wavelet details hold of noise.
 
@@ -93,8 +90,6 @@ def denoise(
     extension : how the signal goes on beyond its ends (see `extension`).
     shifted : number of coarsest levels that are averaged over all shifts; 0 for the published
         scheme, which is decimated.
-    allocate : makes the arrays of details and of the result; memory beyond them is that of a block,
-        unless the threshold is "sure".
 
     Raises
     ------
@@ -125,13 +120,13 @@ def denoise(
     reach = (bank.length - 1) * (period - 1)
     # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
     margin = -(-3 * bank.length // 4) * period
-    extended = _extend(samples, extension, margin, period, allocate)
+    extended = _extend(samples, extension, margin, period)
     approximations, unshifted = extended, extended
     details: list[Array] = []
     for level in range(depth):
         if level == fine:
             unshifted = approximations
-        approximations, detail = _analyse(approximations, bank, allocate)
+        approximations, detail = _analyse(approximations, bank)
         details.append(detail)
     noise, thresholds = _find_thresholds(details, bank, threshold, size, margin)
 
@@ -139,26 +134,22 @@ def denoise(
         return RULES[rule](part, float(thresholds[level]))
 
     if shifted:
-        approximations = _average_over_shifts(unshifted, bank.bank, fine, depth, shrink, allocate)
+        approximations = _average_over_shifts(unshifted, bank.bank, fine, depth, shrink)
     for level in range(fine - 1, -1, -1):
         approximations = _synthesise(
-            approximations, details.pop(level), bank, partial(shrink, level), allocate
+            approximations, details.pop(level), bank, partial(shrink, level)
         )
     inner = min(reach, size), max(size - reach, min(reach, size))
     return Denoised(approximations[margin : margin + size], noise, thresholds, inner, depth)
 
 
-def _extend(
-    samples: Array, extension: Extension, margin: int, period: int, allocate: Allocate
-) -> Array:
+def _extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
     """Signal with a margin before its first sample and one or more behind its last, so many values
     that the coarsest period divides them.
     """
     size = samples.size
-    extended = allocate(-(-(size + 2 * margin) // period) * period)
-    for start, stop in ranges(size):
-        extended[margin + start : margin + stop] = samples[start:stop]
-        release(samples, extended)
+    extended = np.empty(-(-(size + 2 * margin) // period) * period)
+    extended[margin : margin + size] = samples
     # the lines at the ends are as long as one and a half times the coarsest details are apart
     window, reversed_samples = 3 * period // 2, samples[::-1]
     extended[:margin] = beyond(samples, find_end(samples, extension, window), margin)
@@ -179,9 +170,9 @@ def _blocks(size: int, margin: int, multiple: int = 1) -> Iterator[tuple[int, in
         yield start, stop, max(start - margin, 0), min(stop + margin, size)
 
 
-def _analyse(values: Array, bank: Wavelet, allocate: Allocate) -> tuple[Array, Array]:
+def _analyse(values: Array, bank: Wavelet) -> tuple[Array, Array]:
     """Approximations and details [n/2] of values [n]."""
-    approximations, details = allocate(values.size // 2), allocate(values.size // 2)
+    approximations, details = np.empty(values.size // 2), np.empty(values.size // 2)
     for start, stop, first, last in _blocks(details.size, bank.length):
         inside = slice(start - first, stop - first)
         coefficients = bank.analyse(values[2 * first : 2 * last])
@@ -189,7 +180,6 @@ def _analyse(values: Array, bank: Wavelet, allocate: Allocate) -> tuple[Array, A
             coefficients[0][inside],
             coefficients[1][inside],
         )
-        release(values, approximations, details)
     return approximations, details
 
 
@@ -198,14 +188,12 @@ def _synthesise(
     details: Array,
     bank: Wavelet,
     shrink: Callable[[Array], Array],
-    allocate: Allocate,
 ) -> Array:
     """Values [2 n] of approximations [n] and of what `shrink` makes of details [n]."""
-    values = allocate(2 * details.size)
+    values = np.empty(2 * details.size)
     for start, stop, first, last in _blocks(details.size, bank.length):
         rebuilt = bank.synthesise(approximations[first:last], shrink(details[first:last]))
         values[2 * start : 2 * stop] = rebuilt[2 * (start - first) : 2 * (stop - first)]
-        release(values, approximations, details)
     return values
 
 
@@ -215,19 +203,17 @@ def _average_over_shifts(
     fine: int,
     depth: int,
     shrink: Callable[[int, Array], Array],
-    allocate: Allocate,
 ) -> Array:
     """Approximations of level `fine` with the details of further levels shrunk, averaged over all
     shifts (stationary transform, cycle spinning).
     """
-    values, period = allocate(unshifted.size), 1 << (depth - fine)
+    values, period = np.empty(unshifted.size), 1 << (depth - fine)
     margin = pywt.Wavelet(bank).dec_len * period
     for start, stop, first, last in _blocks(unshifted.size, margin, period):
         coefficients = pywt.swt(unshifted[first:last], bank, level=depth - fine, trim_approx=True)
         for k in range(1, len(coefficients)):  # the coarsest details come first
             coefficients[k] = shrink(depth - k, coefficients[k])
         values[start:stop] = pywt.iswt(coefficients, bank)[start - first : stop - first]
-        release(unshifted, values)
     return values
 
 
@@ -248,7 +234,6 @@ def _find_thresholds(
         )
         estimate = THRESHOLDS[threshold if has_own_noise else "universal"]
         thresholds[j] = estimate(on_signal, float(noise[j]), length)
-        release(on_signal)
     return noise, thresholds
 
 
@@ -288,8 +273,8 @@ def _require_usable(samples: Array, threshold: str, rule: str, extension: str) -
     """Refuse samples that are not finite, and the name of a threshold, a rule or an extension that
     does not exist.
     """
-    if not all_finite(samples):
-        finite = np.isfinite(samples)
+    finite = np.isfinite(samples)
+    if not finite.all():
         raise FitError(
             f"{samples.size - np.count_nonzero(finite)} of {samples.size} samples are not finite,"
             f" the first is sample {int(np.argmin(finite))}",

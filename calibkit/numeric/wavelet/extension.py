@@ -13,7 +13,6 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet.shrinkage import estimate_noise
 
 Extension = Literal["symmetric", "antisymmetric", "trend"]
@@ -45,9 +44,7 @@ def find_end(signal: Array, extension: Extension, window: int) -> End:
     or twice as many.
     """
     if extension == "trend":
-        end = _fit_end(signal, window)
-        release(signal)
-        return end
+        return _fit_end(signal, window)
     return End(float(signal[0]), reflected=extension == "antisymmetric")
 
 
