@@ -123,10 +123,6 @@ class Log:
     """
     excluded_rows: int = 0
     """Rows that the recipe's exclusions took."""
-    on_disk: bool = False
-    """Whether the columns of the frame are in scratch files, for a log that may be larger than
-    memory.
-    """
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What was asked of the columns before, by many checks; a log that replaces this one begins
     anew.

@@ -8,6 +8,7 @@ import allantools
 import numpy as np
 import pytest
 
+import scratch
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
@@ -137,7 +138,7 @@ def test_a_record_on_disk_has_the_figures_of_one_in_memory(long_log, monkeypatch
     for setting in ("0", "1000"):
         monkeypatch.setenv(logs_on_disk.SETTING, setting)
         log = read()
-        assert log.on_disk == (setting == "0")
+        assert scratch.on_disk(log) == (setting == "0")
         found.append(gyro_noise._figures(spec, log))
     assert found[0][1] == found[1][1]
     assert "1000 of 1000000 samples (0.1%) are missing" in "".join(found[0][1])

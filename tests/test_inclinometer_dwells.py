@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import scratch
 from calibkit import store
 from calibkit.ingest import logs_on_disk
 from calibkit.instruments.inclinometer import dwells
@@ -131,7 +132,9 @@ def test_a_log_on_disk_is_corrected_as_one_in_memory(rows, tmp_path, calibkit, m
     seen = []
     find = dwells.find_dwells
     monkeypatch.setattr(
-        dwells, "find_dwells", lambda log, spec: seen.append(log.on_disk) or find(log, spec)
+        dwells,
+        "find_dwells",
+        lambda log, spec: seen.append(scratch.on_disk(log)) or find(log, spec),
     )
     for name, setting in (("disk", "0"), ("memory", "1000")):
         monkeypatch.setenv(logs_on_disk.SETTING, setting)

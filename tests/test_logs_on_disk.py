@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import scratch
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
@@ -67,10 +68,10 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
     files.
     """
     log, there = prepared(folder)
-    assert log.on_disk
+    assert scratch.on_disk(log)
     monkeypatch.setenv(logs_on_disk.SETTING, "1000")
     whole, here = prepared(folder)
-    assert not whole.on_disk
+    assert not scratch.on_disk(whole)
     same(there, here)
     assert there.noise == here.noise
     assert log.frame.equals(whole.frame)
@@ -181,7 +182,7 @@ def long_log():
         columns[name] = logs_on_disk._allocate_column(column.size)
         columns[name][:] = column
     frame = pd.DataFrame(columns, copy=False)
-    return Log("a", "a.csv", "", len(frame), frame, on_disk=True)
+    return Log("a", "a.csv", "", len(frame), frame)
 
 
 def test_a_log_on_disk_is_validated_in_memory_for_some_columns(

@@ -19,7 +19,7 @@ from calibkit.ingest import logs_on_disk, mapping
 from calibkit.readers import clean
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -82,31 +82,6 @@ def examine_file(
         for table in tables
     )
     return _examine_chunks(recipe, logs, scan.rows, block_rows)
-
-
-def find_faults(
-    recipe: Recipe, log: Log, min_rows: int, examine: Callable[[Log], list[Finding]]
-) -> list[Finding]:
-    """What `examine` finds wrong with a log; where its columns are on disk it is examined in
-    chunks, and `examine` looks at the log thinned to block means.
-    """
-    if not log.on_disk:
-        return examine(log)
-    block_rows = -(-len(log.frame) // KEPT)
-    rows = CHUNK // block_rows * block_rows
-
-    def parts() -> Iterator[Log]:
-        for start in range(0, len(log.frame), rows):
-            yield replace(log, frame=log.frame.iloc[start : start + rows], on_disk=False)
-
-    chunked_log = _examine_chunks(recipe, parts(), log.rows, block_rows)
-    assert chunked_log is not None  # noqa: S101 (a log that was read has rows)
-    if any(finding.refused for finding in chunked_log.findings):
-        return list(chunked_log.findings)
-    thinned_findings = [
-        finding for finding in examine(chunked_log.log) if finding.name not in FOUND_IN_CHUNKS
-    ]
-    return [*check.find_too_few_rows(log, min_rows), *chunked_log.findings, *thinned_findings]
 
 
 def _examine_chunks(

@@ -103,7 +103,6 @@ def read_to_disk(
         notes=(*notes, *mapping.note_exclusions(recipe.exclude, excluded_rows, file)),
         lost=tuple(lost),
         excluded_rows=sum(excluded_rows.values()),
-        on_disk=True,
     )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit import check as checks, units
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.results import ListTable
-from calibkit.check import chunked, copies
+from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, Log, refuse, values
@@ -48,32 +48,28 @@ def read(
 
 def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log."""
-
-    def examine(log: Log) -> list[Finding]:
-        findings = [
-            *checks.find_too_few_rows(log, spec.polynomials.min_rows),
-            *checks.find_missing_values(log, list(log.frame.columns)),
-        ]
-        if any(finding.refused for finding in findings):
-            return findings
-        timed = "time_s" in log.frame.columns
-        if timed:
-            findings += checks.find_unordered_times(log)
-            findings += checks.find_gaps(log, spec.polynomials.max_gap_s)
-        findings += checks.find_constant_columns(log, [spec.polynomials.abscissa])
-        if any(finding.refused for finding in findings):
-            return findings
-        for column in spec.still_columns():
-            findings += checks.series.check_indication(log, column, units.column_unit(column))
-        if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
-            findings += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
-            findings += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
-        return [
-            *findings,
-            *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
-        ]
-
-    return chunked.find_faults(spec, log, spec.polynomials.min_rows, examine)
+    findings = [
+        *checks.find_too_few_rows(log, spec.polynomials.min_rows),
+        *checks.find_missing_values(log, list(log.frame.columns)),
+    ]
+    if any(finding.refused for finding in findings):
+        return findings
+    timed = "time_s" in log.frame.columns
+    if timed:
+        findings += checks.find_unordered_times(log)
+        findings += checks.find_gaps(log, spec.polynomials.max_gap_s)
+    findings += checks.find_constant_columns(log, [spec.polynomials.abscissa])
+    if any(finding.refused for finding in findings):
+        return findings
+    for column in spec.still_columns():
+        findings += checks.series.check_indication(log, column, units.column_unit(column))
+    if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
+        findings += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
+        findings += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
+    return [
+        *findings,
+        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
+    ]
 
 
 def faults(spec: BiasTemperatureRecipe, log: Log) -> Examined:

@@ -11,7 +11,6 @@ import numpy as np
 
 from calibkit import check
 from calibkit.arrays import Array
-from calibkit.check import chunked
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
@@ -64,16 +63,7 @@ class PreparedLog:
 
 
 def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Findings of a log for a fit, which a refused one prevents; a log on disk is checked in
-    chunks.
-    """
-    return chunked.find_faults(
-        recipe, log, recipe.checks.min_rows, lambda loaded_log: _faults(loaded_log, recipe)
-    )
-
-
-def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Findings of a log that is checked as a whole."""
+    """Findings of a log for a fit, which a refused one prevents."""
     findings = find_unusable(log, recipe.checks.min_rows)
     if any(finding.refused for finding in findings):
         return findings
