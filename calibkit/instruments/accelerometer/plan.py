@@ -154,15 +154,15 @@ class TriadBench(Bench):
         vector = self.terms.slopes(nominal, gravity, t)
         if self.k:
             vector = k_design(self.k, gravity, t)
-        slopes = {"component": vector.reshape(-1, vector.shape[2])}
+        component = vector.reshape(-1, vector.shape[2])
         if self.lengths:
             by_angles = derivative(lambda p: self.terms.small_angles(p, 0.0), nominal)
-            slopes["axis angle"] = np.degrees(by_angles)
-        else:
-            of_angles = shared_errors.angle_slopes(*np.radians(spots).T)
-            for name, angle_slope in zip(RESULTS, of_angles, strict=False):
-                slopes[name] = np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
-        return {name: slopes[name] for name in self.results}
+            return dict(zip(OF_LENGTHS, (component, np.degrees(by_angles)), strict=True))
+        angles = [
+            np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
+            for angle_slope in shared_errors.angle_slopes(*np.radians(spots).T)
+        ]
+        return dict(zip(RESULTS, [*angles, component], strict=True))
 
     def coefficients(self, rows: DwellSet) -> Iterator[PredictedCoefficient]:
         """In powers of °C; of K those that are fitted."""
@@ -219,9 +219,8 @@ class TriadBench(Bench):
                 continue
             if number < FEW:
                 pool = replace(pool, most_uses=-(-FEW // number))
-            sizes = POSITIONS if self.lengths else COUNTS
-            sizes = tuple(size for size in sizes if size <= number * pool.most_uses)
-            for size in sizes or (number,):
+            counts, most = POSITIONS if self.lengths else COUNTS, number * pool.most_uses
+            for size in [size for size in counts if size <= most] or [number]:
                 yield pool.search(size, rng)[0]
 
     def pool(self, number: int, degc: Tour, dwell_s: float) -> Pool:

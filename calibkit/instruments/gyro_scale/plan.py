@@ -138,10 +138,8 @@ class GyroBench(Bench):
             noise=holds.noise,
             names=terms.names * terms.lines,
         )
-        line, powers = (
-            equation.best_line(terms, rate),
-            polynomial.powers(terms.mapped(degc), self.order),
-        )
+        line = equation.best_line(terms, rate)
+        powers = polynomial.powers(terms.mapped(degc), self.order)
         scale, zero = derivative(
             lambda p: np.stack([part @ powers.T for part in line(p)]), terms.start
         )
