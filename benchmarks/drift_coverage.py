@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate
+from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, fits, level, pooled_fit, uncertainty
+from calibkit.numeric.thermal import coil, fits, pooled_fit, uncertainty
 from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
@@ -68,7 +68,7 @@ def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> D
     held = intervals.Intervals.find(seconds, INTERVAL_S)
     middle, case = held.means(seconds), held.means(log.heat.case)
     env = held.means(log.air)
-    coarse = level.drivers(middle, case, env)
+    coarse = coil.level_drivers(middle, case, env)
     names = ("temperature", "rate", "gradient", "gradient_rate")
     return Drivers(*(np.interp(seconds, middle, getattr(coarse, name)) for name in names))
 
@@ -145,7 +145,7 @@ def compared(
     """Errors over expanded uncertainties along one log, with model error, and over twice the
     standard ones without.
     """
-    found = evaluate.evaluate(model, blocks.time, blocks.case, blocks.env)
+    found = bank.evaluate(model, blocks.time, blocks.case, blocks.env)
     parts = uncertainty.contributions(model, found)
     _, _, values, dof = zip(*parts, strict=True)
     _, _, expanded = gum.expand_along(np.stack(values), np.array(dof))

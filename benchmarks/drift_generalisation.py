@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate
+from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.simulate.chamber import Chamber
@@ -123,7 +123,7 @@ def judged(
         drift, own = (means(values, int(INTERVAL_S))[:count] for values in (log.drift, hysteresis))
         model = np.zeros(count)
         if choice.model is not None:
-            model = evaluate.evaluate(choice.model, blocks.time, blocks.case, blocks.env).drift
+            model = bank.evaluate(choice.model, blocks.time, blocks.case, blocks.env).drift
         size = min(count, drift.size)
         measured = blocks.indication
         figures = (

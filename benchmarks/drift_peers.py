@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import choice, evaluate
+from calibkit.instruments.fog_thermal.numeric import bank, choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import fits, pooled_fit
 from calibkit.numeric.thermal.terms import TERMS
@@ -171,11 +171,11 @@ def judged(
                 "uncompensated": np.zeros_like(truth),
                 "cubic in temperature (PX4's model)": px4(b.case),
                 f"{PEER} (packaged)": peer(b.case),
-                "calibkit level": evaluate.evaluate(plain, b.time, b.case, b.env).drift,
+                "calibkit level": bank.evaluate(plain, b.time, b.case, b.env).drift,
                 "calibkit, chosen": (
                     truth * 0.0
                     if model is None
-                    else evaluate.evaluate(model, b.time, b.case, b.env).drift
+                    else bank.evaluate(model, b.time, b.case, b.env).drift
                 ),
             }
             for key, drift in found.items():

@@ -33,7 +33,7 @@ import numpy as np
 
 from calibkit import thermal_forms
 from calibkit.instruments.fog_thermal import decision, simulate as fog
-from calibkit.instruments.fog_thermal.numeric import choice, evaluate
+from calibkit.instruments.fog_thermal.numeric import bank, choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import uncertainty
 from calibkit.simulate.chamber import Chamber
@@ -114,7 +114,7 @@ def reduction(model: OnLevels | None, log: ThermalLog, truth: Array) -> float:
     """Reduction of the true drift of a log; 1 without a model."""
     if model is None:
         return 1.0
-    return reduce(truth, evaluate.evaluate(model, log.time, log.case, log.env).drift)
+    return reduce(truth, bank.evaluate(model, log.time, log.case, log.env).drift)
 
 
 def reduce(truth: Array, drift: Array) -> float:
@@ -188,7 +188,7 @@ def judge(
         return Judged(*untested, rejected=False, released=released)
     reached, mean, absolute, worse, rejected = [], [], [], 0, False
     for log, truth in unseen:
-        there = evaluate.evaluate(model, log.time, log.case, log.env)
+        there = bank.evaluate(model, log.time, log.case, log.env)
         error, U = there.drift - truth, stated(model, there)
         reached.append(reduction(model, log, truth))
         centred = stated(model, there.about_mean())
@@ -217,10 +217,10 @@ def model_at_rest(model: OnLevels, degc: float) -> tuple[float, float]:
     """Drift at rest against 25 °C and its expanded uncertainty [°/h]."""
     time_s, case = np.array([0.0, 1.0]), np.full(2, degc)
     if getattr(model, "bank", None) is not None and model.bank.widths + model.bank.warm_up:
-        (rate, row), (zero, origin) = evaluate.at_rest(model, degc), evaluate.at_rest(model, 25.0)
+        (rate, row), (zero, origin) = bank.at_rest(model, degc), bank.at_rest(model, 25.0)
         u = gum.uncertainty_along((row - origin)[None], model.covariance)[0]
         return rate - zero, 2.0 * float(np.hypot(u, model.model_error))
-    found = evaluate.evaluate(model, time_s, case, case)
+    found = bank.evaluate(model, time_s, case, case)
     return float(found.drift[1]), float(stated(model, found)[1])
 
 

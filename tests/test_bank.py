@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.fog_thermal import compensate, decision
-from calibkit.instruments.fog_thermal.numeric import (
-    bank_fit,
-    choice,
-    drift_figures,
-    evaluate,
-    evidence,
-)
+from calibkit.instruments.fog_thermal.numeric import bank, bank_fit, choice, drift_figures, evidence
 from calibkit.numeric.thermal import fits
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
@@ -74,10 +68,10 @@ def thermal_model():
 
 def errors_at_rest(coil, model):
     """Errors of the drift at rest against 25 °C, and their standard uncertainties [°/h]."""
-    rate, origin = evaluate.at_rest(model, 25.0)
+    rate, origin = bank.at_rest(model, 25.0)
     errors, sizes = [], []
     for degc in REST_DEGC:
-        there, row = evaluate.at_rest(model, degc)
+        there, row = bank.at_rest(model, degc)
         row = row - origin
         errors.append(there - rate - plant().drift_at_rest(coil, degc))
         sizes.append(np.sqrt(row @ model.covariance @ row + model.model_error**2))
@@ -110,7 +104,7 @@ def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_a
         limits = plant().noise_limit(coil, plant().campaign(coil, seed), unseen)
         for made, limit in zip(unseen, limits, strict=True):
             log, model = made.log, found.model
-            there = evaluate.evaluate(model, log.time, log.case, log.env)
+            there = bank.evaluate(model, log.time, log.case, log.env)
             rows = there.sensitivities - there.sensitivities.mean(axis=0)
             u = np.sqrt(np.sum(rows @ model.covariance * rows, axis=1) + model.model_error**2)
             reductions.append(np.std(made.drift) / np.std(made.drift - there.drift))
@@ -136,7 +130,7 @@ def test_a_level_model_that_does_not_fit_draws_no_bank_towards_itself():
                     np.std(made.drift)
                     / np.std(
                         made.drift
-                        - evaluate.evaluate(
+                        - bank.evaluate(
                             found.model, made.log.time, made.log.case, made.log.env
                         ).drift
                     )
@@ -155,7 +149,7 @@ def test_a_bank_is_chosen_where_each_log_starts_as_the_one_before_ended():
     reductions = []
     for made in plant().unseen(coil, 610_000):
         log = made.log
-        drift = evaluate.evaluate(found.model, log.time, log.case, log.env).drift
+        drift = bank.evaluate(found.model, log.time, log.case, log.env).drift
         reductions.append(np.std(made.drift) / np.std(made.drift - drift))
     assert found.model.form == "bank"
     assert np.median(reductions) > 20.0
@@ -210,7 +204,7 @@ def test_weights_that_grow_with_the_temperature_of_their_layer_are_followed():
         model = choice.choose(logs, BANK).model
         for made in plant().unseen(coil, seed):
             log = made.log
-            drift = evaluate.evaluate(model, log.time, log.case, log.env).drift
+            drift = bank.evaluate(model, log.time, log.case, log.env).drift
             reductions.append(np.std(made.drift) / np.std(made.drift - drift))
     assert np.median(reductions) > 120.0
     assert min(reductions) > 30.0

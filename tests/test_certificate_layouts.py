@@ -17,7 +17,7 @@ from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal import forms as fog_forms
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log
@@ -270,7 +270,7 @@ def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
     rate = 5.0
     time = np.arange(0.0, 42_000.0, 5.0)
     case = 35.0 + rate * (time - time[-1]) / 60.0  # long before, so that the start is forgotten
-    drift = evaluate.evaluate(wide, time, case, case, 25.0).drift
+    drift = bank.evaluate(wide, time, case, case, 25.0).drift
     for t in (0.0, 15.0, 25.0):
         key = f"drift_rate.drift.drift_+5@{t:g}"
         assert np.interp(t, case, drift) == pytest.approx(found[key].value, abs=1e-5)

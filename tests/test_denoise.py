@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
-from calibkit.numeric.wavelet.extension import EXTENSIONS
+from calibkit.numeric.wavelet.denoise import EXTENSIONS, _deepest, _shortest, denoise
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, noise_gains
 from conftest import ROOT
 from transforms import forward, inverse

@@ -12,7 +12,7 @@ from calibkit import instruments, store
 from calibkit.certificate.content import Layout
 from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import evaluate as along
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.recipe import TypeB
 from calibkit.results import evaluation, inputs
 from kept import keep, model
@@ -120,7 +120,7 @@ def test_a_lagged_model_is_evaluated_for_a_rate_held_until_its_lags_have_settled
     found = fog(tmp_path, thermal)
     rate, seconds = 0.1, np.arange(0.0, 28000.0, 10.0)
     case = -5.0 + rate / 60.0 * seconds
-    path = along.evaluate(thermal, seconds, case, case, 25.0)
+    path = bank.evaluate(thermal, seconds, case, case, 25.0)
     value = one(found, "drift_rate.drift.drift", **{T: case[-1], "temp_rate_degc_min": rate})
     assert value.result.value == pytest.approx(path.drift[-1], abs=2e-4)
     # a model without its lags would be off by far more

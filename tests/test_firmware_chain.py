@@ -8,7 +8,7 @@ import pytest
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import corrections as triad_correction, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
-from calibkit.instruments.fog_thermal.numeric import evaluate, published as drift
+from calibkit.instruments.fog_thermal.numeric import bank, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms
 from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_log import words
@@ -172,7 +172,7 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
     _, stored = physical(quantised, inputs)
     model = forms.read_thermal(this.record("drift_rate.json").model("drift"))
     heard = stored.get("temp_env_degc", air)
-    expected = evaluate.evaluate(
+    expected = bank.evaluate(
         model, time, stored["temp_case_degc"], heard, this.spec.reference_temp_degc
     )
     error = np.abs(along(quantised, inputs) - expected.drift).max()

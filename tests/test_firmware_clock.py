@@ -10,7 +10,7 @@ import pytest
 
 from calibkit.firmware import bounds, formats, program, twin
 from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from firmware_log import run_by_the_clock, words
 from firmware_runs import cached
 
@@ -37,7 +37,7 @@ def along(quantised, case, elapsed):
 def truth(this, time, case):
     """Drift [n, °/h] of the float64 model along a case temperature."""
     model = forms.read_thermal(this.record("drift_rate.json").model("drift"))
-    return evaluate.evaluate(model, time, case, case, this.spec.reference_temp_degc).drift
+    return bank.evaluate(model, time, case, case, this.spec.reference_temp_degc).drift
 
 
 def largest_rate(this):

@@ -9,7 +9,7 @@ import pytest
 
 from calibkit.errors import CoefficientError
 from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import evaluate, published
+from calibkit.instruments.fog_thermal.numeric import bank, published
 from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
@@ -126,7 +126,7 @@ def test_a_lagged_model_at_a_held_rate_is_what_a_ramp_that_lasts_settles_on(lags
     model = replace(on_levels(lags=lags), valid=Valid(*[(-1e4, 1e4)] * 4))
     time = np.arange(0.0, 20.0 * 210.0, 10.0)
     case = rate / 60.0 * (time - time[-1]) + 20.0
-    along = evaluate.evaluate(model, time, case, case, 25.0).drift[-1]
+    along = bank.evaluate(model, time, case, case, 25.0).drift[-1]
     written = forms.write_thermal(model, 10.0)
     held = {forms.CASE: case[-1:], forms.RATE: np.array([rate])}
     rest = {forms.CASE: np.array([25.0])}
@@ -180,9 +180,9 @@ def test_a_bank_at_a_held_rate_is_what_a_ramp_that_lasts_settles_on():
     for rate in (5.0, -2.0):
         time = np.arange(0.0, 15.0 * 3000.0, 10.0)
         case = rate / 60.0 * (time - time[-1]) + 20.0
-        along = evaluate.evaluate(model, time, case, case, 25.0).drift[-1]
+        along = bank.evaluate(model, time, case, case, 25.0).drift[-1]
         held = {forms.CASE: case[-1:], forms.RATE: np.array([rate])}
-        settled = forms.BANK.evaluate(written, held) - evaluate.at_rest(model, 25.0)[0]
+        settled = forms.BANK.evaluate(written, held) - bank.at_rest(model, 25.0)[0]
         assert along == pytest.approx(settled[0], abs=1e-4)  # °/h
 
 
@@ -193,13 +193,13 @@ def test_the_sensitivities_of_a_bank_along_a_log_are_those_of_differences():
     model = bank_model(Bank((30.0, 300.0, 3000.0), (), (), (300.0,)))
     time = np.arange(0.0, 6000.0, 10.0)
     case = np.interp(time, [600.0, 900.0, 2400.0, 6000.0], [-30.0, 40.0, 20.0, 55.0])
-    found = evaluate.evaluate(model, time, case, case)
+    found = bank.evaluate(model, time, case, case)
     assert found.rate_clamped.any()
     whole = np.concatenate([model.coefficients, model.static_lag])
 
     def drift(values):
         moved = replace(model, coefficients=values[:-3], static_lag=tuple(values[-3:].tolist()))
-        return evaluate.evaluate(moved, time, case, case).drift
+        return bank.evaluate(moved, time, case, case).drift
 
     expected = sensitivities(drift, whole, 1e-5 * np.maximum(np.abs(whole), 1e-2))
     assert found.sensitivities == pytest.approx(expected, rel=1e-3, abs=1e-5)

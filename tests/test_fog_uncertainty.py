@@ -14,7 +14,7 @@ from calibkit import instruments, pipeline, recipe, store, thermal_forms
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import compensate, forms, uncertainty
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.numeric import gum
 from calibkit.numeric.thermal import uncertainty as uncertainty_of_thermal
@@ -150,7 +150,7 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     drift_model = compensate.DriftModel((), model, 10.0, "recursive", 25.0)
     blocks = DriftBlocks(time, case, still, still, still)
     found = uncertainty.along_blocks(drift_model, blocks, (term,))
-    moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
+    moved, still = (bank.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     values = np.array([part for _, _, part, _ in found.contributions])
     assert values[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
     assert found.standard == pytest.approx(np.sqrt(np.sum(values**2, axis=0)), rel=1e-12)
@@ -340,7 +340,7 @@ def test_at_rest_a_hysteresis_is_in_its_middle_and_its_spread_in_every_uncertain
     assert {one["temp_case_degc"] for one in stated} >= set(ends)
     for one in stated:
         degc = one["temp_case_degc"]
-        expected = evaluate.at_rest(model, degc)[0] - evaluate.at_rest(model, 25.0)[0]
+        expected = bank.at_rest(model, degc)[0] - bank.at_rest(model, 25.0)[0]
         at = {forms.CASE: np.array([degc])}
         assert one["value"] == pytest.approx(expected, abs=1e-12)
         assert one["expanded_uncertainty"] > spread
@@ -356,7 +356,7 @@ def test_what_a_hysteresis_was_before_a_log_is_unknown_until_it_has_turned(tmp_p
     )
     time = np.arange(0.0, 6000.0, 10.0)
     case = 30.0 + 25.0 * np.sin(time / 950.0)
-    found = evaluate.evaluate(model, time, case, case)
+    found = bank.evaluate(model, time, case, case)
     spread = model.bank.hysteresis(model.coefficients)
     assert spread > 0.01  # °/h
     assert found.unknown_start[0] == pytest.approx(spread)
@@ -366,7 +366,7 @@ def test_what_a_hysteresis_was_before_a_log_is_unknown_until_it_has_turned(tmp_p
     }
     assert parts["hysteresis of what was before"][0] == pytest.approx(spread / math.sqrt(3.0))
     starts = [
-        evaluate.evaluate(model, np.arange(-9e4, 6000.0, 10.0), np.concatenate([came, case]), case)
+        bank.evaluate(model, np.arange(-9e4, 6000.0, 10.0), np.concatenate([came, case]), case)
         for came in (np.linspace(60.0, 30.0, 9000), np.linspace(-40.0, 30.0, 9000))
     ]
     apart = np.abs(starts[0].drift[9000:] - starts[1].drift[9000:])

@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.linalg import expm
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.numeric.thermal import coil, fits, left_out, pooled_fit
 from calibkit.numeric.thermal.evaluate import _drivers
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
@@ -303,7 +303,7 @@ def test_a_known_log_is_compensated_exactly():
     """On a ramp that was not fitted the drift of a known coil is taken off to 1e-4 °/h."""
     model = fit_lagged(campaign())
     time, case = case_of(3.0, 7000.0)
-    found = evaluate.evaluate(model, time, case, case)
+    found = bank.evaluate(model, time, case, case)
     true = drift_of(time, case)
     assert np.std(true - found.drift) < 1e-4  # °/h, of 0.4
     rest = drift_of(np.arange(3.0), np.full(3, 25.0))[0]
@@ -315,8 +315,8 @@ def test_evaluation_at_1_hz_agrees_with_evaluation_on_blocks():
     model = fit_lagged(campaign())
     time, case = case_of(6.0, 4000.0)
     fine = np.arange(0.0, time[-1] + 0.5)
-    slow = evaluate.evaluate(model, time, case, case).drift
-    fast = evaluate.evaluate(model, fine, np.interp(fine, time, case), np.zeros(fine.size)).drift
+    slow = bank.evaluate(model, time, case, case).drift
+    fast = bank.evaluate(model, fine, np.interp(fine, time, case), np.zeros(fine.size)).drift
     assert fast[::10] == pytest.approx(slow, abs=1e-9)  # °/h
 
 
@@ -325,7 +325,7 @@ def test_the_drift_knows_no_future():
     model = fit_lagged(campaign())
     time, case = case_of(6.0, 4000.0)
     other = np.where(time > 2000.0, case + 5.0, case)
-    a, b = (evaluate.evaluate(model, time, x, x).drift for x in (case, other))
+    a, b = (bank.evaluate(model, time, x, x).drift for x in (case, other))
     assert np.array_equal(a[time <= 2000.0], b[time <= 2000.0])
 
 
@@ -335,11 +335,11 @@ def test_sensitivities_are_the_derivatives_of_the_drift():
 
     model = fit_lagged(campaign(noise=0.01))
     time, case = case_of(6.0, 4000.0)
-    found = evaluate.evaluate(model, time, case, case)
+    found = bank.evaluate(model, time, case, case)
     for k, lag in enumerate(model.lags):
         lags = tuple(value * (1.0 + 1e-6 * (j == k)) for j, value in enumerate(model.lags))
         wide = replace(model, lags=lags)
-        moved = (evaluate.evaluate(wide, time, case, case).drift - found.drift) / (lag * 1e-6)
+        moved = (bank.evaluate(wide, time, case, case).drift - found.drift) / (lag * 1e-6)
         assert found.sensitivities[:, 9 + k] == pytest.approx(
             moved, abs=2e-3 * np.max(np.abs(moved))
         )
@@ -348,7 +348,7 @@ def test_sensitivities_are_the_derivatives_of_the_drift():
         coefficients = model.coefficients.copy()
         coefficients[k] += step
         moved = (
-            evaluate.evaluate(replace(model, coefficients=coefficients), time, case, case).drift
+            bank.evaluate(replace(model, coefficients=coefficients), time, case, case).drift
             - found.drift
         )
         assert found.sensitivities[:, k] == pytest.approx(
@@ -360,7 +360,7 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
     """At 30 °C/min rate and gradient are held at the fitted bounds, and the masks say where."""
     model = fit_lagged(campaign())
     time, case = case_of(30.0, 4000.0, lag=60.0)
-    found = evaluate.evaluate(model, time, case, case)
+    found = bank.evaluate(model, time, case, case)
     drivers = _drivers(model, time, case, case)
     assert np.array_equal(found.rate_clamped, drivers.rate > model.valid.rate[1])
     assert np.array_equal(found.gradient_clamped, drivers.gradient > model.valid.gradient[1])

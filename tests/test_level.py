@@ -7,14 +7,9 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.numeric import flicker
-from calibkit.numeric.thermal import (
-    fits,
-    level,
-    pooled_fit,
-    terms as thermal_terms,
-)
+from calibkit.numeric.thermal import coil, fits, pooled_fit, terms as thermal_terms
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import TERMS, Drivers, Scales, Valid
 from drift_fits import block_log, fit_level
@@ -43,7 +38,7 @@ def temperatures(rate, seconds=9000.0, step=10.0, lag=300.0):
 def log_of(name, rate, coefficients=TRUE, *, noise=0.0, turn_on=0.0, seed=0, seconds=9000.0):
     """Return a log whose drift is a level model's on its own temperatures."""
     time, case, env = temperatures(rate, seconds)
-    drift = level.drivers(time, case, env).raw_design() @ coefficients
+    drift = coil.level_drivers(time, case, env).raw_design() @ coefficients
     rng = np.random.default_rng([seed, *name.encode()])
     seen = drift + turn_on + (rng.normal(0.0, noise, time.size) if noise else 0.0)
     return ThermalLog(name, time, case, env, seen, np.zeros(time.size, dtype=np.int64))
@@ -75,7 +70,7 @@ def test_the_rate_of_a_parabola_is_exact_at_every_instant_on_any_sampling():
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(2.0, 12.0, 300))
     time[150:] += 60.0
-    rate = level._end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
+    rate = coil._end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
     started = rate != 0.0
     assert started.sum() > 280
     assert rate[started] == pytest.approx(60.0 * (0.02 - 2e-5 * time[started]), abs=1e-8)  # °C/min
@@ -86,7 +81,7 @@ def test_the_rate_is_that_of_a_fitted_parabola():
     rng = np.random.default_rng(1)
     time = np.cumsum(rng.uniform(4.0, 16.0, 120))
     values = np.cumsum(rng.normal(0.0, 0.3, 120))
-    rate = level._end_slope(time, values, 90.0)
+    rate = coil._end_slope(time, values, 90.0)
     for k in range(12, 120):
         window = (time >= time[k] - 90.0) & (time <= time[k])
         slope = np.polynomial.Polynomial.fit(time[window] - time[k], values[window], 2).deriv()(0.0)
@@ -99,7 +94,7 @@ def test_the_rate_knows_no_future():
     time, values = np.arange(200) * 10.0, rng.normal(0.0, 1.0, 200)
     other = values.copy()
     other[100:] += 7.0
-    assert np.array_equal(level._end_slope(time, values)[:100], level._end_slope(time, other)[:100])
+    assert np.array_equal(coil._end_slope(time, values)[:100], coil._end_slope(time, other)[:100])
 
 
 def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
@@ -109,13 +104,13 @@ def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
     rng = np.random.default_rng(3)
     true = np.arange(6000) / 60.0
     read = np.round((true + rng.normal(0.0, 0.02, 6000)) / 0.0625) * 0.0625
-    rate = level._end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
+    rate = coil._end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
     assert np.max(np.abs(rate[20:] - 1.0)) < 0.1  # °C/min
 
 
 def test_a_log_is_taken_to_start_at_rest():
     """Until half of the window has been seen the rate is 0."""
-    rate = level._end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
+    rate = coil._end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
     assert np.array_equal(rate[:5] == 0.0, [True] * 5)
     assert rate[6] == pytest.approx(6.0)  # °C/min
 
@@ -124,7 +119,7 @@ def test_too_slow_a_sampling_is_refused_rather_than_given_no_rates():
     """At 60 s a window of 90 s holds no parabola."""
     time = np.arange(50) * 60.0
     with pytest.raises(FitError, match=r"sampled every 60 s.*over 90 s"):
-        level.drivers(time, time, time)
+        coil.level_drivers(time, time, time)
 
 
 # terms
@@ -330,7 +325,7 @@ def _white_uncertainty(logs):
         dummy = np.zeros((log.time.size, len(logs)))
         dummy[:, number] = 1.0
         columns.append(
-            np.hstack([dummy, level.drivers(log.time, log.case, log.env).raw_design()[:, 1:]])
+            np.hstack([dummy, coil.level_drivers(log.time, log.case, log.env).raw_design()[:, 1:]])
         )
     design = np.vstack(columns)
     found, square, *_ = np.linalg.lstsq(design, indication)
@@ -351,9 +346,9 @@ def test_drift_is_zero_at_rest_at_the_reference_temperature_and_keeps_the_mean_r
     """b0 is no drift; at 25 °C at rest nothing is taken off, at 60 °C what the polynomial says."""
     model = fit_level(campaign())
     still = np.arange(30) * 10.0
-    rest = evaluate.evaluate(model, still, np.full(30, 25.0), np.full(30, 25.0))
+    rest = bank.evaluate(model, still, np.full(30, 25.0), np.full(30, 25.0))
     assert rest.drift == pytest.approx(np.zeros(30), abs=1e-9)  # °/h
-    warm = evaluate.evaluate(model, still, np.full(30, 50.0), np.full(30, 50.0)).drift
+    warm = bank.evaluate(model, still, np.full(30, 50.0), np.full(30, 50.0)).drift
     powers = np.array([[25.0**k, 50.0**k] for k in range(1, 4)])
     assert warm == pytest.approx(
         np.full(30, TRUE[1:4] @ (powers[:, 1] - powers[:, 0])), abs=1e-6
@@ -366,16 +361,16 @@ def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
     """
     model = fit_level(campaign())
     time = np.arange(40) * 10.0
-    hot = evaluate.evaluate(model, time, np.full(40, 80.0), np.full(40, 80.0))
+    hot = bank.evaluate(model, time, np.full(40, 80.0), np.full(40, 80.0))
     edge = np.full(40, model.valid.temperature[1])
     assert hot.drift == pytest.approx(
-        evaluate.evaluate(model, time, edge, edge).drift, abs=1e-12
+        bank.evaluate(model, time, edge, edge).drift, abs=1e-12
     )  # °/h
     assert hot.temperature_clamped.all()
     assert not hot.rate_clamped.any()
     assert not hot.gradient_clamped.any()
     assert np.all(np.abs(hot.extrapolated_drift) > 0.05)  # °/h
-    away = evaluate.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
+    away = bank.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
     assert away.gradient_clamped.all()
     assert not away.temperature_clamped.any()
     assert not away.rate_clamped.any()
@@ -385,7 +380,7 @@ def test_a_driver_that_no_term_uses_is_not_clamped():
     """A static model does not mind rates and gradients that it has not seen."""
     model = fit_level(campaign(), ("b0", "b1", "b2"))
     time = np.arange(40) * 10.0
-    found = evaluate.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
+    found = bank.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
     assert not found.rate_clamped.any()
     assert not found.gradient_clamped.any()
 

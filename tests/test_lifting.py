@@ -10,8 +10,8 @@ import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import denoise, extension as extension_module
-from calibkit.numeric.wavelet.extension import EXTENSIONS, find_end
+from calibkit.numeric.wavelet import denoise
+from calibkit.numeric.wavelet.denoise import EXTENSIONS, find_end
 from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
 from transforms import clean_details, extend, extend_by, forward, inverse
 
@@ -225,7 +225,7 @@ def test_the_line_at_an_end_of_a_long_log_is_fitted_to_means(monkeypatch):
     signal = 0.01 * np.arange(5000.0) + noise(5000)
     sides = signal, signal[::-1]
     whole = [find_end(side, "trend", 1000) for side in sides]
-    monkeypatch.setattr(extension_module, "MOST_VALUES", 150)
+    monkeypatch.setattr(denoise, "MOST_VALUES", 150)
     means = [find_end(side, "trend", 1000) for side in sides]
     for one, other in zip(whole, means, strict=True):
         assert one.reflected

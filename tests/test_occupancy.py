@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.numeric import intervals
-from calibkit.numeric.thermal import occupancy
+from calibkit.numeric.thermal import pooled_fit
 
 RNG = np.random.default_rng(1)
 
@@ -20,10 +20,10 @@ def test_spikes_are_found_and_normal_noise_is_not():
     """
     held = blocks_of(10, 10_000)
     noise = RNG.normal(0.0, 0.6, 100_000)
-    assert occupancy.spikes(noise, held).size < 1e-3 * noise.size
+    assert pooled_fit.spikes(noise, held).size < 1e-3 * noise.size
     hit = RNG.choice(noise.size, 500, replace=False)
     noise[hit] += 12.0  # °/h
-    found = occupancy.spikes(noise, held)
+    found = pooled_fit.spikes(noise, held)
     assert np.isin(hit, found).all()
     assert found.size - 500 < 1e-3 * noise.size
 
@@ -36,7 +36,7 @@ def test_a_spike_does_not_move_the_mean_of_its_block():
     dirty = clean.copy()
     dirty[123] += 50.0
     held = blocks_of(10, 100)
-    means = occupancy.means(dirty, held, excluded=occupancy.spikes(dirty, held))
+    means = pooled_fit.means_without_spikes(dirty, held, excluded=pooled_fit.spikes(dirty, held))
     expected = clean.reshape(100, 10).mean(axis=1)
     expected[12] = np.delete(clean[120:130], 3).mean()
     assert means == pytest.approx(expected, abs=1e-12)  # °/h
@@ -49,7 +49,7 @@ def test_an_indication_that_moves_within_its_blocks_has_no_spikes():
     held = blocks_of(10, 200)
     quiet = RNG.normal(0.0, 0.01, 1500)
     moving = np.arange(500) * 0.05 + RNG.normal(0.0, 0.01, 500)
-    assert not occupancy.spikes(np.concatenate([quiet, moving]), held).size
+    assert not pooled_fit.spikes(np.concatenate([quiet, moving]), held).size
 
 
 def test_a_spike_stands_out_of_counts_that_hardly_change():
@@ -57,14 +57,14 @@ def test_a_spike_stands_out_of_counts_that_hardly_change():
     held = blocks_of(10, 50)
     counts = np.where(RNG.random(500) < 0.2, 0.05, 0.0)
     counts[77] = 3.0
-    assert occupancy.spikes(counts, held).tolist() == [77]
+    assert pooled_fit.spikes(counts, held).tolist() == [77]
 
 
 def test_blocks_of_two_samples_show_no_spike():
     """Of two samples none can be told to be the wild one."""
     values = np.zeros(40)
     values[5] = 100.0
-    assert not occupancy.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).size
+    assert not pooled_fit.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).size
 
 
 def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
@@ -86,5 +86,7 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
 
 def test_a_block_of_spikes_alone_keeps_its_mean():
     """A block of which nothing would be kept is not lost."""
-    means = occupancy.means(np.arange(30.0), blocks_of(10, 3), excluded=np.arange(10, 20))
+    means = pooled_fit.means_without_spikes(
+        np.arange(30.0), blocks_of(10, 3), excluded=np.arange(10, 20)
+    )
     assert means == pytest.approx([4.5, 14.5, 24.5])

@@ -11,11 +11,7 @@ import pytest
 from calibkit import thermal_forms
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import (
-    choice as thermal_choice,
-    evaluate,
-    hysteresis,
-)
+from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice, drift_figures
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
     _best_of,
@@ -77,7 +73,7 @@ def drift_uncertainty(model, found):
 
 def explained(model, logs):
     """Return what type A and flicker make of neighbouring 100 s means on these logs."""
-    along = [evaluate.evaluate(model, log.time, log.case, log.env).sensitivities for log in logs]
+    along = [bank.evaluate(model, log.time, log.case, log.env).sensitivities for log in logs]
     return uncertainty.explained(model, logs, along, 10)
 
 
@@ -92,7 +88,7 @@ def withheld(logs, model):
             true = intervals.Intervals.find(
                 made.columns["time_s"].astype(np.float64), INTERVAL_S
             ).means(made.drift)
-            found = evaluate.evaluate(model, log.time, log.case, log.env)
+            found = bank.evaluate(model, log.time, log.case, log.env)
             before.append(np.std(true))
             after.append(np.std(true - found.drift))
             normalized.append((found.drift - true) / drift_uncertainty(model, found))
@@ -133,7 +129,7 @@ def test_the_stated_uncertainty_of_the_compensated_rate_covers_the_truth(logs, c
     _, _, normalized = withheld(logs, choice.model)
     assert np.mean(np.abs(normalized) <= 2.0) > 0.85
     log = blocks(*next(iter(logs.items())))
-    found = evaluate.evaluate(choice.model, log.time, log.case, log.env)
+    found = bank.evaluate(choice.model, log.time, log.case, log.env)
     assert np.max(drift_uncertainty(choice.model, found)) < 0.05  # °/h
 
 
@@ -391,7 +387,7 @@ def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice
 def test_what_is_clamped_is_uncertain_by_what_clamping_took_off(choice):
     """At 100 °C the uncertainty is at least the difference to the unclamped model over √3."""
     time = np.arange(100) * 10.0
-    hot = evaluate.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
+    hot = bank.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
     stated = drift_uncertainty(choice.model, hot)
     assert hot.temperature_clamped.all()
     assert np.all(stated >= np.abs(hot.extrapolated_drift) / np.sqrt(3.0))
@@ -407,7 +403,7 @@ def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):
     log = blocks(name, logs[name])
     part = slice(0, 400)
     stated = drift_uncertainty(
-        model, evaluate.evaluate(model, log.time[part], log.case[part], log.env[part])
+        model, bank.evaluate(model, log.time[part], log.case[part], log.env[part])
     )
     rng = np.random.default_rng(1)
     small = 1e-3  # of the standard deviation: where the model is linear in the lags
@@ -416,7 +412,7 @@ def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):
     for draw in rng.multivariate_normal(np.zeros(mean.size), model.covariance, 300, method="eigh"):
         at = mean + small * draw
         moved = replace(model, coefficients=at[:-3], static_lag=tuple(at[-3:].tolist()))
-        draws.append(evaluate.evaluate(moved, log.time[part], log.case[part], log.env[part]).drift)
+        draws.append(bank.evaluate(moved, log.time[part], log.case[part], log.env[part]).drift)
     spread = np.std(draws, axis=0) / small
     inside = stated > 0.2 * stated.max()
     assert spread[inside] == pytest.approx(stated[inside], rel=0.15)
@@ -512,7 +508,7 @@ def test_hysteresis_is_shown_by_cooling_against_heating():
     some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
     terms = ("b0", "b1", "b2", "b3")
     shown, quiet = (
-        hysteresis.compare_directions(
+        drift_figures.compare_directions(
             fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs)
         )
         for logs in (some, none)
@@ -527,4 +523,4 @@ def test_hysteresis_needs_both_directions(logs, choice):
     """Heating alone shows none."""
     heating = [log for log in fitted(logs) if "heating" in log.name]
     with pytest.raises(FitError, match="heating and cooling"):
-        hysteresis.compare_directions(choice.model, heating)
+        drift_figures.compare_directions(choice.model, heating)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibkit.numeric.wavelet import denoise
-from calibkit.numeric.wavelet.extension import beyond, find_end
+from calibkit.numeric.wavelet.denoise import beyond, find_end
 from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 
 

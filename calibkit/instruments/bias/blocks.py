@@ -95,7 +95,7 @@ def turn_on_bias(unit: str, log: Integers, loading: Array) -> Shared:
     return Shared(group=GROUP, effect=TURN_ON, level=log, loading=loading[:, None], unit=unit)
 
 
-def fit(
+def fit_blocks(
     blocks: BiasBlocks, rotation: Turned, unit: str, shared: Sequence[Shared], names: Sequence[str]
 ) -> Fit:
     """Generalised least squares of turned rows with errors of logs and flicker noise.

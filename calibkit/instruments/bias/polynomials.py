@@ -106,7 +106,7 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
     shared = sized_errors if many_logs else []
     if shared and shared[0].size is None:
         _require_levels_apart(shared[0], rotation.rows(blocks.design), names)
-    estimate = bias_blocks.fit(blocks, rotation, unit, shared, names)
+    estimate = bias_blocks.fit_blocks(blocks, rotation, unit, shared, names)
     coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows)), estimate.mixed
     if shared:
         turn_on = estimate.mixed[0].errors[:, 0]

@@ -16,7 +16,7 @@ from calibkit.errors import FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.bias.recipe import ThermalTable
 from calibkit.numeric import intervals
-from calibkit.numeric.thermal import occupancy
+from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 CASE = "temp_case_degc"
@@ -264,8 +264,8 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
         for channel, blocks in channels.items():
             column = values(log.frame, channel)[rows]
             blocks.append(
-                occupancy.means(
-                    column, model_intervals, excluded=occupancy.spikes(column, model_intervals)
+                pooled_fit.means_without_spikes(
+                    column, model_intervals, excluded=pooled_fit.spikes(column, model_intervals)
                 )
             )
         fitted, instants = np.ones(means.size, dtype=bool), means + time[0]

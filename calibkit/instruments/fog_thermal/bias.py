@@ -18,9 +18,9 @@ from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.fog_thermal import decision, forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import evaluate, hysteresis
+from calibkit.instruments.fog_thermal.numeric import bank, drift_figures
 from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
-from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
+from calibkit.instruments.fog_thermal.numeric.drift_figures import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
@@ -84,7 +84,7 @@ def _state_at_rest(
             f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
             f" temperatures: rate and bias are those at {degc:.1f} °C"
         )
-    rate, row = evaluate.at_rest(thermal, degc)
+    rate, row = bank.at_rest(thermal, degc)
     type_a = float(np.sqrt(row @ thermal.covariance @ row))
     parts = [
         gum.UncertaintyComponent("coefficients", rate, type_a, "A", dof=thermal.constant_dof),
@@ -200,12 +200,12 @@ def _state_hysteresis(
     """
     thermal = [log.thermal for log in logs]
     try:
-        before = hysteresis.compare_directions(None, thermal)
+        before = drift_figures.compare_directions(None, thermal)
     except FitError:
         return
     after, of_turn_on = None, None
     if model.thermal is not None:
-        after = hysteresis.compare_directions(model.thermal, thermal)
+        after = drift_figures.compare_directions(model.thermal, thermal)
         of_turn_on = decision.compare_turn_on(model.thermal, logs)
     curves = (
         ("hysteresis_before", "indication", before),

@@ -19,7 +19,7 @@ from calibkit.errors import CoefficientError, FitError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import forms, ramps
 from calibkit.instruments.fog_thermal.forms import FILE
-from calibkit.instruments.fog_thermal.numeric import drift_figures, evaluate, published
+from calibkit.instruments.fog_thermal.numeric import bank, drift_figures, published
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks, RatePolynomial
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -125,7 +125,7 @@ class DriftModel:
         A level or lagged model needs no integration, so that no error accumulates in soaks.
         """
         if self.thermal is not None:
-            evaluation = evaluate.evaluate(
+            evaluation = bank.evaluate(
                 self.thermal,
                 blocks.time,
                 blocks.case,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from calibkit.instruments import Fitted
     from calibkit.instruments.fog_thermal.compensate import LogFigures
     from calibkit.instruments.fog_thermal.numeric import published
-    from calibkit.instruments.fog_thermal.numeric.hysteresis import Hysteresis
+    from calibkit.instruments.fog_thermal.numeric.drift_figures import Hysteresis
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
 
 

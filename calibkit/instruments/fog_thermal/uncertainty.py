@@ -21,7 +21,7 @@ from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
@@ -72,7 +72,7 @@ def along_blocks(
 
     def warmer_by(of_case: float, of_env: float) -> Evaluation:
         temperatures = case + of_case, env + of_env
-        return evaluate.evaluate(thermal, time, *temperatures, reference, long_at_rest=long_at_rest)
+        return bank.evaluate(thermal, time, *temperatures, reference, long_at_rest=long_at_rest)
 
     thermometers = {
         "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.numeric.thermal import coil, level
+from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.terms import Drivers, ThermalModel, Valid
 
 ONE_SIDED = 0.1
@@ -57,7 +57,7 @@ def _drivers(
 ) -> Drivers:
     """Drivers [n] of a log by the model's form; a coil starts at the first case temperature."""
     if model.form == "level":
-        return level.drivers(time, case, env, model.window_s)
+        return coil.level_drivers(time, case, env, model.window_s)
     return coil.path_of_spans([(time, case, spans)]).drivers(
         model.lags[0], model.lags[1] if len(model.lags) > 1 else None
     )

@@ -21,7 +21,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.thermal import coil, level
+from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import LeastSquares, Stack, WhitenedRows, sound_blocks
 from calibkit.numeric.thermal.terms import (
     LAGS,
@@ -157,8 +157,8 @@ def level_basis(stacked: Stack) -> LevelBasis:
     The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
     """
     step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
-    window_s = max(level.WINDOW_S, 2.0 * (level.LEAST_SAMPLES - 1) * round(step, 3))
-    parts = [level.drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
+    window_s = max(coil.WINDOW_S, 2.0 * (coil.LEAST_SAMPLES - 1) * round(step, 3))
+    parts = [coil.level_drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
     log_drivers = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = log_drivers.valid().scales()
     columns = log_drivers.scaled_design(scales)[:, 1:]

@@ -8,7 +8,8 @@ are means of groups of blocks, whitened by the covariance of both noises: a fit 
 squares of them. A long soak has many rows but little news, as flicker noise says; nothing else
 keeps soaks from outvoting ramps.
 
-Blocks that stand out of their neighbours, and of what all terms explain, are left out.
+Samples that stand out of their block (`spikes`), and blocks that stand out of their neighbours and
+of what all terms explain (`sound_blocks`), are left out.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,18 +22,61 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.numeric.dispersion import mad_sigma
+from calibkit.numeric import order_statistics
+from calibkit.numeric.dispersion import MAD_TO_SIGMA, mad_sigma
 from calibkit.numeric.flicker import Turned
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
-from calibkit.numeric.thermal import occupancy
 from calibkit.numeric.thermal.noise import MOST_GROUPS, BlockNoise, estimate
+
+SAMPLE_SPIKE = 5.0
+"""Deviation from the median of the interval, in standard deviations, above which a sample is a
+spike: 6 of 10 million normal samples are.
+"""
+
+
+def spikes(indication: Array, intervals: Intervals) -> Integers:
+    """Rows [k] of the spikes in an indication [n].
+
+    A sample is compared with the median of its model interval. The standard deviation is estimated
+    from the median absolute deviation over the whole log or over the interval, whichever is larger,
+    so that true changes within an interval are not spikes. If most samples equal their median
+    (counts of a quiet gyro), the smallest non-zero deviation is used instead. With two samples in
+    an interval neither is a spike.
+    """
+    middles = order_statistics.run_medians(indication, intervals.first)
+    distances = np.abs(indication - np.repeat(middles, intervals.count))
+    log_deviation = order_statistics.median(distances)
+    if log_deviation == 0.0 and distances.any():
+        log_deviation = float(distances[distances > 0.0].min())
+    deviation = order_statistics.run_medians(distances, intervals.first)
+    limit = SAMPLE_SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
+    return np.flatnonzero(distances > np.repeat(limit, intervals.count))
+
+
+def means_without_spikes(values: Array, intervals: Intervals, *, excluded: Integers) -> Array:
+    """Means [m] of values [n] over the model intervals without the `excluded` rows [k]; an interval
+    with no other rows keeps them.
+    """
+    averages = intervals.means(values)
+    hit, first_excluded = np.unique(
+        np.searchsorted(intervals.first, excluded, side="right") - 1, return_index=True
+    )
+    ends = np.append(first_excluded, excluded.size)
+    for k, interval in enumerate(hit.tolist()):
+        first, count = int(intervals.first[interval]), int(intervals.count[interval])
+        sound = np.ones(count, dtype=np.bool_)
+        sound[excluded[ends[k] : ends[k + 1]] - first] = False
+        if sound.any():
+            averages[interval] = np.mean(values[first : first + count][sound])
+    return averages
+
 
 NEIGHBOURS = 7
 """Blocks in the running median of the residuals: a longer deviation is model misfit, not a spike.
 """
 ITERATIONS = 30
-SPIKE = 3.5
+BLOCK_SPIKE = 3.5
 """Standard deviations beyond which an isolated residual is a spike."""
 DEPENDENT = 1e-5
 """Smallest singular value of columns of unit length below which they count as dependent."""
@@ -79,7 +123,7 @@ def thermal_blocks(
     Spikes of the indication are left out. `begins` are the first rows of all ramps but the first.
     """
     time, case, env = means
-    rate = occupancy.means(indication, intervals, excluded=occupancy.spikes(indication, intervals))
+    rate = means_without_spikes(indication, intervals, excluded=spikes(indication, intervals))
     ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), intervals.first, side="right")
     return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
 
@@ -334,7 +378,7 @@ def sound_blocks(columns: Array, stacked: Stack) -> Mask:
             median = np.median(np.delete(neighbourhoods, half, axis=1), axis=1)
             isolated[rows] = np.abs(residual[rows] - median)
         before = sound
-        sound = stacked.fitted & (isolated <= SPIKE * mad_sigma(isolated[stacked.fitted]))
+        sound = stacked.fitted & (isolated <= BLOCK_SPIKE * mad_sigma(isolated[stacked.fitted]))
         if np.array_equal(sound, before):
             break
     return sound

@@ -5,16 +5,21 @@ Of each left-out ramp j the error is s_j, the mean square of what is left of its
 candidate helps if √(mean s_j) is clearly below that of the raw indication and no s_j is larger than
 raw by more than its noise; of those that help the simplest within one standard error of the best is
 exported (`left_out.simplest`).
+
+A bank of lags grows by further terms (`grow`): one is asked for by the evidence of all logs,
+ln p(y | with) − ln p(y | without), and kept where left-out ramps do not speak against it. One that
+is not kept is stated with its probability 1/(1 + p(without)/p(with)), and the change of the drift
+that it would make.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal.numeric import bank_fit, bank_growth, evaluate
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
+from calibkit.instruments.fog_thermal.numeric import bank_fit
+from calibkit.instruments.fog_thermal.numeric.bank import OnLevels, evaluate
 from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, split_noise
 from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.left_out import (
@@ -33,6 +38,103 @@ from calibkit.numeric.thermal.terms import TERMS
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
+
+FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
+"""Further terms of a bank, and what they describe."""
+ASKED = {"g": 1.0, "h": 0.0, "w": 1.0}
+"""Increase of the logarithm of the evidence from which a further term is tested on left-out ramps:
+odds of 3 to 1, of a hysteresis even odds. All logs together tell it, by their levels, before a
+single ramp shows it, and a bank without it is wrong at rest, where no ramp tests it.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Unmodelled:
+    """Further term that a bank has not: its name, how far off [°/h] the drift is if it is there,
+    and how probable it is by the evidence.
+    """
+
+    name: str
+    size: float
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class Grown:
+    """Bank of lags with the further terms [letters] that it has, and those that it has not."""
+
+    letters: str
+    solution: bank_fit.BankSolution
+    unmodelled: tuple[Unmodelled, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """Names of the further terms, each after a comma."""
+        return "".join(f", {FURTHER[letter]}" for letter in self.letters)
+
+
+def grow(
+    rows: WhitenedRows, remaining_rows: Sequence[WhitenedRows], *, one_sided: bool
+) -> Iterator[Grown]:
+    """Bank of lags, then with one further term after the other, the likeliest first, as long as one
+    helps. Ramps of one direction show no hysteresis.
+    """
+    bank = Grown("", bank_fit.solve(bank_fit.state_problem(rows)))
+    absent = set(FURTHER) - ({"h"} if one_sided else set())
+    while absent:
+        before = bank.solution
+        solutions, gains = {}, {}
+        for letter in sorted(absent):
+            # at the static lag without the term
+            problem = bank_fit.state_problem(
+                before.problem.rows, bank.letters + letter, drift=before.problem.drift
+            )
+            solutions[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
+            gains[letter] = solutions[letter].posterior.log_integral - before.posterior.log_integral
+        for letter in sorted(gains, key=lambda letter: -gains[letter]):
+            if gains[letter] >= ASKED[letter] and _left_out_ramps_agree(
+                before, solutions[letter], remaining_rows
+            ):
+                break
+        else:
+            unmodelled = []
+            for letter, gain in gains.items():
+                size, odds = solutions[letter].change_from(before), float(np.exp(-gain))
+                unmodelled.append(Unmodelled(FURTHER[letter], size, 1.0 / (1.0 + odds)))
+            yield replace(bank, unmodelled=tuple(unmodelled))
+            return
+        yield bank
+        absent -= {letter}
+        bank = Grown(bank.letters + letter, bank_fit.solve(solutions[letter].problem))
+    yield bank
+
+
+def _left_out_ramps_agree(
+    before: bank_fit.BankSolution,
+    after: bank_fit.BankSolution,
+    remaining_rows: Sequence[WhitenedRows],
+) -> bool:
+    """Whether left-out ramps do not speak against a term that the evidence asks for, by more than a
+    standard error of the difference ramp by ramp. Logs that start unsettled show what looks like
+    one: there left-out ramps must come out better.
+    """
+    squares = []
+    for solution in (after, before):
+        stacked = solution.problem.stacked
+        drifts = solution.leave_out(remaining_rows)
+        predicted = (drift[ramp] for drift, ramp in zip(drifts, stacked.ramps, strict=True))
+        # initial states that the term leaves no need for would hide what it explains
+        errors = left_out_errors(
+            solution.with_own_start(predicted) if after.unsettled else predicted,
+            stacked,
+            solution.rows.sound,
+            FIGURE_BLOCKS,
+        )
+        squares.append(np.array([np.var(error) for error in errors]))
+    increase = squares[0] - squares[1]
+    chance = 0.0 if before.unsettled else float(np.std(increase, ddof=1) / np.sqrt(increase.size))
+    return bool(increase.mean() < chance)
+
 
 BANK = "bank of lags"
 LIKELY = 0.5
@@ -61,7 +163,7 @@ class _Fitted:
 
     candidate: Candidate
     solution: fits.TermSolution | bank_fit.BankSolution
-    unmodelled: tuple[bank_growth.Unmodelled, ...] = ()
+    unmodelled: tuple[Unmodelled, ...] = ()
     """Terms that left-out ramps do not ask for, or the evidence does not."""
 
     def finish(self) -> OnLevels:
@@ -138,7 +240,7 @@ def choose(
     last_bank = None
     for candidate in candidates:
         if candidate.form == "bank":
-            for bank in bank_growth.grow(basis.rows, remaining_rows, one_sided=one_sided):
+            for bank in grow(basis.rows, remaining_rows, one_sided=one_sided):
                 candidate_bank, last_bank = (
                     replace(candidate, name=candidate.name + bank.name),
                     bank.solution,
@@ -153,7 +255,7 @@ def choose(
             tested, refused, None, None, _nothing_helps(tested, stacked.ramp_names, refused)
         )
     model = fitted[best].finish()
-    evaluations = [evaluate.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
+    evaluations = [evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [evaluation.sensitivities for evaluation in evaluations]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
     variance, flags = uncertainty.model_error(tested[best].errors, explained) ** 2, [*model.flags]
