@@ -5,7 +5,7 @@
     fog-drift-bank/1                         rate through a bank of lags (`numeric.bank`)
 
 A lagged model or a bank is evaluated in two ways. Its form gives the drift on a steady ramp after
-the lags have settled, for certificates. Along a log, for `apply`, `numeric.bank.evaluate` solves the
+the lags have settled, for certificates. Along a log, for `apply`, `bank.evaluate` solves the
 lags from sample to sample with the model that `read_thermal` returns.
 """
 
