@@ -95,12 +95,12 @@ def scale_errors(trials: int) -> bool:
         for seed in range(trials):
             logs = simulated.pair(seed, rates_dps=rates)
             truth = logs.truth["models"]["a_about_a"]["K"]
-            own = runs_of(logs)["a"][0].scale("a")
-            errors.append((own.K / truth - 1.0) * 1e6)
-            normalized_errors.append(abs(own.K - truth) / own.standard_uncertainty[0])
-            through_origin.append(
-                (own.rate_dps @ own.indication / (own.rate_dps @ own.rate_dps) / truth - 1.0) * 1e6
-            )
+            (run,) = runs_of(logs)["a"]
+            K = lines.Lines.of([[(0, run)]]).of_runs([run], "a")
+            errors.append((K.value[0] / truth - 1.0) * 1e6)
+            normalized_errors.append(abs(K.value[0] - truth) / K.u[0])
+            rate, F = run.rate_dps, run.plateaus.indication[:, 0]
+            through_origin.append((rate @ F / (rate @ rate) / truth - 1.0) * 1e6)
         worst, naive = float(np.max(np.abs(errors))), float(np.max(np.abs(through_origin)))
         most = float(np.max(normalized_errors))
         print(

@@ -29,9 +29,9 @@ UNKNOWN = Value(np.array(0.0), np.array(1.0), np.array(1.0))
 """A second γ that tells nothing."""
 
 
-def find(K_A, K_B, K_Ba, covariance, **options):
+def find(K_A, K_B, K_Ba, covariance):
     """Ratios of scale factors with a covariance."""
-    return published.find_ratios(known_fit([K_A, K_B, K_Ba], covariance), **options)
+    return published.find_ratios(known_fit([K_A, K_B, K_Ba], covariance))
 
 
 def u_of(found):
@@ -155,16 +155,10 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
     true = np.array([10000.0, 10000.0, 10000.0 * np.cos(np.radians(alpha_deg))])
     covered = []
     for _ in range(400):
-        found = find(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
+        found = find(*(true + u * rng.normal(size=3)), np.diag(u**2))
         low, high = found.alpha_interval_deg
         covered.append(low <= alpha_deg + 1e-12 and alpha_deg - 1e-12 <= high)
     assert np.mean(covered) > 0.93
-
-
-def test_the_monte_carlo_is_repeatable():
-    """The same seed gives the same interval, bit for bit."""
-    args = (10000.0, 10000.0, 9999.9, np.diag([0.1, 0.1, 0.1]) ** 2)
-    assert find(*args).alpha_interval_deg == find(*args).alpha_interval_deg
 
 
 def test_the_second_gamma_agrees_or_is_flagged():

@@ -103,10 +103,9 @@ def _read(spec: AnyRecipe, data: Path, matrices: Sequence[GyroMatrix]) -> Log:
         required_columns = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
         log = logs.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
     else:
-        log = logs.read_log(spec, data, data.name, (), (TEMPERATURE, *gyros))
-        logged = [name for name in gyros if name in log.frame.columns] or [gyros[0]]
-        logged += [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
-        log = logs.read_log(spec, data, data.name, logged, ("time_s",))
+        log = logs.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *gyros))
+        if not {*gyros} & {*log.frame.columns}:
+            require(log.file, log.frame.columns, gyros[:1])
     columns = list(log.frame.columns)
     refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, columns)])
     if TEMPERATURE in columns:

@@ -120,10 +120,11 @@ def find(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterator[Finding
         for (a, b), rate, median in zip(
             means.span.tolist(), means.rate_dps.tolist(), medians.tolist(), strict=True
         ):
-            noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
             deficit = SHARE * abs(K * rate)
-            hidden = deficit <= max(CLEAR * noise, least_response)
-            if hidden or np.ptp(data[a:b]) < deficit:
+            if deficit <= least_response or np.ptp(data[a:b]) < deficit:
+                continue
+            noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
+            if deficit <= CLEAR * noise:
                 continue
             # not even a share of the expected response
             level = F0 + SHARE * K * rate

@@ -283,7 +283,7 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
         )
 
 
-def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Fit:
+def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> ResponseFit:
     """Average of equation (1) over the orders of its polynomials, all with the optional errors that
     the highest asks for; each channel has a noise of its own.
     """
@@ -299,11 +299,10 @@ def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Fit:
         )
 
     of_highest = fit_order(terms.order, shared)
-    lower = range(min(LOWEST_ORDER, terms.order), terms.order)
-    if not lower:
-        return of_highest
     selected_errors = [replace(size.error, optional=False) for size in of_highest.shared]
-    return orders.average([of_highest, *(fit_order(order, selected_errors) for order in lower)])
+    lower = range(min(LOWEST_ORDER, terms.order), terms.order)
+    fits = [of_highest, *(fit_order(order, selected_errors) for order in lower)]
+    return ResponseFit(orders.average(fits) if lower else of_highest, rows, terms)
 
 
 def response_pattern(rows: RateRows) -> Array:

@@ -119,7 +119,7 @@ def _fit_over_runs(
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
         errors = [*errors, *(e for e in shared if e.group != "run")]
-        fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
+        fitted = equation.fit(rows, terms, errors)
     fit, _, terms = fitted
 
     # whether K changes with time in the runs, beside what temperature changes
@@ -260,15 +260,14 @@ def _fit_pair(
         name, of_runs = forms.line_name(gyro, axis), stated_components(run_scale)
         line = mean_lines.part([place, place + 4])
         mean = line_model(name, line, run_lines, gyro, runs[axis], of_runs)
-        bent = frozen.channels[number].fitted if frozen else None
-        if gyro == axis and spec.response == "auto":
-            rows = run_lines.rows_of(runs[axis], gyro)
-            if bent:
-                bent = bent.refit(rows)
-            elif not frozen:
-                terms = bent_response.find_terms(rows, varies=False, bent=True)
-                if terms.powers:  # without errors that the runs share
-                    bent = equation.ResponseFit(equation.fit(rows, terms, ()), rows, terms)
+        bent, rows = None, run_lines.rows_of(runs[axis], gyro)
+        frozen_bent = frozen.channels[number].fitted if frozen else None
+        if frozen_bent:
+            bent = frozen_bent.refit(rows)
+        elif not frozen and gyro == axis and spec.response == "auto":
+            terms = bent_response.find_terms(rows, varies=False, bent=True)
+            if terms.powers:  # without errors that the runs share
+                bent = equation.fit(rows, terms, ())
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
     components = stated_components(run_scale, mounting)
     # values of a refit have no errors, and α has no interval
@@ -373,7 +372,7 @@ def _fit_axes(
                 if run_scale and error.name == run_scale.name:
                     size, dof = run_scale.size, run_scale.size_dof
                     errors[number] = replace(error, size=size, size_dof=dof)
-            fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
+            fitted = equation.fit(rows, terms, errors)
         curves = _list_curves(spec, fitted, all_runs, mounting)
     channels = []
     for index, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):

@@ -25,7 +25,7 @@ from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation, forms, ordering
 from calibkit.instruments.gyro_scale.coefficient_files import AxesSet, CampaignFit, Channel
 from calibkit.instruments.gyro_scale.lines import Lines
-from calibkit.instruments.gyro_scale.published import ONE_SIDED, PPM, ROOM_DEGC
+from calibkit.instruments.gyro_scale.published import PPM, ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import (
     GyroPairRecipe,
     GyroTriadRecipe,
@@ -55,6 +55,8 @@ UNCERTAIN = 1e-3
 """Relative standard uncertainty above which a scale factor is flagged."""
 CONSISTENT = 4.0
 """Difference of two results, in standard uncertainties, above which they are inconsistent."""
+NOISE = 2.0
+"""Standard uncertainties of γ within which it may be a limit of it."""
 OPPOSITE = 20.0
 """Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
 as equal and opposite.
@@ -208,10 +210,10 @@ def of_gamma(indicated: Value, from_a: Value) -> list[str]:
             ),
         ),
         (
-            -excess < ONE_SIDED * u,
-            "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo",
+            -excess < NOISE * u,
+            "|gamma| is within noise of 1: the interval of alpha is one-sided",
         ),
-        (abs(gamma) < 2.0 * u, "gamma is within noise of 0: its sign does not tell the side"),
+        (abs(gamma) < NOISE * u, "gamma is within noise of 0: its sign does not tell the side"),
         (
             abs(difference) > CONSISTENT * expected,
             (

@@ -261,7 +261,13 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
         if file not in records:
             hint = f"it is not a run of {'gyro_triad' if triad else 'a rate table'}"
             raise CoefficientError(f"the run holds no {file}", hint=hint)
-    scale, matrices = records[SCALE_FILE], []
+    scale = records[SCALE_FILE]
+    models = {model.name: model for model in scale.models}
+
+    def over_temperature(names: Sequence[str]) -> tuple[Model, ...]:
+        """Polynomials with these names; empty where any of them is missing."""
+        return tuple(models[name] for name in names) if models.keys() >= {*names} else ()
+
     if isinstance(spec, GyroTriadRecipe):
         model = records[ORTHOGONALITY_FILE].model("triad")
         sensitivities, biases = triad_names(spec.gyros)
@@ -270,23 +276,14 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
         curves = [curve_name(line_name(gyro, axis), "K") for gyro in spec.gyros for axis in AXES]
         curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
         outputs = tuple(f"rate_{axis}_dps" for axis in AXES)
-        over_temperature = _find_curves(scale, curves)
-        return (GyroMatrix(spec.gyros, outputs, model, tuple(names), over_temperature),)
+        return (GyroMatrix(spec.gyros, outputs, model, tuple(names), over_temperature(curves)),)
+    matrices = []
     for gyro in spec.gyros:
-        name = line_name(gyro, spec.own_axis(gyro))
-        bent = [model for model in scale.models if model.name == response_name(name)]
-        over_temperature = _find_curves(scale, [curve_name(name, "K"), curve_name(name, "F0")])
-        line, outputs = scale.model(name), (f"gyro_{gyro}_dps",)
-        response = bent[0] if bent else None
-        matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), over_temperature, response))
+        name, outputs = line_name(gyro, spec.own_axis(gyro)), (f"gyro_{gyro}_dps",)
+        polynomials = over_temperature([curve_name(name, "K"), curve_name(name, "F0")])
+        line, response = scale.model(name), models.get(response_name(name))
+        matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), polynomials, response))
     return tuple(matrices)
-
-
-def _find_curves(record: Record, names: Sequence[str]) -> tuple[Model, ...]:
-    """Polynomials over temperature with these names; empty where any of them is missing."""
-    models = {model.name: model for model in record.models}
-    curves = tuple(models[name] for name in names if name in models)
-    return curves if len(curves) == len(names) else ()
 
 
 def read_earth_rate(

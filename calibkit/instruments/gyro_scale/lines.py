@@ -82,15 +82,13 @@ class Lines:
             for axis, run in runs:
                 plateaus = run.plateaus
                 for g, gyro in enumerate(run.gyros):
-                    means, noise = plateaus.indication[:, g], plateaus.standard_uncertainty[:, g]
-                    line_of = np.full(means.size, len(lines))
                     of_line = (
                         run.rate_dps,
-                        means,
+                        plateaus.indication[:, g],
                         plateaus.temp_degc,
                         plateaus.hours,
-                        noise,
-                        line_of,
+                        plateaus.standard_uncertainty[:, g],
+                        np.full(run.rate_dps.size, len(lines)),
                     )
                     columns.append(np.column_stack(of_line))
                     number[run.log.file, gyro] = len(lines)
@@ -107,7 +105,7 @@ class Lines:
             shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
             terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
             errors = [*_errors(rows, terms, axes)]
-            fitted = equation.ResponseFit(equation.fit(rows, terms, errors), rows, terms)
+            fitted = equation.fit(rows, terms, errors)
         fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
         if not frozen:
             fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))

@@ -80,20 +80,15 @@ def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
     """Axis and column of each gyro; empty for logs that are not of a rate table."""
     if "table_rate_dps" not in evidence.columns:
         return []
-    if "time_s" not in evidence.columns and not _has_row_a_rate(evidence):
+    # without times each row is a held rate: logs without a header, or of another rate in each row
+    rate = evidence.glimpse.first.get(evidence.columns["table_rate_dps"].name, np.empty(0))
+    row_a_rate = rate.size > 1 and float(np.mean(np.diff(rate) != 0.0)) > MOST
+    if "time_s" not in evidence.columns and not (evidence.group.layout.names or row_a_rate):
         return []
     return [
         (name.split("_")[1] if name.count("_") > 1 else "x", column)
         for name, column in evidence.gyros().items()
     ]
-
-
-def _has_row_a_rate(evidence: Evidence) -> bool:
-    """Whether the logs have no header, or each of their rows another rate than the one before."""
-    rate = evidence.glimpse.first.get(evidence.columns["table_rate_dps"].name, np.empty(0))
-    return bool(evidence.group.layout.names) or (
-        rate.size > 1 and float(np.mean(np.diff(rate) != 0.0)) > MOST
-    )
 
 
 def _choose(

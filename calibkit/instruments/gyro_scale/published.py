@@ -14,7 +14,7 @@ import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,14 +43,9 @@ ROOM_DEGC = 5.0
 """Largest difference from room temperature [°C] of runs that count as repeated (GJB 2426A)."""
 NEAR_ONE = 10.0
 """Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
-ONE_SIDED = 3.0
-"""Standard uncertainties of γ from |γ| = 1 within which α may be 0° or 180° and its interval is
-one-sided.
-"""
 IMPOSSIBLE = 0.05
 """Excess of |γ| over 1 that neither noise nor misalignment explains: the logs belong to other axes.
 """
-DRAWS = 200_000
 _NAME = re.compile(rf"(\w+)\.(?:({GJB}|{IEEE})\.)?(.+)")
 
 
@@ -281,15 +276,13 @@ class Ratios:
     dof: tuple[float, ...]
     """Effective degrees of freedom [4]."""
     alpha_interval_deg: tuple[float, float]
-    """95 % interval of α; where |γ| is within noise of one it is one-sided, from 0° or up to 180°.
-    """
+    """95 % interval of α; where |γ| is within noise of one it begins at 0° or ends at 180°."""
     indicated: Value
     """K_Ba/K_B before it was clamped, with its uncertainty to first order."""
 
 
-def find_ratios(K: Fit, *, seed: int = 0, draws: int = DRAWS) -> Ratios:
-    """Ratios and angle of two gyros from a fit of K_A, K_B and K_Ba, in one unit; `seed` and
-    `draws` are of the Monte Carlo propagation near |γ| = 1.
+def find_ratios(K: Fit) -> Ratios:
+    """Ratios and angle of two gyros from a fit of K_A, K_B and K_Ba, in one unit.
 
     Raises FitError for a scale factor about its own axis that is zero or not finite, or |γ| too far
     above one for noise.
@@ -299,17 +292,18 @@ def find_ratios(K: Fit, *, seed: int = 0, draws: int = DRAWS) -> Ratios:
     ratios = K.restated(lambda k: np.stack((k[1] / k[0], k[2] / k[0], k[2] / k[1])))
     dof = ratios.of(lambda r: r).dof.tolist()
     u_gamma, gamma = float(indicated.u), float(np.clip(indicated.value, -1.0, 1.0))
-    if 1.0 - abs(float(indicated.value)) <= NEAR_ONE * u_gamma:
-        rng = np.random.default_rng(seed)
-        covariance, interval = _by_draws(K.parameters, K.total_covariance, rng, draws)
+    # α is monotonic in γ: its interval is that of γ, which ends at ±1
+    half = gum.coverage_factor(float(indicated.dof), probability=0.95) * u_gamma
+    ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
+    if 1.0 - abs(gamma) > NEAR_ONE * u_gamma:
+        slope = -180.0 / np.pi / np.sqrt(1.0 - gamma**2)
     else:
-        # α is monotonic in γ: its interval is that of γ
-        half = gum.coverage_factor(float(indicated.dof), probability=0.95) * u_gamma
-        ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
-        with_alpha = ratios.restated(lambda r: np.append(r, np.arccos(r[2]) * 180.0 / np.pi))
-        covariance = with_alpha.total_covariance
-        interval = float(ends[0]), float(ends[1])
+        # dα/dγ = -1/sin α diverges at 0° and 180°: the mean slope over the interval
+        slope = -np.ptp(ends) / (2.0 * half) if half else 0.0
+    of_all = np.vstack((np.eye(3), [0.0, 0.0, slope]))
     results = K_B / K_A, K_Ba / K_A, gamma, float(np.degrees(np.arccos(gamma)))
+    covariance = of_all @ ratios.total_covariance @ of_all.T
+    interval = float(ends[0]), float(ends[1])
     return Ratios(results, covariance, (*dof, dof[2]), interval, indicated)
 
 
@@ -326,36 +320,3 @@ def indicate(K: Fit) -> Value:
             hint="check which log is of which table axis and which column is of which gyro",
         )
     return K.of(lambda k: k[2] / k[1])
-
-
-def _by_draws(
-    values: Array, covariance: Array, rng: np.random.Generator, draws: int
-) -> tuple[Array, tuple[float, float]]:
-    """Covariance [4, 4] and 95 % interval of α [°] by Monte Carlo within |γ| ≤ 1 (JCGM 101).
-
-    Draws with |γ| > 1 are impossible angles and are left out; where nearly all are, the draws are
-    moved onto |γ| = 1.
-    """
-    # Cholesky needs a definite covariance; that of indications without noise is singular
-    definite = np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance)
-    method: Literal["cholesky", "svd"] = "cholesky" if definite else "svd"
-    K_A, K_B, K_Ba = rng.multivariate_normal(values, covariance, draws, method=method).T
-    gamma = K_Ba / K_B
-    indicated = float(values[2] / values[1])
-    sign = 1.0 if indicated > 0.0 else -1.0
-    possible = np.abs(gamma) <= 1.0
-    if possible.mean() < 0.01:
-        gamma = gamma - indicated + sign
-        possible = np.abs(gamma) <= 1.0
-    limited = np.clip(gamma, -1.0, 1.0)
-    drawn = np.vstack((K_B / K_A, K_Ba / K_A, limited, np.degrees(np.arccos(limited))))
-    if possible.any():
-        # no draw is possible only where there is no uncertainty to draw from: the limit is then the
-        # result
-        drawn = drawn[:, possible]
-    one_sided = 1.0 - abs(indicated) < ONE_SIDED * float(gamma.std())
-    quantiles = (0.025, 0.975) if not one_sided else (0.0, 0.95) if sign > 0.0 else (0.05, 1.0)
-    low, high = (float(np.quantile(drawn[3], q)) for q in quantiles)
-    if one_sided:
-        low, high = (0.0, high) if sign > 0.0 else (low, 180.0)
-    return np.cov(drawn), (low, high)
