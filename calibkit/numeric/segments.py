@@ -122,7 +122,7 @@ def segments(
     temperature changes by at least min_span [°C]; runs of the same sign are merged if at most
     `merge` rows lie between. All else is soak.
     """
-    runs = _merged(_runs(slope, ramp_min), merge)
+    runs = _ramps(slope, ramp_min, merge)
     ends = np.array([(start, stop - 1) for start, stop, _ in runs], dtype=np.int64).reshape(-1, 2)
     spans = np.ptp(temperature[ends], axis=1).tolist()
     ramps = [
@@ -151,29 +151,20 @@ def straight_slope(time: Array, temperature: Array) -> float:
     return SECONDS_PER_MINUTE * float(t @ (temperature - temperature.mean())) / float(t @ t)
 
 
-def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
-    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min,
-    or stay below it.
+def _ramps(slope: Array, ramp_min: float, merge: int) -> list[tuple[int, int, float]]:
+    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min;
+    two of the same direction are one if at most `merge` rows lie between.
     """
     direction = (slope >= ramp_min).astype(np.int8) - (slope <= -ramp_min)
     bounds = chunks.changed_rows(direction, 2.0)  # no direction: the first row begins a run
-    pairs = pairwise([*bounds.tolist(), slope.size])
-    return [(start, stop, float(direction[start])) for start, stop in pairs]
-
-
-def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:
-    """Runs with a direction; two of the same direction are merged if at most `merge` rows lie
-    between.
-    """
-    merged: list[tuple[int, int, float]] = []
-    for start, stop, direction in runs:
-        if direction == 0.0:
-            continue
-        if merged and merged[-1][2] == direction and start - merged[-1][1] <= merge:
-            merged[-1] = (merged[-1][0], stop, direction)
-        else:
-            merged.append((start, stop, direction))
-    return merged
+    ramps: list[tuple[int, int, float]] = []
+    for start, stop in pairwise([*bounds.tolist(), slope.size]):
+        way = float(direction[start])
+        if ramps and ramps[-1][2] == way and start - ramps[-1][1] <= merge:
+            ramps[-1] = (ramps[-1][0], stop, way)
+        elif way:
+            ramps.append((start, stop, way))
+    return ramps
 
 
 def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
