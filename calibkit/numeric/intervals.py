@@ -86,14 +86,13 @@ class Intervals:
                     " fast, or fit with that interval"
                 ),
             )
-        # in one array: a column of a long log takes a while to be made
-        interval_of_row = (time - time[0]) / length_s
-        interval_of_row += 0.5 * min(step / length_s, 1.0)
-        np.floor(interval_of_row, out=interval_of_row)
-        first = chunks.changed_rows(interval_of_row, -1.0)
-        number = interval_of_row[first].astype(np.int64)
+        # each begins half a sample before its first one is due
+        ahead, begin = 0.5 * min(step / length_s, 1.0), float(time[0])
+        number = np.arange(int((float(time[-1]) - begin) / length_s + ahead) + 1)
+        first = np.searchsorted(time, begin + (number - ahead) * length_s)
         count = np.diff(np.append(first, time.size))
-        return cls(number, first, count, time.size, float(time[0]), length_s, step)
+        held = count > 0
+        return cls(number[held], first[held], count[held], time.size, begin, length_s, step)
 
 
 @dataclass(frozen=True, slots=True)
