@@ -7,7 +7,6 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.numeric import chunks
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,11 +4,11 @@
     σ²(2^(j−1) τ₀) = 2 ⟨d_j²⟩, d_j the details of level j of an orthogonal wavelet, undecimated
     B_s² = Σ (ω̄_i − ω̄)²/(n − 1), ω̄_i the means of n consecutive blocks            (GJB 2426A)
 
-A rate here is the indication of any sensor at rest, and results are in its unit.
-Records in memory and on disk are worked along in the same blocks, so that results are identical.
+A rate here is the indication of any sensor at rest, and results are in its unit. Windows that hold
+a missing sample are left out; which do, the count of those missing before each place tells.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, Self
 
@@ -25,13 +25,16 @@ from calibkit.numeric.noise.confidence import (
     identify_noise,
     wavelet_correlation,
 )
-from calibkit.numeric.noise.gaps import Gaps, filtered, square_beside_gaps
 
 Spacing = Literal["octave", "decade"]
 
 RIGHT_LENGTH = 0.01
 """Relative deviation of a block from the length that a standard names, above which the figure is
 refused.
+"""
+BLOCK = 1 << 13
+"""Samples worked on at once: they stay in a core's cache, and a dot product of them is not shared
+out to threads.
 """
 
 
@@ -137,8 +140,7 @@ def overlapping(
     at each averaging time.
     """
     rate = require_record(rate, interval_s)
-    gaps = Gaps.find(rate)
-    runs = gaps.lengths_between()
+    missing, runs = count_missing(rate), lengths_between_gaps(rate)
     if tau_s is None:
         factors_asked = averaging_factors(rate.size, spacing=spacing, points=points)
         factors = factors_asked[2 * factors_asked <= runs.max()]
@@ -161,12 +163,12 @@ def overlapping(
     np.cumsum(centred(rate), out=total[1:])
     # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m
     sums = [
-        square_beside_gaps(filtered(total, (1.0, -2.0, 1.0), m), gaps.closed_to(2 * m))
+        square_beside_gaps(filtered(total, (1.0, -2.0, 1.0), m), missing, 2 * m)
         for m in factors.tolist()
     ]
     square, pairs = np.array(sums).T
     variance = square / (2.0 * factors**2 * pairs)
-    kinds = identify_noise(total, gaps, factors)
+    kinds = identify_noise(total, missing, factors)
     dof = np.array(
         [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
@@ -223,13 +225,12 @@ def wavelet_deviation(
             hint="use haar or a longer record",
         )
     low, high = np.array(bank.dec_lo), np.array(bank.dec_hi)
-    gaps, smooth = Gaps.find(rate), centred(rate)
+    missing, smooth = count_missing(rate), centred(rate)
     factors, squares, counts = [], [], []
     for factor in (1 << level for level in range(levels)):
         details = _next_level(smooth, low[::-1] / np.sqrt(2.0), high[::-1] / np.sqrt(2.0), factor)
         smooth = smooth[: smooth.size - (low.size - 1) * factor]
-        closed = gaps.closed_to(rate.size - smooth.size + 1)
-        square, count = square_beside_gaps(details, closed)
+        square, count = square_beside_gaps(details, missing, rate.size - smooth.size + 1)
         if count:
             factors.append(factor)
             squares.append(square)
@@ -276,6 +277,46 @@ def centred(rate: Array) -> Array:
     values = rate - np.nanmean(rate)
     values[np.isnan(values)] = 0.0
     return values
+
+
+def count_missing(rate: Array) -> Integers | None:
+    """Missing samples before each place [n + 1] of a rate [n], in which NaN is missing; None where
+    none is.
+    """
+    missing = np.isnan(rate)
+    return np.append(0, np.cumsum(missing, dtype=np.int32)) if missing.any() else None
+
+
+def lengths_between_gaps(rate: Array) -> Integers:
+    """Lengths [k] of the runs of a rate [n] that hold no gap; a single 0 when there is none."""
+    runs = chunks.find_runs(~np.isnan(rate))
+    return runs[:, 1] - runs[:, 0] if len(runs) else np.zeros(1, dtype=np.int64)
+
+
+def filtered(values: Array, taps: Sequence[float], tap_spacing: int) -> Iterator[tuple[int, Array]]:
+    """First place i and Σ_k taps_k values[i + k · tap_spacing] of consecutive blocks of places."""
+    for a, b in chunks.ranges(values.size - (len(taps) - 1) * tap_spacing, BLOCK):
+        total: Array = taps[0] * values[a:b]
+        for k, tap in enumerate(taps[1:], start=1):
+            total += tap * values[a + k * tap_spacing : b + k * tap_spacing]
+        yield a, total
+
+
+def square_beside_gaps(
+    blocks: Iterable[tuple[int, Array]], missing: Integers | None, length: int
+) -> tuple[float, int]:
+    """Sum of squares and number of the values of blocks, each with its first place, whose windows
+    of `length` samples from their place on hold none that is missing (`count_missing`).
+    """
+    square, count = 0.0, 0
+    for start, block in blocks:
+        whole = block
+        if missing is not None:
+            places = slice(start, start + block.size)
+            whole = block[missing[start + length :][: block.size] == missing[places]]
+        square += float(whole @ whole)
+        count += whole.size
+    return square, count
 
 
 def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> BiasStability:

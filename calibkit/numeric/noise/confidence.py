@@ -12,7 +12,6 @@ from typing import Literal, get_args
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric.noise.gaps import Gaps
 
 Noise = Literal[
     "quantization",
@@ -40,9 +39,10 @@ MOST_MEANS = 1 << 16
 """Block means, from the middle of the record, that the noise type is read from."""
 
 
-def identify_noise(total: Array, gaps: Gaps, factors: Integers) -> tuple[Noise, ...]:
+def identify_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[Noise, ...]:
     """Noise type at each averaging factor from the lag-1 autocorrelation of block means (Riley &
-    Greenhall 2004), which a record's running sum [n + 1] gives.
+    Greenhall 2004), which a record's running sum [n + 1] gives; `missing` as of
+    `allan.count_missing`.
 
     Fewer than 30 block means name no type. The type assumed there is the one with the fewest
     degrees of freedom of three: that at the factor before, angle random walk, and the one that the
@@ -55,10 +55,8 @@ def identify_noise(total: Array, gaps: Gaps, factors: Integers) -> tuple[Noise, 
         first = max(blocks - MOST_MEANS, 0) // 2 * int(factor)
         part = slice(first, first + min(blocks, MOST_MEANS) * int(factor) + 1, int(factor))
         means = np.diff(total[part]) / factor
-        closed = gaps.closed_to(int(factor))
-        begins = np.arange(part.start, part.stop - 1, part.step)
-        gaps_begun = np.searchsorted(closed[:, 0], begins, side="right")
-        means[gaps_begun > np.searchsorted(closed[:, 1], begins, side="right")] = np.nan
+        if missing is not None:
+            means[np.diff(missing[part]) > 0] = np.nan
         if int(np.sum(~np.isnan(means))) >= ENOUGH_MEANS:
             kinds.append(_lag_one_type(means))
         else:
