@@ -204,7 +204,7 @@ def read_terms(model: Model) -> ThermalModel:
 
 
 def compare_means(
-    residual: Array, bias_uncertainty: Along, about_mean: Along, noise: BlockNoise, group: int
+    residual: Array, bias_uncertainty: Along, noise: BlockNoise, group: int
 ) -> tuple[dict[str, float], Array, Array]:
     """Errors [n] of a log as means over a group of blocks about the log's mean, against the
     uncertainty of the bias and of the bias less its mean: number of means, the share within U and
@@ -217,8 +217,8 @@ def compare_means(
     (flicker,) = Flicker(count, [0]).about_level(0, count)
     of_noise = noise.white_variance / group + noise.flicker**2 * flicker
     limit, limit_about_mean = (
-        np.sqrt(chunks.block_means(uncertainty.expanded, group) ** 2 + 4.0 * of_noise)
-        for uncertainty in (bias_uncertainty, about_mean)
+        np.sqrt(chunks.block_means(expanded, group) ** 2 + 4.0 * of_noise)
+        for expanded in (bias_uncertainty.expanded, bias_uncertainty.expanded_about_mean)
     )
     means = chunks.block_means(residual, group)
     error = means - means.mean()

@@ -42,14 +42,13 @@ def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str,
 @dataclass(frozen=True, slots=True)
 class ChannelBias:
     """Bias of one channel along the blocks of a power-on, zero at the reference temperature, and
-    the uncertainties of the bias and of the bias less its mean: of the coefficients, the model
-    error, the ranges and the type B terms of the thermometer and the channel.
+    its uncertainty: of the coefficients, the model error, the ranges and the type B terms of the
+    thermometer and the channel.
     """
 
     power_on: PowerOn
     evaluation: Evaluation
     bias_uncertainty: uncertainty.Along
-    about_mean: uncertainty.Along
 
 
 def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[ChannelBias]:
@@ -69,11 +68,8 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
         case = {power_ons.CASE: lambda step: warmer_by(step).drift}
         effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
         evaluation = warmer_by(0.0)
-        bias_uncertainty, about_mean = (
-            uncertainty.combine_along(fitted, evaluation, effects, about_mean=less_mean)
-            for less_mean in (False, True)
-        )
-        drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty, about_mean))
+        bias_uncertainty = uncertainty.combine_along(fitted, evaluation, effects)
+        drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty))
     return drifts
 
 
@@ -152,7 +148,6 @@ def validation_entry(
         compared, _, _ = thermal_forms.compare_means(
             left[longest],
             drifts[longest].bias_uncertainty,
-            drifts[longest].about_mean,
             thermal_forms.read_terms(model).noise,
             blocks_per_figure(model.value("interval")),
         )

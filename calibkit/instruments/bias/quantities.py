@@ -14,6 +14,7 @@ from calibkit.certificate.quantities import (
     Quantity,
     against_rest,
     numbered,
+    of_form,
     polynomial,
     ranged,
 )
@@ -53,16 +54,12 @@ def bias(stage: str, model: Model) -> Quantity:
             principal=True,
         )
 
+    inputs = ranged(model, CASE), ranged(model, RATE, 0.0)
+    fitted = of_form(forms.FORMS[model.form], model, inputs[:1])
+
     def point(operating_point: At) -> Point:
-        columns = {column: np.array([value]) for column, value in operating_point.items()}
-        form = forms.FORMS[model.form]
-        slope = float(thermal_forms.slope_over_case(model, columns)[0])
-        return Point(
-            float(form.evaluate(model, columns)[0]),
-            ((model, form.gradient(model, columns)[0]),),
-            {CASE: (operating_point[CASE], slope)},
-            ((MODEL_ERROR, *thermal_forms.model_error(model)),),
-        )
+        model_error = (MODEL_ERROR, *thermal_forms.model_error(model))
+        return replace(fitted(operating_point), more=(model_error,))
 
     return Quantity(
         "bias",
@@ -70,7 +67,7 @@ def bias(stage: str, model: Model) -> Quantity:
         model.name,
         Words("bias at rest", "稳态零偏"),
         model.residual_unit,
-        (ranged(model, CASE), ranged(model, RATE, 0.0)),
+        inputs,
         point,
         symbol="y",
         principal=True,

@@ -71,10 +71,14 @@ class Export:
         """
         figures: list[Figure] = []
         for errors in self.tested:
-            raw_name, name = _figure_names(errors)
+            group, kind, name = "ramps", "ramp", errors.name
+            if isinstance(errors, LeftOutRates):
+                group, kind, name = errors.side, "rate", f"{errors.side}.order_{errors.order}"
+            raw_name = f"raw_drift_rms.{group}"
             if raw_name not in {figure.name for figure in figures}:
                 figures.append(Figure(raw_name, errors.pooled_raw, "deg/h", 0.0))
-            figures.append(Figure(name, errors.pooled, "deg/h", 0.0))
+            left_name = f"leave_one_{kind}_out_rms.{name}"
+            figures.append(Figure(left_name, errors.pooled, "deg/h", 0.0))
         if self.errors:
             split = split_noise([error for errors in self.errors for error in errors.errors])
             figures += [
@@ -148,14 +152,6 @@ def decide(
         polynomials, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
     )
     return Export(model, tested, exported_errors, tuple(flags), tuple(untested))
-
-
-def _figure_names(errors: LeftOutErrors) -> tuple[str, str]:
-    """Names of the figures of the raw drift on what was left out, and of what a model leaves."""
-    if isinstance(errors, LeftOutRates):
-        name = f"leave_one_rate_out_rms.{errors.side}.order_{errors.order}"
-        return f"raw_drift_rms.{errors.side}", name
-    return "raw_drift_rms.ramps", f"leave_one_ramp_out_rms.{errors.name}"
 
 
 def share_of_raw(errors: Sequence[LeftOutErrors]) -> float:

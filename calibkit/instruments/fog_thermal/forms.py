@@ -88,11 +88,6 @@ def _steady(inputs: Inputs) -> tuple[Array, Array]:
     return inputs[CASE], inputs.get(RATE, np.zeros_like(inputs[CASE]))
 
 
-def _bank_columns(model: Model, inputs: Inputs) -> Array:
-    """Derivatives [n, p + 3] of the indicated rate [°/h] by the coefficients and the static lag."""
-    return _read_bank_model(model).columns_settled(*_steady(inputs))
-
-
 def _bank_rate(model: Model, inputs: Inputs) -> Array:
     """Indicated rate [n, °/h]."""
     fitted = _read_bank_model(model)
@@ -106,7 +101,11 @@ def _bank_extra(model: Model, inputs: Inputs) -> Array:
 
 
 BANK = Form(
-    "fog-drift-bank/1", _bank_columns, _bank_rate, meaning=("interval",), further=_bank_extra
+    "fog-drift-bank/1",
+    lambda model, inputs: _read_bank_model(model).columns_settled(*_steady(inputs)),
+    _bank_rate,
+    meaning=("interval",),
+    further=_bank_extra,
 )
 """Indicated rate through a bank of first-order lags of the case temperature."""
 ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED, BANK.name: BANK}

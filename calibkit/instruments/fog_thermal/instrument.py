@@ -126,8 +126,10 @@ def fit(
             logs, compensated, export, drift_uncertainties, at_rest.at_rest
         ),
     )
+    noise = tuple(figure for log in logs for figure in log.noise)
+    denoised = StageResult("denoise", figures=noise, flags=() if noise else ("denoising is off",))
     return Fitted(
-        (ramps.denoise_result(logs), drift, exported),
+        (denoised, drift, exported),
         tuple(log.source for log in logs),
         summary,
         figures.DriftReport(
@@ -294,7 +296,11 @@ def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -
     flags = (*flag_bridged_gaps(log), *magnitude.flag_missing_drift(log.file, drift, gyro), *flags)
     added = {"gyro_drift_dph": drift} if spec.output.drift else {}
     if spec.output.rate_uncertainty:
-        added["gyro_standard_uncertainty_dph"] = uncertainty.along_rows(log, model, spec)
+        # of the drift taken off, without noise
+        _, blocks = ramps.block_means(log, spec, rated=False)
+        standard = uncertainty.along_blocks(model, blocks, spec.type_b).standard
+        time = values(log.frame, "time_s")
+        added["gyro_standard_uncertainty_dph"] = np.interp(time, blocks.time, standard)
     return write_back.rewrite_log(spec, data, log, {"gyro_dph": output}, added), flags
 
 

@@ -61,18 +61,14 @@ class OnLevels:
         """Indicated rate [°/h], on a ramp after the lags have settled; a hysteresis is in its
         uncertainty at rest.
         """
-        columns = {column: np.array([value]) for column, value in operating_point.items()}
-        form = forms.ON_LEVELS[self.model.form]
-        slope = float(forms.slope_over_case(self.model, columns)[0])
-        spread = (
-            0.0 if operating_point.get(RATE, 0.0) else forms.hysteresis(self.model) / math.sqrt(3.0)
+        point = of_form(forms.ON_LEVELS[self.model.form], self.model, self.inputs[:1])
+        spread = 0.0 if operating_point.get(RATE, 0.0) else forms.hysteresis(self.model)
+        further = (
+            (MODEL_ERROR, *model_error(self.model)),
+            (HYSTERESIS, spread / math.sqrt(3.0), math.inf),
         )
-        further = ((MODEL_ERROR, *model_error(self.model)), (HYSTERESIS, spread, math.inf))
-        return Point(
-            float(form.evaluate(self.model, columns)[0]),
-            ((self.model, form.gradient(self.model, columns)[0]),),
-            {CASE: (operating_point[CASE], slope)},
-            tuple(part for part in further if part[1] > 0.0),
+        return replace(
+            point(operating_point), more=tuple(part for part in further if part[1] > 0.0)
         )
 
     def drift(self, operating_point: At) -> Point:

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibkit import check
 from calibkit.arrays import Array
-from calibkit.coefficients import Figure, Input, StageResult
+from calibkit.coefficients import Figure, Input
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
@@ -74,6 +74,15 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     ]
     if any(finding.refused for finding in findings):
         return findings
+    stated_rate_findings = []
+    stated_rate = recipe.drift.rates_degc_min.get(log.name)
+    if stated_rate is not None:
+        rates = [part.rate for part in _find_segments(log, recipe)[0] if part.kind == "ramp"]
+        if rates:
+            fastest = max(rates, key=abs)
+            stated_rate_findings = check.thermometers.check_stated_rate(
+                log, air, stated_rate, fastest
+            )
     return [
         *findings,
         *check.magnitude.check_time_unit(log, air, "the chamber air"),
@@ -84,27 +93,13 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
             for column in (case, air)
             for step_finding in check.thermometers.check_steps(log, column)
         ),
-        *_check_stated_rate(log, recipe),
+        *stated_rate_findings,
         *check.magnitude.check_gyro_unit(log, "gyro_dph"),
         *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),
         *check.series.check_case_and_air(log, case, air),
         *check.series.find_turn_back(log, case),
         *check.series.check_indication(log, "gyro_dph", "deg/h"),
     ]
-
-
-def _check_stated_rate(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Finding if the measured temperature rate differs from the one stated in the recipe."""
-    stated_rate = recipe.drift.rates_degc_min.get(log.name)
-    if stated_rate is None:
-        return []
-    parts, _ = _find_segments(log, recipe)
-    ramps = [segment.rate for segment in parts if segment.kind == "ramp"]
-    return (
-        check.thermometers.check_stated_rate(log, "temp_env_degc", stated_rate, max(ramps, key=abs))
-        if ramps
-        else []
-    )
 
 
 def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
@@ -325,9 +320,3 @@ def _ramps(
         Ramp(name, blocks.of_row(segment.start), blocks.of_row(segment.stop - 1) + 1, segment.rate)
         for name, segment in zip(names, moving, strict=True)
     )
-
-
-def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
-    """denoise.json: noise and threshold of every level of every log."""
-    figures = tuple(figure for log in logs for figure in log.noise)
-    return StageResult("denoise", figures=figures, flags=() if figures else ("denoising is off",))

@@ -169,7 +169,15 @@ def summarize_fit(
             KeyValue("drift on left-out ramps, before", raw, _UNIT),
             KeyValue("drift on left-out ramps, after", left, _UNIT),
         ]
-        facts.append(f"Model: {export.name}, {_explain_choice(export)}.")
+        reason = "chosen"
+        if not export.model.polynomials:
+            rivals = [errors for errors in export.tested if not isinstance(errors, LeftOutRates)]
+            is_best = export.errors[0].pooled <= min(errors.pooled for errors in rivals)
+            reason = (
+                "the smallest error" if is_best else "the simplest within the noise of the best,"
+            )
+        count = f"of {len(export.tested)} models tested on left-out ramps"
+        facts.append(f"Model: {export.name}, {reason} {count}.")
     elif export.model.exported:
         left = rms([log.after for log in compensated])
         sentence = _compare_drift("the fitted ramps alone", raw, left, noise)
@@ -199,17 +207,6 @@ def _compare_drift(subject: str, raw: float, left: float, noise: float) -> str:
         f"Drift on {subject} (rms of 100 s means): {raw:.3f} {_UNIT} before, {left:.3f} {_UNIT}"
         f" after; noise alone gives {noise:.3f} {_UNIT}."
     )
-
-
-def _explain_choice(export: Export) -> str:
-    """How many models were tested on left-out ramps, and why this one was chosen."""
-    count = f"of {len(export.tested)} models tested on left-out ramps"
-    if export.model.polynomials:
-        return f"chosen {count}"
-    of_levels = [errors for errors in export.tested if not isinstance(errors, LeftOutRates)]
-    if export.errors[0].pooled <= min(errors.pooled for errors in of_levels):
-        return f"the smallest error {count}"
-    return f"the simplest within the noise of the best, {count}"
 
 
 def summarize_validation(

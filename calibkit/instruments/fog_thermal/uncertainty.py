@@ -18,13 +18,10 @@ from calibkit import thermal_forms
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.errors import UsageError
-from calibkit.frame import Log, values
-from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation
@@ -47,10 +44,9 @@ def along_blocks(
     terms: Sequence[TypeB],
     *,
     long_at_rest: bool = False,
-    about_mean: bool = False,
 ) -> uncertainty.Along:
-    """Uncertainty of the drift along block means, or of the drift less its mean: type A, model
-    error, clamping, hysteresis, and type B terms; raises UsageError without a model on levels.
+    """Uncertainty of the drift along block means: type A, model error, clamping, hysteresis, and
+    type B terms; raises UsageError without a model on levels.
 
     A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
     for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
@@ -79,17 +75,7 @@ def along_blocks(
         "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
     }
     effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
-    return uncertainty.combine_along(thermal, warmer_by(0.0, 0.0), effects, about_mean=about_mean)
-
-
-def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
-    """Standard uncertainty [rows, °/h] of the compensated rate due to the drift model, without
-    noise.
-    """
-    time = values(log.frame, "time_s")
-    _, blocks = ramps.block_means(log, recipe, rated=False)
-    drift_uncertainty = along_blocks(model, blocks, recipe.type_b)
-    return np.interp(time, blocks.time, drift_uncertainty.standard)
+    return uncertainty.combine_along(thermal, warmer_by(0.0, 0.0), effects)
 
 
 def state_along_logs(
@@ -187,10 +173,7 @@ def check_coverage(
         "probability": gum.TWO_SIGMA,
     }
     left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
-    centred = along_blocks(model, blocks, terms, about_mean=True)
-    compared, means, limit = thermal_forms.compare_means(
-        left, drift_uncertainty, centred, noise, group
-    )
+    compared, means, limit = thermal_forms.compare_means(left, drift_uncertainty, noise, group)
     if compared and level is not None:
         entry |= level.compare(means, limit)
     return entry | compared

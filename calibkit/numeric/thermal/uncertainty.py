@@ -8,7 +8,7 @@ x are the derivatives of the bias by coefficients and lags, C their covariance, 
 hysteresis.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -162,8 +162,8 @@ def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:
 
 @dataclass(frozen=True, slots=True)
 class Along:
-    """Bias [n] along a log, contributions to its uncertainty as those of `contributions`, and the
-    combined uncertainty [n].
+    """Bias [n] along a log, contributions to its uncertainty as those of `contributions`, the
+    combined uncertainty [n], and the expanded one [n] of the bias less its mean.
     """
 
     drift: Array
@@ -171,20 +171,22 @@ class Along:
     standard: Array
     effective_dof: Array
     expanded: Array
+    expanded_about_mean: Array
 
 
 def combine_along(
-    model: _Stated,
-    evaluation: Evaluation,
-    type_b: Iterable[tuple[str, Array, float]],
-    *,
-    about_mean: bool = False,
+    model: _Stated, evaluation: Evaluation, type_b: Sequence[tuple[str, Array, float]]
 ) -> Along:
-    """Uncertainty of the bias along a log, or of the bias less its mean: what the model states, and
-    type B terms by name, effect [n] of one standard uncertainty, and degrees of freedom.
+    """Uncertainty of the bias along a log: what the model states, and type B terms by name, effect
+    [n] of one standard uncertainty, and degrees of freedom.
     """
-    terms = contributions(model, evaluation.about_mean() if about_mean else evaluation)
-    for name, effect, dof in type_b:
-        terms.append((name, "B", np.abs(effect - effect.mean() if about_mean else effect), dof))
-    _, _, parts, dofs = zip(*terms, strict=True)
-    return Along(evaluation.drift, terms, *gum.expand_along(np.stack(parts), np.array(dofs)))
+    combined = []
+    terms: list[Contribution] = []
+    for less_mean in (True, False):
+        terms = contributions(model, evaluation.about_mean() if less_mean else evaluation)
+        for name, effect, dof in type_b:
+            terms.append((name, "B", np.abs(effect - effect.mean() if less_mean else effect), dof))
+        _, _, parts, dofs = zip(*terms, strict=True)
+        combined.append(gum.expand_along(np.stack(parts), np.array(dofs)))
+    (_, _, about_mean), along = combined
+    return Along(evaluation.drift, terms, *along, about_mean)
