@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibkit.errors import FitError
@@ -49,15 +50,15 @@ def log_of(
     return columns
 
 
-def fit(columns, sensor="x", **options):
+def fit(columns, sensor="x", *, gyro_ramp=False):
     """Fitted stations of one sensor pair."""
     return stations.fit_stations(
-        columns["station"],
+        pd.factorize(columns["station"])[0],
         columns["position"],
         columns[f"accel_{sensor}"],
         columns[f"gyro_{sensor}"],
         sensor,
-        **{"time_s": columns["time"]} | options,
+        ramp_time_s=columns["time"] if gyro_ramp else None,
     )
 
 
@@ -211,7 +212,7 @@ def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solve
 
 
 def test_what_cannot_be_fitted_at_all_is_refused():
-    """No noise and no degree of freedom, no station at all, a ramp without times."""
+    """No noise and no degree of freedom, no station at all."""
     columns = log_of((0.0, 120.0, 240.0))
     found = fit(columns)
     auto = SimpleNamespace(accel_noise_g="auto", gyro_noise_dph="auto")
@@ -220,5 +221,3 @@ def test_what_cannot_be_fitted_at_all_is_refused():
         noise.decide_noise(found.squares, found.dofs, noise.NO_NOISE, (0.0, 0.0), spec, "x")
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
-    with pytest.raises(FitError, match="without times"):
-        fit(columns, gyro_ramp=True, time_s=None)

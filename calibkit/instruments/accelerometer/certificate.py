@@ -1,6 +1,5 @@
 """Accelerometer results: K-factor, Q-factor and triad, coefficients and values over temperature."""
 
-from collections.abc import Sequence
 from itertools import chain
 
 from calibkit.certificate.blocks import (
@@ -15,7 +14,7 @@ from calibkit.certificate.blocks import (
     plot,
     tabulate,
 )
-from calibkit.certificate.quantities import Quantity, coefficient, state
+from calibkit.certificate.quantities import coefficient, state
 from calibkit.certificate.results import Block, CertificateFigure, Equation, GridTable, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
@@ -117,36 +116,31 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
             grids.append(grid)
             figures += [] if kind[1] else [_plot_change(grid)]
     coefficients: Table
-    if models[0].form == forms.K.name:
-        coefficients = _tabulate_k(basis, record, curves)
+    if models[0].form == forms.K.name:  # K0 … K9 of the three axes side by side
+        by_axis = []
+        for model in models:
+            of_model = [curve for curve in curves if curve.model == model.name]
+            by_axis.append({c.name: c for c in fitted_coefficients(record, model, of_model)})
+        units = {name: c.unit for axis in by_axis for name, c in axis.items()}
+        coefficients = GridTable(
+            COEFFICIENTS,
+            Words(""),
+            tuple(Words(AXES[forms.K_MODELS.index(model.name)]) for model in models),
+            tuple(units.values()),
+            tuple(units),
+            tuple(
+                tuple(state(basis, axis[name], {}) if name in axis else None for axis in by_axis)
+                for name in units
+            ),
+            COEFFICIENT_NOTE,
+            by_row=True,
+        )
         notes = [*map(residual_words, models), range_words(models[0]), *basis.left_out(models[0])]
     else:
         coefficients = list_coefficients(basis, record, models[0], values=curves)
         notes = note_models(basis, models)
     title, equation = BLOCKS[models[0].form]
     return make_block(record, title, (equation,), (coefficients, *grids), figures, notes)
-
-
-def _tabulate_k(basis: Stated, record: Record, curves: Sequence[Quantity]) -> GridTable:
-    """K0 … K9 of the three axes side by side."""
-    columns = []
-    for model in record.models:
-        of_model = [curve for curve in curves if curve.model == model.name]
-        columns.append({c.name: c for c in fitted_coefficients(record, model, of_model)})
-    units = {name: c.unit for column in columns for name, c in column.items()}
-    return GridTable(
-        COEFFICIENTS,
-        Words(""),
-        tuple(Words(AXES[forms.K_MODELS.index(model.name)]) for model in record.models),
-        tuple(units.values()),
-        tuple(units),
-        tuple(
-            tuple(state(basis, column[name], {}) if name in column else None for column in columns)
-            for name in units
-        ),
-        COEFFICIENT_NOTE,
-        by_row=True,
-    )
 
 
 def _q(basis: Stated, record: Record) -> Block:

@@ -1,6 +1,6 @@
 """Models of a run → corrected indications of a triad with their uncertainty, and the errors of
 dwells under a correction: of inclination and toolface, what a recipe accepts of them, and how
-tables, the first screen of a fit and a validation.json state them.
+tables and a validation.json state them.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -23,7 +23,6 @@ from calibkit.numeric import attitude, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
-from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Table, number_or_none
 
@@ -319,24 +318,3 @@ def list_errors(errors: DwellErrors, spec: AccelerometerRecipe) -> dict[str, obj
         entries |= {name: number_or_none(x) for name, x in errors.figures.items()}
         entries["toolface_inclination_range_deg"] = list(spec.toolface_range_deg)
     return entries
-
-
-def summarize_errors(
-    raw: DwellErrors, corrected: DwellErrors, correction: str, table: Table, of_which: str
-) -> Overview:
-    """First screen of dwells before and after a correction."""
-    before, after = (1e6 * errors.residual_rms_g for errors in (raw, corrected))
-    sentence = (
-        f"Residual of {len(raw.residual)} dwells{of_which} (rms): {before:.0f} µg before,"
-        f" {after:.0f} µg after the {correction} correction."
-    )
-    values = [
-        KeyValue("residual rms, before", before, "µg"),
-        KeyValue("residual rms, after", after, "µg"),
-    ]
-    if corrected.figures:
-        tilt = corrected.figures["inclination_max_deg"]
-        values.append(KeyValue("largest inclination error, after", tilt, "°"))
-    if corrected.noise_g > 0.0:
-        values.append(KeyValue("noise of the dwells", 1e6 * corrected.noise_g, "µg"))
-    return Overview(sentence, (), tuple(values), table)

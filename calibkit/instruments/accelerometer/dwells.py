@@ -162,11 +162,32 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
             notes,
         )
         return dwells, np.column_stack([rows, rows + 1])
-    time = values(log.frame, "time_s")
+    time, step = values(log.frame, "time_s"), log.steps.usual
     columns = read_indication(log, spec, temperature)
-    intervals = _find_dwell_rows(log, columns[:, :3], time, log.steps.usual, spec)
+    intervals = stated_segments.stated_rows(log, spec, ["dwell"])
+    if intervals is None:  # rest between the gaps of the log
+        window = max(4, round(spec.dwells.window_s / step))
+        limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
+        gap = max(spec.dwells.max_gap_s, 2.5 * step)
+        gaps = np.flatnonzero(np.diff(time) > gap) + 1
+        try:
+            at_rest = [
+                a
+                + stretches.find_dwells(
+                    columns[a:b, :3], window, threshold=limit, shortest=shortest
+                )
+                for a, b in pairwise([0, *gaps.tolist(), time.size])
+                if b - a >= 4 * window
+            ]
+        except FitError as error:
+            raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+        if not at_rest:
+            raise FrameError(
+                f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
+            )
+        intervals = np.concatenate(at_rest)
     if spec.dwells.piece_s is not None:
-        piece = max(2, round(spec.dwells.piece_s / log.steps.usual))
+        piece = max(2, round(spec.dwells.piece_s / step))
         intervals = stretches.cut_dwells(intervals, piece)
     means, standard_errors = stretches.average_dwells(columns, intervals)
     # reference angles are read at the middle of the dwell
@@ -183,36 +204,3 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
         (*notes, Remark(f"{log.file}: {len(intervals)} dwells found")),
     )
     return dwells, intervals
-
-
-def _find_dwell_rows(
-    log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
-) -> Integers:
-    """First and end row [m, 2] of each dwell: pinned by the recipe, or detected as rest between the
-    gaps of the log.
-    """
-    pinned = stated_segments.stated_rows(log, spec, ["dwell"])
-    if pinned is not None:
-        return pinned
-    window = max(4, round(spec.dwells.window_s / step))
-    gap = max(spec.dwells.max_gap_s, 2.5 * step)
-    bounds = [
-        0,
-        *(np.flatnonzero(np.diff(time) > gap) + 1).tolist(),
-        time.size,
-    ]
-    limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
-    try:
-        rest_rows = [
-            start
-            + stretches.find_dwells(triad[start:stop], window, threshold=limit, shortest=shortest)
-            for start, stop in pairwise(bounds)
-            if stop - start >= 4 * window
-        ]
-    except FitError as error:
-        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    if not rest_rows:
-        raise FrameError(
-            f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
-        )
-    return np.concatenate(rest_rows)

@@ -5,6 +5,7 @@ errors before and after correction.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +16,6 @@ from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from calibkit.instruments import Fitted
     from calibkit.instruments.accelerometer.corrections import DwellErrors
     from calibkit.instruments.accelerometer.dwells import DwellSet
@@ -51,17 +50,24 @@ class TriadReport:
         return columns
 
 
-def _draw_residuals(title: str, report: TriadReport) -> Figure:
-    """Residual of each component against temperature, and the measured attitudes on an equal-area
-    map.
+def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
+    """Page of attitude errors, which shows the verdict, where there is a reference attitude, page
+    of residuals and coverage, and the summary with every result.
     """
-    figure, axes = page(2, 2, title=f"{title}: residual after correction, and the attitudes held")
-    dwells, residual = report.dwells, report.after.residual
-    names = ("x", "y", "z") if residual.shape[1] == 3 else ("|G| - g",)
-    for k, name in enumerate(names):
-        axes[k].plot(dwells.temperature, 1e6 * residual[:, k], ".", ms=3, color=DENOISED)
-        axes[k].axhline(0.0, color=MUTED, lw=0.6)
-        axes[k].set(title=f"residual {name}", xlabel="case temperature [°C]", ylabel="[µg]")
+    report = fitted.drawing
+    dwells, before, after = report.dwells, report.before, report.after
+    results = tabulate_fit(fitted.results, report.spec, fitted.sensitivities, certificate.blocks)
+    full_summary = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
+
+    # Residual of each component against temperature.
+    residuals, axes = page(
+        2, 2, title=f"{title}: residual after correction, and the attitudes held"
+    )
+    names = ("x", "y", "z") if after.residual.shape[1] == 3 else ("|G| - g",)
+    for ax, name, residual in zip(axes, names, after.residual.T, strict=False):
+        ax.plot(dwells.temperature, 1e6 * residual, ".", ms=3, color=DENOISED)
+        ax.axhline(0.0, color=MUTED, lw=0.6)
+        ax.set(title=f"residual {name}", xlabel="case temperature [°C]", ylabel="[µg]")
     for ax in axes[len(names) : 3]:
         ax.set_visible(False)
     # directions of gravity in the triad's frame, equal-area: the sphere's poles are top and bottom
@@ -70,43 +76,26 @@ def _draw_residuals(title: str, report: TriadReport) -> Figure:
     axes[3].plot(longitude_deg, unit[:, 2], "o", ms=3, color=ALERT, alpha=0.5)
     axes[3].set(xlim=(-190, 190), ylim=(-1.1, 1.1), title="attitudes held (equal-area)")
     axes[3].set(xlabel="direction of gravity about z [°]", ylabel="component along z")
-    return figure
+    if not after.figures:
+        return Drawn((residuals,), full_summary)
 
-
-def _draw_angles(title: str, report: TriadReport) -> Figure:
-    """Inclination and toolface errors before and after correction, against inclination and
-    temperature.
-    """
-    before, after = report.before, report.after
+    # Errors of inclination and toolface before and after, against inclination and temperature.
     low, high = report.spec.toolface_range_deg
-    figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
+    angles, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
     toolface = f"toolface ({low:g}-{high:g}° inclination)"
     pairs = (
         ("inclination", before.inclination_deg, after.inclination_deg),
         (toolface, before.toolface_deg, after.toolface_deg),
     )
     abscissae = (
-        (report.dwells.inclination, "inclination [°]"),
-        (report.dwells.temperature, "case temperature [°C]"),
+        (dwells.inclination, "inclination [°]"),
+        (dwells.temperature, "case temperature [°C]"),
     )
-    for row, (name, grey, green) in enumerate(pairs):
-        for column, (abscissa, label) in enumerate(abscissae):
-            ax = axes[2 * row + column]
-            ax.plot(abscissa, grey, ".", ms=3, color=RAW)
-            ax.plot(abscissa, green, ".", ms=3, color=GOOD)
-            ax.set(title=f"{name} error", xlabel=label, ylabel="[°]")
-            ax.set_yscale("symlog", linthresh=0.01)
-    return figure
-
-
-def draw(title: str, fitted: Fitted[TriadReport]) -> Drawn:
-    """Page of attitude errors, which shows the verdict, where there is a reference attitude, page
-    of residuals and coverage, and the summary with every result.
-    """
-    report = fitted.drawing
-    results = tabulate_fit(fitted.results, report.spec, fitted.sensitivities, certificate.blocks)
-    full_summary = replace(fitted.summary, tables=(*results, *fitted.summary.tables))
-    residuals = _draw_residuals(title, report)
-    if not report.after.figures:
-        return Drawn((residuals,), full_summary)
-    return Drawn((_draw_angles(title, report), residuals), full_summary)
+    for ax, ((name, grey, green), (abscissa, label)) in zip(
+        axes, product(pairs, abscissae), strict=True
+    ):
+        ax.plot(abscissa, grey, ".", ms=3, color=RAW)
+        ax.plot(abscissa, green, ".", ms=3, color=GOOD)
+        ax.set(title=f"{name} error", xlabel=label, ylabel="[°]")
+        ax.set_yscale("symlog", linthresh=0.01)
+    return Drawn((angles, residuals), full_summary)

@@ -41,7 +41,29 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
         draft.indication(f"accel_{axis}_g", "g", meaning, FITTED_G, full, "ACCEL_BEYOND")
     form = record.models[0].form
     if form == forms.K.name:
-        _k(draft, record, (middle, half), sign)
+        # S(u) V − Z(u) − K8 V′ − K9 V″, V′ and V″ the other axes; the largest term is added last
+        for row, axis in enumerate(AXES):
+            model = record.model(forms.K_MODELS[row])
+            scale, zero = (
+                exact.mapped(numbers(model, *names), middle, half)
+                for names in (forms.SCALE_FACTOR, forms.ZERO_OFFSET)
+            )
+            cross = zip(forms.CROSS, CROSS[row], strict=True)
+            draft.sum(
+                f"k_{axis}",
+                *(
+                    draft.polynomial(
+                        f"{name.lower()}_{axis}",
+                        numbers(model, name),
+                        "",
+                        forms.COMPONENTS[other],
+                        sign=-1,
+                    )
+                    for name, other in cross
+                ),
+                draft.polynomial(f"zero_{axis}", exact.scale(zero, Fraction(sign)), "u", sign=-1),
+                draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[row]),
+            )
     else:
         _triad(draft, record.models[0], (middle, half), sign)
     for axis in AXES:
@@ -104,34 +126,6 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
                 added.append(draft.polynomial(term.symbol, (signed,), "", *factors))
         last = [] if by_matrix else [factor(f"a_{axis}")]
         draft.sum(f"k_{axis}", *added, *last)
-
-
-def _k(draft: Draft, record: Record, mapping: tuple[Fraction, Fraction], sign: int) -> None:
-    """Add S(u) V − Z(u) − K8 V′ − K9 V″ of each axis to the draft, V′ and V″ the other axes; the
-    largest term is added last.
-    """
-    for row, axis in enumerate(AXES):
-        model = record.model(forms.K_MODELS[row])
-        scale = exact.mapped(numbers(model, *forms.SCALE_FACTOR), *mapping)
-        zero = exact.scale(
-            exact.mapped(numbers(model, *forms.ZERO_OFFSET), *mapping), Fraction(sign)
-        )
-        cross = zip(forms.CROSS, CROSS[row], strict=True)
-        draft.sum(
-            f"k_{axis}",
-            *(
-                draft.polynomial(
-                    f"{name.lower()}_{axis}",
-                    numbers(model, name),
-                    "",
-                    forms.COMPONENTS[other],
-                    sign=-1,
-                )
-                for name, other in cross
-            ),
-            draft.polynomial(f"zero_{axis}", zero, "u", sign=-1),
-            draft.polynomial(f"scale_{axis}", scale, "u", forms.COMPONENTS[row]),
-        )
 
 
 def conventions(spec: AccelerometerRecipe) -> tuple[str, ...]:

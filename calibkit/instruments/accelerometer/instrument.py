@@ -25,6 +25,7 @@ from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.numeric import attitude
+from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 
@@ -128,7 +129,21 @@ def fit(
     remarks = findings.remark_on_dwells(dwells, spec)
     flags = dict.fromkeys((*dwells.flags, *remarks, *triad.flags))
     criteria = (*corrected.judge_errors(spec), *findings.judge_unexplained(triad, dwells))
-    overview = corrections.summarize_errors(raw, corrected, CORRECTIONS[stage], compared, out)
+    before, after = (1e6 * errors.residual_rms_g for errors in (raw, corrected))
+    sentence = (
+        f"Residual of {len(counted.place)} dwells{out} (rms): {before:.0f} µg before,"
+        f" {after:.0f} µg after the {CORRECTIONS[stage]} correction."
+    )
+    key_values = [
+        KeyValue("residual rms, before", before, "µg"),
+        KeyValue("residual rms, after", after, "µg"),
+    ]
+    if corrected.figures:
+        tilt = corrected.figures["inclination_max_deg"]
+        key_values.append(KeyValue("largest inclination error, after", tilt, "°"))
+    if corrected.noise_g > 0.0:
+        key_values.append(KeyValue("noise of the dwells", 1e6 * corrected.noise_g, "µg"))
+    overview = Overview(sentence, (), tuple(key_values), compared)
     left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
     return Fitted(
         results,

@@ -30,14 +30,6 @@ ORIGIN = 10.0
 """Value of a parameter's scaled coordinate at the solution, in standard uncertainties."""
 
 
-def corrected_length(p: Numbers, indication: Array) -> Numbers:
-    """Length [n] of Q diag(1/s) (V - b) for indications V [n, 3] and the nine parameters of
-    NAMES.
-    """
-    Q = published.exact_matrix(published.axes_from_angles(p[6:]))
-    return length((indication - p[3:6]) / p[:3] @ Q.T)
-
-
 def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, float]]:
     """Parameter of NAMES → its interval, by plain least squares from what `triad` found at the mean
     temperature of the dwells; an end that is not rejected within the bounds is infinite.
@@ -51,7 +43,8 @@ def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, flo
     stated, noise = bool(np.all(dwells.noise > 0.0)), dwells.relative_noise(lengths=True)
 
     def residual(p: Numbers) -> Numbers:
-        return (corrected_length(p, indication) - 1.0) / noise
+        Q = published.exact_matrix(published.axes_from_angles(p[6:]))
+        return (length((indication - p[3:6]) / p[:3] @ Q.T) - 1.0) / noise
 
     t = float(triad.mapped(dwells.temperature.mean()))
     k, z, Q = np.split(triad.terms.at_temperature(triad.fit.parameters, t), 3)

@@ -11,7 +11,6 @@ from calibkit.ingest.nameless import find_sphere
 from calibkit.instruments.accelerometer.forms import COMPONENTS
 
 if TYPE_CHECKING:
-    from calibkit.ingest.column_names import LogColumn
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.recipe_text import RecipeChoice
 
@@ -23,7 +22,15 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     """Choice of a recipe with reference attitudes and temperature; without these columns, of the
     magnitude-only recipe.
     """
-    columns, lines = _scale_counts(evidence)
+    columns, lines = dict(evidence.columns), {}
+    counts = [f"accel_{axis}_lsb" for axis in "xyz"]
+    if set(counts) <= columns.keys() and evidence.turned:
+        # scaled to g by the sphere on which the counts of a triad lie that was turned
+        names = [columns[count].name for count in counts]
+        sphere = find_sphere(np.column_stack([evidence.glimpse.first[name] for name in names]))
+        for count, component, middle in zip(counts, COMPONENTS, sphere[:3], strict=True):
+            columns[component], scale = columns.pop(count), 1.0 / sphere[3]
+            lines[component] = (f"scale = {scale:.6g}", f"offset = {-middle * scale:.6g}")
     if not set(COMPONENTS) <= columns.keys():
         return None
     if set(ATTITUDE) <= columns.keys():
@@ -54,21 +61,3 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
 _NOMINAL = "# Counts are scaled to g by the sphere that they lie on; the fit finds what is left."
 _MOST_LISTED = 200
 """Rows up to which a log without times is a list of dwells."""
-
-
-def _scale_counts(evidence: Evidence) -> tuple[dict[str, LogColumn], dict[str, tuple[str, ...]]]:
-    """Columns with a triad's counts as accelerations, and the lines that scale each to g; as they
-    are where the counts do not lie on a sphere.
-    """
-    axes = [f"accel_{axis}_lsb" for axis in "xyz"]
-    columns = dict(evidence.columns)
-    if not set(axes) <= columns.keys() or not evidence.turned:
-        return columns, {}
-    names = [columns[axis].name for axis in axes]
-    sphere = find_sphere(np.column_stack([evidence.glimpse.first[name] for name in names]))
-    lines: dict[str, tuple[str, ...]] = {}
-    for axis, component, middle in zip(axes, COMPONENTS, sphere[:3], strict=True):
-        columns[component] = columns.pop(axis)
-        scale = 1.0 / sphere[3]
-        lines[component] = (f"scale = {scale:.6g}", f"offset = {-middle * scale:.6g}")
-    return columns, lines

@@ -47,7 +47,11 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
     second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
     logs, attitudes = {}, {}
     for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):
-        directions = _directions(rng, count)
+        # six faces within a few degrees, the others in random directions
+        faces = np.vstack((np.eye(3), -np.eye(3)))[:count]
+        faces += rng.normal(0.0, 0.04, faces.shape)
+        directions = np.vstack((faces, rng.normal(size=(max(count - 6, 0), 3))))
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         acting = path(rng, directions) @ axes.T
         walk = np.cumsum(rng.normal(0.0, WALK_G, acting.shape), axis=0)
         indicated = (
@@ -72,15 +76,6 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
         "gravity": attitudes,
     }
     return Campaign(logs, DECIMALS, truth)
-
-
-def _directions(rng: np.random.Generator, count: int) -> Array:
-    """Unit vectors [count, 3] of gravity: six faces within a few degrees, the others in random
-    directions.
-    """
-    faces = np.vstack((np.eye(3), -np.eye(3)))[:count] + rng.normal(0.0, 0.04, (min(count, 6), 3))
-    vectors = np.vstack((faces, rng.normal(size=(max(count - 6, 0), 3))))
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
 
 
 def path(rng: np.random.Generator, directions: Array, hold_s: float = HOLD_S) -> Array:

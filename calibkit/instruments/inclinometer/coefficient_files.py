@@ -47,10 +47,31 @@ def make_result(
 ) -> StageResult:
     """Coefficient file of a fit: s(T), scale factors at the reference temperature, numbers of roots
     and stations used, azimuth errors before and after correction; flags of noises and scatters
-    that are estimated from too few degrees of freedom.
+    that are large, or estimated from too few degrees of freedom.
     """
-    figures, of_few_dof, of_fits = [], [], []
+    figures, of_scatter, of_few_dof, of_fits = [], [], [], []
     for axis, scale in fits.items():
+        # more scatter of s than the readings explain: the latitude that would explain it, if the
+        # stations agree on one, or other causes
+        pair, stated_deg = solved.solutions[axis], spec.site.latitude_deg
+        u = pair.s_root_uncertainty[scale.used]
+        expected = float(np.median(u)) if u.size else 0.0
+        if expected and scale.fit is not None and scale.model.scatter > SCATTERS * expected:
+            latitude = np.full(pair.s.size, stated_deg)
+            slopes = root_slopes(stations.components[axis], latitude, pair.root >= 0)
+            # the root at the recipe's latitude is s(T) - ds/dα × offset
+            offset, u_offset = scale.further_error(-np.radians(slopes[:, 4]), FEWEST)
+            reason = (
+                "see that site.latitude_deg is right and the gyro does not change from station to"
+                " station"
+                if abs(offset) < max(SIGNIFICANT * u_offset, LEAST_DEG)
+                else f"the stations fit a latitude of {stated_deg + offset:.2f}° ± {u_offset:.2f}°,"
+                f" site.latitude_deg says {stated_deg:g}°"
+            )
+            of_scatter.append(
+                f"{axis}: s scatters by {scale.model.scatter:.1e} beyond its readings, which are"
+                f" good for {expected:.1e} ({scale.model.scatter / expected:.1f} times): {reason}"
+            )
         degc, valid, noise = (
             spec.reference_temp_degc,
             scale.model.valid,
@@ -90,47 +111,11 @@ def make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         tuple(figures),
-        (*notes, *of_few_dof, *of_fits, *flag_stations(stations, solved)),
+        (*notes, *of_scatter, *of_few_dof, *of_fits, *flag_stations(stations, solved)),
         tuple(site),
     )
 
 
-def flag_latitude(
-    fits: Mapping[Sensor, ScaleFit],
-    stations: Stations,
-    solved: SolvedStations,
-    spec: InclinometerRecipe,
-) -> list[str]:
-    """Flags of gyros with more scatter of s than their readings explain; each states the latitude
-    that would explain it, or other causes.
-    """
-    flags, stated_deg = [], spec.site.latitude_deg
-    for axis, fit in fits.items():
-        u = solved.solutions[axis].s_root_uncertainty[fit.used]
-        expected = float(np.median(u)) if u.size else 0.0
-        if not expected or fit.fit is None or fit.model.scatter <= SCATTERS * expected:
-            continue
-        scatter_words = (
-            f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
-            f" {expected:.1e}"
-        )
-        # the root at the recipe's latitude is s(T) - ds/dα × offset
-        pair, parts = solved.solutions[axis], stations.components[axis]
-        latitude = np.full(pair.s.size, stated_deg)
-        by_latitude = np.radians(root_slopes(parts, latitude, pair.root >= 0)[:, 4])
-        offset, u_offset = fit.further_error(-by_latitude, FEWEST)
-        reason = (
-            "see that site.latitude_deg is right and the gyro does not change from station to"
-            " station"
-            if abs(offset) < max(SIGNIFICANT * u_offset, LEAST_DEG)
-            else f"the stations fit a latitude of {stated_deg + offset:.2f}° ± {u_offset:.2f}°,"
-            f" site.latitude_deg says {stated_deg:g}°"
-        )
-        flags.append(f"{scatter_words} ({fit.model.scatter / expected:.1f} times): {reason}")
-    return flags
-
-
-@np.errstate(divide="ignore", invalid="ignore")
 def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, refused stations first; stations with the same flag share a line."""
     # stations where a root differs significantly from its prior, or is impossible

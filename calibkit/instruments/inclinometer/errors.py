@@ -11,7 +11,6 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.fit.unseen import unseen
-from calibkit.frame import Log
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
@@ -21,7 +20,7 @@ from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.dispersion import rms
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
-from calibkit.report.table import Table, number_or_none
+from calibkit.report.table import Table
 
 TURNED = 5.0
 """Standard uncertainties above which unseen azimuths are turned together; 260 simulated tools had
@@ -243,40 +242,3 @@ def summarize(
         values.insert(0, KeyValue("azimuth error (rms), after", after, "°"))
     first = Overview(sentence, tuple(facts), tuple(values), table)
     return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
-
-
-def list_validation(
-    log: Log, stations: Stations, solved: SolvedStations, angles: AngleErrors
-) -> dict[str, object]:
-    """JSON object of one validated log."""
-    by_stage = {
-        stage: {
-            f"{angle}_{name}_deg": number_or_none(float(size))
-            for angle, sizes in angles.sizes.items()
-            for name, size in zip(("rms", "max"), sizes[k, :2], strict=True)
-        }
-        for k, stage in enumerate(("before", "after"))
-    }
-    before, after, u = angles.before, angles.after, angles.standard_uncertainty
-    worse = ((np.abs(after) - np.abs(before)) / u)[angles.known]
-    return {
-        "name": log.file,
-        "sha256": log.sha256,
-        "rows": log.rows,
-        "stations_used": int((~solved.refused).sum()),
-        "stations_refused": int(solved.refused.sum()),
-        **by_stage,
-        "worse_than_uncorrected_over_u": number_or_none(
-            float(np.fmax.reduce(worse, initial=np.nan))
-        ),
-        "stations": [
-            {
-                "station": name,
-                "azimuth_error_before_deg": number_or_none(float(before[k])),
-                "azimuth_error_after_deg": number_or_none(float(after[k])),
-                "azimuth_standard_uncertainty_deg": number_or_none(float(u[k])),
-                "refused": solved.combined.status[k],
-            }
-            for k, name in enumerate(stations.names)
-        ],
-    }

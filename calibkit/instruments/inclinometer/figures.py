@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
@@ -95,14 +94,17 @@ def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
     ax.legend(loc="best", ncols=3)
 
 
-def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
-    """Azimuth error before and after correction against C, which shows the verdict; without a
-    reference azimuth, the azimuth shift that s causes.
+def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
+    """Azimuth error before and after correction against C, which shows the verdict, or without a
+    reference azimuth what s changes; s(T) of each gyro; and the summary with all stations.
     """
-    title = f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ"
-    figure, (ax,) = page(1, 1, title=title, height=4.4)
-    errors, combined = report.errors, report.seen.combined
-    C, bars = report.c, 2.0 * errors.standard_uncertainty
+    report, count = fitted.drawing, len(fitted.drawing.fits)
+    errors, combined, C = report.errors, report.seen.combined, report.c
+    table = tabulate_stations(report.stations, report.seen, errors)
+    full_summary = replace(fitted.summary, tables=(table, *fitted.summary.tables[1:]))
+    against_c = f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ"
+    azimuth, (ax,) = page(1, 1, title=against_c, height=4.4)
+    bars = 2.0 * errors.standard_uncertainty
     if np.isfinite(errors.after).any():
         ax.plot(C, errors.before, "o", ms=4, color=RAW, label="s = 1")
         label = "corrected, bars k = 2"
@@ -118,18 +120,9 @@ def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
         )
     ax.set_xlabel("C")
     ax.axhline(0.0, color=MUTED, lw=0.6)
-    return figure
-
-
-def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
-    """Figures of a fit, and its summary with the table of all stations."""
-    report = fitted.drawing
-    table = tabulate_stations(report.stations, report.seen, report.errors)
-    full_summary = replace(fitted.summary, tables=(table, *fitted.summary.tables[1:]))
-    count = len(report.fits)
     scales, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
     )
     for ax, axis in zip(axes, report.fits, strict=True):
         _draw_curve(ax, axis, report)
-    return Drawn((_draw_azimuth(title, report), scales), full_summary)
+    return Drawn((azimuth, scales), full_summary)

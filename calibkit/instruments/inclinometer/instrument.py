@@ -35,12 +35,12 @@ from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.report.summary import Summary
+from calibkit.report.table import number_or_none
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.arrays import Array
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
@@ -97,7 +97,6 @@ def fit(
     fits, solved = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in findings if finding.flagged]
-    notes += coefficient_files.flag_latitude(fits, stations, solved, spec)
     angles = errors.AngleErrors.compare(stations, solved)
     result = coefficient_files.make_result(fits, stations, solved, angles, notes, spec)
     influences = coefficient_files.find_sensitivities(fits, stations, spec.on_site())
@@ -158,37 +157,21 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     }
     if spec.output.azimuth_uncertainty:
         angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
-    if spec.output.rows == "station":
-        return _list_stations(spec, log, dwelt.log, stations, solved, angles), flags
     angles_shown = {name: np.where(solved.refused, np.nan, angle) for name, angle in angles.items()}
+    if spec.output.rows == "station":
+        # a row for each station: its number and time, its angles, or why it has none
+        first = np.unique(stations.row_station, return_index=True)[1]
+        frame = dwelt.log.frame
+        shown = [name for name in ("station", "time_s") if name in frame.columns]
+        table = {name: values(frame, name)[first] for name in shown}
+        table |= {TEMPERATURE: stations.temperature, **angles_shown}
+        return write_back.tabulate(spec, log, table, solved.combined.status), flags
     # nor have rows that were recorded while the tool was being turned
     derived = {
         name: dwelt.along(angle[stations.row_station], log, standing=True)
         for name, angle in angles_shown.items()
     }
     return write_back.rewrite_log(spec.on_site(), data, log, columns, derived), flags
-
-
-def _list_stations(
-    spec: InclinometerRecipe,
-    log: Log,
-    dwelt: Log,
-    stations: inclinometer_stations.Stations,
-    solved: solve.SolvedStations,
-    angles: Mapping[str, Array],
-) -> write_back.Rewritten:
-    """Table of a log, one row per station: its number, time and temperature, its angles, or why it
-    has none.
-    """
-    first = np.unique(stations.row_station, return_index=True)[1]
-    columns = {
-        name: values(dwelt.frame, name)[first]
-        for name in ("station", "time_s")
-        if name in dwelt.frame.columns
-    }
-    columns["temp_case_degc"] = stations.temperature
-    columns |= {name: np.where(solved.refused, np.nan, angle) for name, angle in angles.items()}
-    return write_back.tabulate(spec, log, columns, solved.combined.status)
 
 
 def validate(
@@ -206,23 +189,57 @@ def validate(
                 f"{file}: no station has both a reference azimuth and a result",
                 hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
             )
-        entries.append(errors.list_validation(log, stations, solved, angles))
+        u = angles.standard_uncertainty
+        worse = ((np.abs(angles.after) - np.abs(angles.before)) / u)[angles.known]
+        columns = zip(stations.names, angles.before, angles.after, u, strict=True)
+        entries.append(
+            {
+                "name": file,
+                "sha256": log.sha256,
+                "rows": log.rows,
+                "stations_used": int((~solved.refused).sum()),
+                "stations_refused": int(solved.refused.sum()),
+                **{
+                    stage: {
+                        f"{angle}_{name}_deg": number_or_none(float(size))
+                        for angle, sizes in angles.sizes.items()
+                        for name, size in zip(("rms", "max"), sizes[k, :2], strict=True)
+                    }
+                    for k, stage in enumerate(("before", "after"))
+                },
+                "worse_than_uncorrected_over_u": number_or_none(
+                    float(np.fmax.reduce(worse, initial=np.nan))
+                ),
+                "stations": [
+                    {
+                        "station": name,
+                        "azimuth_error_before_deg": number_or_none(float(before)),
+                        "azimuth_error_after_deg": number_or_none(float(after)),
+                        "azimuth_standard_uncertainty_deg": number_or_none(float(of_azimuth)),
+                        "refused": reason,
+                    }
+                    for (name, before, after, of_azimuth), reason in zip(
+                        columns, solved.combined.status, strict=True
+                    )
+                ],
+            }
+        )
         tables.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(station_flags)
-        before, after = angles.sizes["azimuth"][:, 0]  # rms; behind it stands the largest
-        if after > before:
+        rms_before, rms_after = angles.sizes["azimuth"][:, 0]  # behind it stands the largest
+        if rms_after > rms_before:
             flags.append(
-                f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}°"
+                f"{file}: the azimuth's rms error is {rms_after:.3g}° corrected, {rms_before:.3g}°"
                 " uncorrected: s(T) does not hold here; see site.latitude_deg, the gyros, and the"
                 " reference azimuths"
             )
-        angle, u = angles.turn()
-        if abs(angle) > errors.TURNED * u:
+        angle, u_angle = angles.turn()
+        if abs(angle) > errors.TURNED * u_angle:
             flags.append(
-                f"{file}: the azimuths are turned together by {angle:.3f}° ± {u:.2g}°, expected 0°:"
-                " the gyros are turned against the accelerometers, or the reference is; align"
-                " them, or state what is known of the reference in [[type_b]] with quantity ="
-                " 'azimuth_deg'"
+                f"{file}: the azimuths are turned together by {angle:.3f}° ± {u_angle:.2g}°,"
+                " expected 0°: the gyros are turned against the accelerometers, or the reference"
+                " is; align them, or state what is known of the reference in [[type_b]] with"
+                " quantity = 'azimuth_deg'"
             )
         parts.append(angles)
         criteria += [angles.judge_uncertainty(file), angles.judge_turn(file)]

@@ -238,9 +238,37 @@ def estimate_roots(
     off_heading = np.where((s > 0.0) & np.isfinite(off_heading), off_heading, np.inf)
     with_heading = np.isfinite(off_heading).any(axis=1)
     by_heading = np.where(with_heading, np.argmin(off_heading, axis=1), -1)
-    reasons = _list_refusals(parts, attitude, latitude, limits)
-    status = tuple(a or b for a, b in zip(refused or reasons, reasons, strict=True))
-    return Estimates(parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, status)
+
+    # why a station is refused
+    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
+    tilts = np.degrees(attitude.inclination)
+    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
+    status = [*refused] or [""] * len(s)
+    for k, (row, tilt) in enumerate(zip(inputs, tilts, strict=True)):
+        reason = ""
+        if not np.isfinite(row).all():
+            reason = "an indication or the latitude is not finite"
+        elif abs(row[4]) > limits.latitude_deg:
+            reason = (
+                f"latitude {row[4]:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
+                " rate is too small for an azimuth"
+            )
+        elif tilt > limits.horizontal_deg:
+            reason = (
+                f"inclination {tilt:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
+                " the tool give no azimuth there"
+            )
+        elif tilt < limits.vertical_deg:
+            reason = (
+                f"inclination {tilt:.3f}° is below {limits.vertical_deg:g}°: toolface and"
+                f" azimuth are not separable, their sum is {total[k]:.2f}°"
+            )
+        elif not row[2:4].any():
+            reason = "the gyros show no rate at all"
+        status[k] = status[k] or reason
+    return Estimates(
+        parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, tuple(status)
+    )
 
 
 def history_prior(
@@ -392,39 +420,6 @@ def _list_flags(
     return tuple(lines)
 
 
-def _list_refusals(
-    parts: Components, attitude: Attitude, latitude: Array, limits: LimitSpec
-) -> tuple[str, ...]:
-    """Reason [n] why each station is refused, or an empty string."""
-    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
-    tilts = np.degrees(attitude.inclination)
-    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
-    reasons = []
-    for row, tilt, angle_sum in zip(inputs, tilts, total, strict=True):
-        reason = ""
-        if not np.isfinite(row).all():
-            reason = "an indication or the latitude is not finite"
-        elif abs(row[4]) > limits.latitude_deg:
-            reason = (
-                f"latitude {row[4]:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
-                " rate is too small for an azimuth"
-            )
-        elif tilt > limits.horizontal_deg:
-            reason = (
-                f"inclination {tilt:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
-                " the tool give no azimuth there"
-            )
-        elif tilt < limits.vertical_deg:
-            reason = (
-                f"inclination {tilt:.3f}° is below {limits.vertical_deg:g}°: toolface and"
-                f" azimuth are not separable, their sum is {angle_sum:.2f}°"
-            )
-        elif not row[2:4].any():
-            reason = "the gyros show no rate at all"
-        reasons.append(reason)
-    return tuple(reasons)
-
-
 @dataclass(frozen=True, slots=True)
 class Combined(Angles):
     """North seeking of n stations by all sensor pairs; a station that no pair solves is refused.
@@ -483,6 +478,28 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
         else "; ".join(f"{axis}: {reason}" for axis, reason in zip(pairs, reasons, strict=True))
         for reasons in zip(*(pair.status for pair in pairs.values()), strict=True)
     )
+    # flags of each pair, of one that could not be used, and of two that disagree
+    flags = list(next(iter(pairs.values())).flags)
+    if len(pairs) == 2:
+        difference = wrapped(angles[1] - angles[0])[:, :3]
+        variance = np.diagonal(of_pairs.sum(axis=0), axis1=1, axis2=2)
+        limit = PAIRS_DISAGREE * np.sqrt(variance + (by_latitude[0] - by_latitude[1]) ** 2) + 1e-9
+        apart = (np.abs(difference) > limit) & np.asarray(used.all(axis=0))[:, None]
+        for k, some_pair in enumerate(solved.tolist()):
+            of_station = [
+                f"{axis}: {flag}" for axis, pair in pairs.items() for flag in pair.flags[k]
+            ]
+            of_station += [
+                f"{axis} not used: {pair.status[k]}"
+                for axis, pair in pairs.items()
+                if some_pair and pair.status[k]
+            ]
+            of_station += [
+                f"the pairs differ by {difference[k, j]:.3f}° in {NAMES[j]}, more than their noise"
+                " explains"
+                for j in np.flatnonzero(apart[k]).tolist()
+            ]
+            flags[k] = tuple(of_station)
     return Combined(
         inclination_deg=np.where(solved, mean[:, 0], np.fmax.reduce(angles[:, :, 0])),
         toolface_deg=wrapped(mean[:, 1]),
@@ -491,40 +508,5 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
         azimuth_weight=np.where(used, weight[:, :, 2], 0.0),
         covariance=np.where(solved[:, None, None], covariance, np.nan),
         status=status,
-        flags=_flag_pairs(pairs, used),
+        flags=tuple(flags),
     )
-
-
-def _flag_pairs(pairs: Mapping[Sensor, Solution], used: Mask) -> tuple[tuple[str, ...], ...]:
-    """Flags [n] of the pairs, of pairs that could not be used, and of two that disagree."""
-    if len(pairs) == 1:
-        return next(iter(pairs.values())).flags
-    x, y = pairs.values()
-    by_latitude = x.by_latitude - y.by_latitude
-    variance = np.diagonal(x.pair_covariance + y.pair_covariance, axis1=1, axis2=2) + by_latitude**2
-    limit = PAIRS_DISAGREE * np.sqrt(variance[:, ANGLES]) + 1e-9
-    difference = wrapped(
-        np.column_stack(
-            (
-                y.inclination_deg - x.inclination_deg,
-                y.toolface_deg - x.toolface_deg,
-                y.azimuth_deg - x.azimuth_deg,
-            )
-        )
-    )
-    lines = []
-    for k, solved in enumerate(used.T):
-        flags = [f"{axis}: {flag}" for axis, pair in pairs.items() for flag in pair.flags[k]]
-        if solved.any():
-            flags += [
-                f"{axis} not used: {pair.status[k]}"
-                for axis, pair in pairs.items()
-                if pair.status[k]
-            ]
-        flags += [
-            f"the pairs differ by {difference[k, j]:.3f}° in {NAMES[j]}, more than their noise"
-            " explains"
-            for j in np.flatnonzero(solved.all() & (np.abs(difference[k]) > limit[k])).tolist()
-        ]
-        lines.append(tuple(flags))
-    return tuple(lines)

@@ -5,17 +5,14 @@ the tool, their noise, and why a station is refused.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from calibkit import check
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer import dwells as inclinometer_dwells, published
@@ -194,7 +191,7 @@ def solve_components(
     """
     by_station = frame.groupby("station")
     mean, first = by_station.mean(numeric_only=True), by_station.first()
-    count, station, time_s = len(mean), frame["station"].to_numpy(), values(frame, "time_s")
+    count, station = len(mean), frame["station"].to_numpy()
     position, faults = values(frame, "position_deg"), [""] * count
     if spec.stations.method == "four_differences":
         # half differences of the four positions are their fit by least squares
@@ -211,8 +208,7 @@ def solve_components(
         accel = gravity_positive(accel, spec.reference.convention)
         fits = fit_stations(
             *(station, position, accel, gyro, axis),
-            time_s=time_s if spec.stations.gyro_ramp else None,
-            gyro_ramp=spec.stations.gyro_ramp,
+            ramp_time_s=values(frame, "time_s") if spec.stations.gyro_ramp else None,
             faults=faults,
         )
         before = NO_NOISE if calibrated_noise is None else calibrated_noise[axis]
@@ -272,45 +268,31 @@ class StationFits:
         return Components(accel_x, accel_y, gyro_x, gyro_y, self.covariance * np.outer(u, u))
 
 
-def residual(
-    p: Numbers, sensor: Sensor, position_deg: Array, elapsed_s: Array, reading: Array | float
-) -> Numbers:
-    """What the equation leaves of the readings [r] of a station, of x, y, b and ḃ.
+def fit_stations(
+    station: Integers,
+    position_deg: Array,
+    accel: Array,
+    gyro: Array,
+    sensor: Sensor,
+    *,
+    ramp_time_s: Array | None = None,
+    faults: Sequence[str] = (),
+) -> StationFits:
+    """Components of every station of one sensor pair, by least squares of x, y, b and ḃ.
 
         r_i = x cos p_i + y sin p_i + b + ḃ (t_i - t̄)      sensor on x
         r_i = y cos p_i - x sin p_i + b + ḃ (t_i - t̄)      sensor on y
 
     r reading in position p at time t; x, y the components of gravity or of the earth's rate, b
     bias of the sensor, ḃ its ramp.
-    """
-    x, y, bias, ramp = p
-    angle = np.radians(position_deg)
-    along, across = (x, y) if sensor == "x" else (y, -x)
-    model = along * np.cos(angle) + across * np.sin(angle) + bias + ramp * elapsed_s
-    return np.asarray(model - reading)
-
-
-def fit_stations(
-    station: ArrayLike,
-    position_deg: Array,
-    accel: Array,
-    gyro: Array,
-    sensor: Sensor,
-    *,
-    time_s: Array | None = None,
-    gyro_ramp: bool = False,
-    faults: Sequence[str] = (),
-) -> StationFits:
-    """Components of every station of one sensor pair.
 
     Parameters
     ----------
-    station : [r], number of each row's station.
+    station : [r], number of each row's station, from 0.
     position_deg : [r] rotations p about the tool axis [°], any, in any sequence.
     accel, gyro : [r] [g] and [°/h].
     sensor : which axis the pair is on.
-    time_s : [r] [s], needed for the ramp.
-    gyro_ramp : fit a ramp of the gyro's bias at each station.
+    ramp_time_s : [r] [s], where a ramp of the gyro's bias is fitted at each station.
     faults : [n], why a station is not to be fitted, or empty.
 
     Returns
@@ -321,28 +303,23 @@ def fit_stations(
     Raises
     ------
     FitError
-        No station can be fitted, though none is excluded by `faults`; a ramp without times.
+        No station can be fitted, though none is excluded by `faults`.
 
     """
-    if gyro_ramp and time_s is None:
-        raise FitError("a bias ramp without times", hint="log time_s, or fit the bias alone")
-    import pandas as pd
-
-    place, names = pd.factorize(np.asarray(station))
-    readings, elapsed = np.column_stack((accel, gyro)), np.zeros(place.size)
-    if time_s is not None and gyro_ramp:
-        elapsed = time_s - (np.bincount(place, time_s) / np.bincount(place))[place]
-    all_columns = derivative(
-        partial(residual, sensor=sensor, position_deg=position_deg, elapsed_s=elapsed, reading=0.0),
-        np.zeros(len(COEFFICIENTS)),
-    )
-    count = len(COEFFICIENTS) if gyro_ramp else len(COEFFICIENTS) - 1
-    coefficients = np.full((len(names), 2, len(COEFFICIENTS)), np.nan)
-    covariance = np.full((len(names), 4, 4), np.nan)
-    squares, dofs = np.zeros((len(names), 2)), np.zeros((len(names), 2), dtype=np.int64)
+    readings, elapsed = np.column_stack((accel, gyro)), np.zeros(station.size)
+    if ramp_time_s is not None:
+        elapsed = ramp_time_s - (np.bincount(station, ramp_time_s) / np.bincount(station))[station]
+    sine, cosine = np.sin(np.radians(position_deg)), np.cos(np.radians(position_deg))
+    of_x, of_y = (cosine, sine) if sensor == "x" else (-sine, cosine)
+    all_columns = np.column_stack((of_x, of_y, np.ones(station.size), elapsed))
+    count = len(COEFFICIENTS) - (ramp_time_s is None)
+    stations = int(station.max()) + 1
+    coefficients = np.full((stations, 2, len(COEFFICIENTS)), np.nan)
+    covariance = np.full((stations, 4, 4), np.nan)
+    squares, dofs = np.zeros((stations, 2)), np.zeros((stations, 2), dtype=np.int64)
     status = []
-    for k in range(len(names)):
-        rows = place == k
+    for k in range(stations):
+        rows = station == k
         design, reading = all_columns[rows], readings[rows]
         fault = faults[k] if faults else ""
         status.append(fault or _undetermined(design[:, :count], elapsed[rows], reading))
@@ -358,7 +335,7 @@ def fit_stations(
                 left = reading[:, j] - design @ coefficients[k, j]
                 squares[k, j] = left @ left
     if all(status) and not any(faults):
-        raise FitError(f"none of {len(names)} stations can be fitted: {status[0]}")
+        raise FitError(f"none of {stations} stations can be fitted: {status[0]}")
     return StationFits(coefficients, covariance, tuple(status), squares, dofs)
 
 
