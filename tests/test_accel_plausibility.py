@@ -11,7 +11,7 @@ from calibkit import store
 from calibkit.errors import FitError
 from calibkit.fit.value import Value
 from calibkit.instruments.accelerometer import simulate as simulator
-from calibkit.instruments.accelerometer.fit import choose_loss
+from calibkit.instruments.accelerometer.fit import choose_fit
 from calibkit.numeric import attitude
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
@@ -192,7 +192,7 @@ def test_an_eccentric_encoder_gives_numbers(fitted):
     no coefficient file holds a NaN, and the degrees of freedom are those of the components fitted.
     """
     rng = np.random.default_rng(29)
-    sensors = tuple(simulator.draw_sensor(rng, axis) for axis in range(3))
+    sensors = simulator.draw_triad(rng)
     around = [(tilt, 45.0 * k) for tilt in (45.0, 90.0, 135.0) for k in range(8)]
     angles = np.tile([(0.0, 0.0), *around, (180.0, 0.0)], (7, 1))
     warm = np.repeat([-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0], 26)
@@ -231,8 +231,8 @@ def stub(residual, value, suspects=()):
 
 def chosen(robust_fit, plain_fit, before, loss="robust"):
     """Fit that is exported, and its flags."""
-    fits = {"robust": robust_fit, "least_squares": plain_fit}
-    return choose_loss(lambda loss: fits[loss], loss, np.full(20, before))
+    robust_fit = robust_fit if loss == "robust" else None
+    return choose_fit(robust_fit, plain_fit, "", np.full(20, before))
 
 
 def test_a_robust_fit_that_fits_most_dwells_worse_is_not_exported():
@@ -245,7 +245,7 @@ def test_a_robust_fit_that_fits_most_dwells_worse_is_not_exported():
     assert found is plain
     assert "1.20e-04 g, least squares 1.00e-04 g" in flags[0]
     all_kept = stub(1.2e-4, 1.0)
-    assert chosen(all_kept, plain, 1e-2) == (all_kept, ())
+    assert chosen(all_kept, all_kept, 1e-2) == (all_kept, ())
     assert chosen(alike, plain, 1e-2) == (alike, ())
     exact, rounded = stub(1e-16, 1.0), stub(1e-12, 1.0, suspects=(3,))
     assert chosen(rounded, exact, 1e-2) == (rounded, ())

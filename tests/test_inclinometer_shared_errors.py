@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibkit.coefficients import at_most
 from calibkit.errors import FitError
 from calibkit.frame import Log, Remark
 from calibkit.instruments.inclinometer import (
@@ -76,7 +77,9 @@ def compare(fits, log, spec=PLAIN):
 
 def judge(found):
     """Criteria of unseen stations without limits of the recipe."""
-    return [found.judge_uncertainty("unseen"), found.judge_turn("unseen")]
+    angle, u = found.turn()
+    turn = at_most("turn that azimuths share", abs(angle) / u, errors.TURNED, "1")
+    return [found.judge_uncertainty("unseen"), turn]
 
 
 def covered(found):

@@ -290,25 +290,20 @@ def tabulate_errors(
     errors: Mapping[str, DwellErrors], spec: AccelerometerRecipe, title: str
 ) -> Table:
     """Table of errors, a row for each correction; toolface with its inclination range."""
-    if spec.reference.kind == "magnitude":
-        lengths = tuple(
-            (name, 1e6 * of_dwells.residual_rms_g) for name, of_dwells in errors.items()
-        )
-        return Table(title, ("", Column("| |G| - g | rms [µg]", ".1f")), lengths)
     low, high = spec.toolface_range_deg
-    heads = (
-        "",
-        Column("residual rms [µg]", ".1f"),
-        "inclination rms, max [°]",
-        f"toolface rms, max [°], {low:g}-{high:g}°",
-        "max toolface·sin(incl.) [°]",
-    )
+    heads: list[str | Column] = ["", Column("residual rms [µg]", ".1f")]
+    if spec.reference.kind == "attitude":
+        heads += [
+            "inclination rms, max [°]",
+            f"toolface rms, max [°], {low:g}-{high:g}°",
+            "max toolface·sin(incl.) [°]",
+        ]
     rows: list[tuple[str | float, ...]] = []
     for name, of_dwells in errors.items():
-        figures = [number(figure, 3) for figure in of_dwells.figures.values()]
-        pairs = ", ".join(figures[:2]), ", ".join(figures[2:4])
-        rows.append((name, 1e6 * of_dwells.residual_rms_g, *pairs, figures[4]))
-    return Table(title, heads, tuple(rows))
+        angles = [number(figure, 3) for figure in of_dwells.figures.values()]
+        cells = [", ".join(angles[:2]), ", ".join(angles[2:4]), *angles[4:]] if angles else []
+        rows.append((name, 1e6 * of_dwells.residual_rms_g, *cells))
+    return Table(title, tuple(heads), tuple(rows))
 
 
 def list_errors(errors: DwellErrors, spec: AccelerometerRecipe) -> dict[str, object]:

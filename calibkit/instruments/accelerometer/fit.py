@@ -6,7 +6,7 @@ with the errors that dwells share (`triad`), what is doubtful (`findings`), and 
 (`list_results`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -60,8 +60,16 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Triad, tuple
         uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
     else:
         uncorrected = dwells.indication - dwells.reference
-    loss = "least_squares" if by_lmfit else spec.loss
-    triad, doubts = choose_loss(partial(solve_triad, dwells, terms, spec), loss, uncorrected)
+    robust, failure = None, ""
+    if spec.loss == "robust" and not by_lmfit:
+        try:
+            robust = solve_triad(dwells, terms, spec, loss="robust")
+        except FitError as error:
+            failure = error.message
+    plain = robust  # a robust fit that leaves no dwell out is that of least squares
+    if plain is None or plain.suspects:
+        plain = solve_triad(dwells, terms, spec, loss="least_squares")
+    triad, doubts = choose_fit(robust, plain, failure, uncorrected)
     flags += (*doubts, *findings.flag_fit(triad, dwells))
     if lengths:
         flags += findings.flag_lengths(triad, dwells, choose_temperature(dwells, spec))
@@ -110,37 +118,28 @@ def choose_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:
     return float(dwells.temperature.mean())
 
 
-def choose_loss(
-    fit_with: Callable[..., Triad], loss: str, uncorrected: Array
+def choose_fit(
+    robust: Triad | None, plain: Triad, failure: str, uncorrected: Array
 ) -> tuple[Triad, tuple[str, ...]]:
-    """Fit with the recipe's loss, and flags; `uncorrected` are the residuals [n] or [n, m, g] of
-    the raw dwells.
+    """The fit that is exported, and flags: of a robust one, if there is one (`failure` says why
+    not), and of one by least squares to all dwells; `uncorrected` are the residuals [n] or
+    [n, m, g] of the raw dwells.
 
-    Plain least squares stands in where a robust fit does not converge, or leaves a median absolute
+    Least squares stands in where a robust fit does not converge, or leaves a median absolute
     residual that is 10 % larger than that of least squares or of no correction. Where the two fits
     differ by more than U, both values are flagged. Raises FitError where no fit is better than
     none.
     """
-    tough, worse = None, ""
-    if loss == "robust":
-        try:
-            tough = fit_with(loss="robust")
-        except FitError as error:
-            worse = error.message
-    # a robust fit that leaves no dwell out is that of least squares
-    least_squares = tough if tough and not tough.suspects else fit_with(loss="least_squares")
-    left_by_plain, raw = _median_length(least_squares.residuals), _median_length(uncorrected)
-    if tough is not None:
-        left = _median_length(tough.residuals)
+    left_by_plain, raw = _median_length(plain.residuals), _median_length(uncorrected)
+    if robust is not None and robust is not plain:
+        left = _median_length(robust.residuals)
         if left > WORSE * min(left_by_plain, raw) + ROUNDING_G:
-            if tough is not least_squares:
-                worse = (
-                    f"the robust fit leaves a median residual of {left:.2e} g, least squares"
-                    f" {left_by_plain:.2e} g, no correction {raw:.2e} g: look for an error that"
-                    " dwells share"
-                )
-            tough = None
-    if tough is None:
+            failure = (
+                f"the robust fit leaves a median residual of {left:.2e} g, least squares"
+                f" {left_by_plain:.2e} g, no correction {raw:.2e} g: look for an error that"
+                " dwells share"
+            )
+    if robust is None or robust is plain or failure:
         if left_by_plain > WORSE_THAN_NONE * raw + ROUNDING_G:
             raise FitError(
                 f"triad: the median residual is {left_by_plain:.2e} g after correction by least"
@@ -148,22 +147,22 @@ def choose_loss(
                 hint="look for wrong rows or references: gross errors move such a fit",
             )
         used = "plain least squares was used, outliers are not left out"
-        return least_squares, (f"triad: {worse}; {used}",) if worse else ()
+        return plain, (f"triad: {failure}; {used}",) if failure else ()
     # where the fits differ by more than U, both values of the coefficient that differs most
-    to_raw = tough.to_degrees.astype(np.float64)
-    value = tough.fit.of(lambda p: to_raw @ p)
-    plain_values, expanded = to_raw @ least_squares.fit.parameters, value.expanded
+    to_raw = robust.to_degrees.astype(np.float64)
+    value = robust.fit.of(lambda p: to_raw @ p)
+    plain_values, expanded = to_raw @ plain.fit.parameters, value.expanded
     share = np.abs(value.value - plain_values) / np.where(expanded > 0.0, expanded, np.inf)
-    if np.max(share) <= 1.0 or np.max(np.abs(tough.residuals)) <= ROUNDING_G:
-        return tough, ()
+    if np.max(share) <= 1.0 or np.max(np.abs(robust.residuals)) <= ROUNDING_G:
+        return robust, ()
     k, count = int(np.argmax(share)), int(np.sum(share > 1.0)) - 1
     further = f", and {count} more coefficients differ" if count else ""
     flag = (
-        f"triad: the fits differ by more than U: {tough.terms.names[k]} is {value.value[k]:.7g} ±"
+        f"triad: the fits differ by more than U: {robust.terms.names[k]} is {value.value[k]:.7g} ±"
         f" {expanded[k]:.1e} by the robust fit, which is exported, {plain_values[k]:.7g} by least"
         f" squares{further}; look at the suspects before you rely on it"
     )
-    return tough, (flag,)
+    return robust, (flag,)
 
 
 def _median_length(residuals: Array) -> float:

@@ -31,7 +31,7 @@ DECIMALS = {
 
 
 Sensor: TypeAlias = dict[str, Any]
-"""Constants of one servo accelerometer, as `draw_sensor` lists them."""
+"""Constants of one servo accelerometer, as `draw_triad` lists them."""
 
 
 def campaign(
@@ -138,39 +138,40 @@ def indications(sensors: Sequence[Sensor], gravity: Array, temperature: Array) -
 
 
 def draw_triad(rng: np.random.Generator) -> tuple[Sensor, ...]:
-    """Draw three servo accelerometers for downhole tools, of x, y and z."""
-    return tuple(draw_sensor(rng, i) for i in range(3))
+    """Draw three servo accelerometers for downhole tools, of x, y and z; temperatures are relative
+    to 25 °C.
+    """
+    sensors = []
+    for direction in np.eye(3):
+        axis = direction + rng.normal(0.0, 3e-3, 3)
+        turn = rng.normal(0.0, 8e-7, 3)
+        sensor = {
+            # indication per g at 25 °C
+            "scale_factor": 1.0 + rng.normal(0.0, 3e-3),
+            # reversible loss of the magnet's flux, relative to the scale factor [1/°C], [1/°C²]
+            "flux_loss": rng.normal(1.2e-4, 2e-5),
+            "flux_curvature": rng.normal(1e-7, 3e-8),
+            # at 25 °C [g], and over temperature [g/°C]
+            "bias": rng.normal(0.0, 3e-3),
+            "bias_slope": rng.normal(0.0, 3e-5),
+            # saturating part of the bias [g], and its temperature scale [°C]
+            "bias_bend": rng.normal(0.0, 5e-4),
+            "bend_width": rng.uniform(150.0, 250.0),
+            # K₂ [g/g²], K₃ [g/g³], K_ip with the next axis [g/g²]
+            "second_order": rng.normal(0.0, 1e-5),
+            "third_order": rng.normal(0.0, 1e-5),
+            "cross_product": rng.normal(0.0, 1e-5),
+            # unit vector in the tool at 25 °C, and its rotation about the tool's axes [rad/°C]
+            "axis": (axis / np.linalg.norm(axis)).tolist(),
+            "axis_turn": turn.tolist(),
+        }
+        sensors.append(sensor)
+    return tuple(sensors)
 
 
 def describe(sensors: Sequence[Sensor]) -> dict[str, object]:
     """Truth of a triad."""
     return {f"accel_{a}": dict(sensor) for a, sensor in zip(AXES, sensors, strict=True)}
-
-
-def draw_sensor(rng: np.random.Generator, index: int) -> Sensor:
-    """Draw the constants of one servo accelerometer; temperatures are relative to 25 °C."""
-    axis = np.eye(3)[index] + rng.normal(0.0, 3e-3, 3)
-    turn = rng.normal(0.0, 8e-7, 3)
-    return {
-        # indication per g at 25 °C
-        "scale_factor": 1.0 + rng.normal(0.0, 3e-3),
-        # reversible loss of the magnet's flux, relative to the scale factor [1/°C], [1/°C²]
-        "flux_loss": rng.normal(1.2e-4, 2e-5),
-        "flux_curvature": rng.normal(1e-7, 3e-8),
-        # at 25 °C [g], and over temperature [g/°C]
-        "bias": rng.normal(0.0, 3e-3),
-        "bias_slope": rng.normal(0.0, 3e-5),
-        # saturating part of the bias [g], and its temperature scale [°C]
-        "bias_bend": rng.normal(0.0, 5e-4),
-        "bend_width": rng.uniform(150.0, 250.0),
-        # K₂ [g/g²], K₃ [g/g³], K_ip with the next axis [g/g²]
-        "second_order": rng.normal(0.0, 1e-5),
-        "third_order": rng.normal(0.0, 1e-5),
-        "cross_product": rng.normal(0.0, 1e-5),
-        # unit vector in the tool at 25 °C, and its rotation about the tool's axes [rad/°C]
-        "axis": (axis / np.linalg.norm(axis)).tolist(),
-        "axis_turn": turn.tolist(),
-    }
 
 
 CAMPAIGNS = {"accelerometer": campaign, "accelerometer_magnitude": simulate_magnitude.campaign}

@@ -107,12 +107,6 @@ class AngleErrors:
         comparison = unseen(self.after[self.known], u[:, None])
         return over_u(f"{name}: rms azimuth error", comparison.to_object())
 
-    def judge_turn(self, name: str) -> Criterion:
-        """Criterion that azimuth errors of unseen stations share no turn."""
-        angle, u = self.turn()
-        criterion = f"{name}: turn that azimuths share, over its u"
-        return at_most(criterion, abs(angle) / u, TURNED, "1", "calibkit")
-
     def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits."""
         limits, sizes = spec.acceptance, self.sizes

@@ -16,7 +16,7 @@ import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
-from calibkit.coefficients import Input, Record
+from calibkit.coefficients import Input, Record, at_most
 from calibkit.errors import FrameError
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
@@ -234,7 +234,8 @@ def validate(
                 " reference azimuths"
             )
         angle, u_angle = angles.turn()
-        if abs(angle) > errors.TURNED * u_angle:
+        over_u = abs(angle) / u_angle
+        if over_u > errors.TURNED:
             flags.append(
                 f"{file}: the azimuths are turned together by {angle:.3f}° ± {u_angle:.2g}°,"
                 " expected 0°: the gyros are turned against the accelerometers, or the reference"
@@ -242,7 +243,9 @@ def validate(
                 " quantity = 'azimuth_deg'"
             )
         parts.append(angles)
-        criteria += [angles.judge_uncertainty(file), angles.judge_turn(file)]
+        name = f"{file}: turn that azimuths share, over its u"
+        criteria.append(angles.judge_uncertainty(file))
+        criteria.append(at_most(name, over_u, errors.TURNED, "1", "calibkit"))
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
         for field in fields(errors.AngleErrors)
