@@ -14,7 +14,7 @@ from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer import published
 from calibkit.numeric import attitude
-from calibkit.numeric.dwells import average_rows
+from calibkit.numeric.dwells import average_dwells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -87,8 +87,16 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     """
     import pandas as pd
 
-    frame = log.frame
-    start, stop = _find_runs(log)
+    # Runs of rows with the same position and station: positions of one cell, twice the tolerance
+    # wide, or none.
+    frame, width = log.frame, 2.0 * published.POSITION_TOLERANCE_DEG
+    position = values(frame, "position_deg")
+    cell = np.remainder(np.round(np.remainder(position, 360.0) / width), 360.0 / width)
+    changes = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
+    if "station" in frame.columns:
+        changes |= np.diff(values(frame, "station")) != 0.0
+    bounds = np.concatenate([[0], np.flatnonzero(changes) + 1, [position.size]])
+    start, stop = bounds[:-1], bounds[1:]
     standing = (stop - start)[stop - start >= FEWEST].sum()
     if "time_s" not in frame.columns or 2 * standing <= len(frame):
         require(log.file, frame.columns, ("station",))
@@ -98,21 +106,18 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
 
-    stands = _find_stands(log, start, stop, spec)
-    start, stop = np.array(stands, dtype=np.int64).T
+    intervals = _find_stands(log, start, stop, spec)
+    start, stop = intervals.T
 
-    # The mean of every column over each dwell, circular for angles, and its standard error.
+    # The mean of every column over each dwell, and its standard error; of directions by departures
+    # from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours.
     names = [name for name in frame.columns if pd.api.types.is_numeric_dtype(frame[name])]
-    logged = [values(frame, name) for name in names]
-    circular = np.array([name in DIRECTIONS for name in names])
-    averages = []
-    for first, end in stands:
-        of_dwell = np.column_stack([column[first:end] for column in logged])
-        # departures from the dwell's first row, wrapped: 359.98° and 0.01° are neighbours
-        turns = of_dwell[:, circular]
-        of_dwell[:, circular] = turns[0] + attitude.wrapped(turns - turns[0])
-        averages.append(average_rows(of_dwell))
-    means, errors = np.moveaxis(np.array(averages), 1, 0)
+    columns = frame[names].to_numpy(dtype=np.float64)
+    turning = [names.index(name) for name in DIRECTIONS if name in names]
+    first = start[np.maximum(np.searchsorted(start, np.arange(len(frame)), side="right") - 1, 0)]
+    turns = columns[np.ix_(first, turning)]
+    columns[:, turning] = turns + attitude.wrapped(columns[:, turning] - turns)
+    means, errors = average_dwells(columns, intervals)
     dwells = pd.DataFrame(means, columns=names, index=frame.index[start])
     if "station" in names:
         return DwellLog(replace(log, frame=dwells), start, stop, (), continuous=True)
@@ -131,26 +136,9 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     return DwellLog(reduced, start, stop, tuple(open_stations), continuous=True)
 
 
-def _find_runs(log: Log) -> tuple[Integers, Integers]:
-    """First row and end row of each run of rows with the same position and station: positions of
-    one cell, twice the tolerance wide, or none.
-    """
-    position = values(log.frame, "position_deg")
-    station = values(log.frame, "station") if "station" in log.frame.columns else position
-    width = 2.0 * published.POSITION_TOLERANCE_DEG
-    cell = np.remainder(np.round(np.remainder(position, 360.0) / width), 360.0 / width)
-    changes = np.diff(np.nan_to_num(cell, nan=-1.0)) != 0.0
-    if station is not position:
-        changes |= np.diff(station) != 0.0
-    bounds = np.concatenate([[0], np.flatnonzero(changes) + 1, [position.size]])
-    return bounds[:-1], bounds[1:]
-
-
-def _find_stands(
-    log: Log, start: Integers, stop: Integers, spec: InclinometerRecipe
-) -> list[tuple[int, int]]:
-    """First row and end row of the runs in a position that last long enough, without the settling
-    time at both ends; raises FrameError where there is none.
+def _find_stands(log: Log, start: Integers, stop: Integers, spec: InclinometerRecipe) -> Integers:
+    """First row and end row [m, 2] of the runs in a position that last long enough, without the
+    settling time at both ends; raises FrameError where there is none.
     """
     positioned = np.isfinite(values(log.frame, "position_deg")[start])
     start, stop = start[positioned], stop[positioned]
@@ -167,7 +155,7 @@ def _find_stands(
             f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
             hint="state stations.dwell_s and stations.settle_s as the log was taken",
         )
-    return stands
+    return np.array(stands, dtype=np.int64)
 
 
 def _find_open_stations(
