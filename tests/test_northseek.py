@@ -146,8 +146,11 @@ def test_four_differences_cancel_a_constant_bias(sensor):
     readings = np.array(
         [[forward(30.0, 40.0, 70.0, 34.2, position=p)[1][axis] + 0.3 for p in (0, 90, 180, 270)]]
     )
-    x, y = published._four_differences(readings, sensor)
-    assert (x[0], y[0]) == pytest.approx(tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12)
+    noise = {"accel_noise_g": 0.0, "gyro_noise_dph": 0.0}
+    parts = published.components(0.0 * readings, readings, sensor, **noise)
+    assert (parts.gyro_x[0], parts.gyro_y[0]) == pytest.approx(
+        tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12
+    )
 
 
 def test_specific_force_readings_give_the_same_angles():

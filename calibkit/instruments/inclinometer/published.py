@@ -99,19 +99,6 @@ def nearest_position(position_deg: Array) -> Integers:
     return np.clip(np.floor(from_edge / 90.0), 0, 3).astype(np.int64)
 
 
-def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
-    """Components along x and y [n] from indications [n, 4] of one sensor by half differences, in
-    which constant bias cancels (step B).
-    """
-    at_0, at_90, at_180, at_270 = np.moveaxis(indication, -1, 0)
-    first_component, second_component = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
-    return (
-        (first_component, second_component)
-        if sensor == "x"
-        else (-second_component, first_component)
-    )
-
-
 def closures(indication: Array) -> Array:
     """Closures (r₀ − r₉₀ + r₁₈₀ − r₂₇₀)/2 [n] of indications [n, 4]: noise alone, with the standard
     deviation of one reading.
@@ -123,7 +110,8 @@ def closures(indication: Array) -> Array:
 def components(
     accel: Array, gyro: Array, sensor: Sensor, *, accel_noise_g: float, gyro_noise_dph: float
 ) -> Components:
-    """Components of one sensor pair from its four positions (step B).
+    """Components of one sensor pair from its four positions, by half differences in which constant
+    bias cancels (step B).
 
     Parameters
     ----------
@@ -132,8 +120,9 @@ def components(
     accel_noise_g, gyro_noise_dph : standard uncertainty of one reading.
 
     """
-    accel_x, accel_y = _four_differences(accel, sensor)
-    gyro_x, gyro_y = _four_differences(gyro, sensor)
+    at_0, at_90, at_180, at_270 = np.moveaxis(np.array([accel, gyro]), -1, 0)
+    first, second = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
+    (accel_x, gyro_x), (accel_y, gyro_y) = (first, second) if sensor == "x" else (-second, first)
     variance = np.array([accel_noise_g, accel_noise_g, gyro_noise_dph, gyro_noise_dph]) ** 2 / 2.0
     covariance = np.broadcast_to(np.diag(variance), (accel_x.size, 4, 4)).copy()
     return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
