@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit import check, units
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Integers
 from calibkit.coefficients import Figure
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, Remark, values
@@ -203,37 +203,26 @@ def read_records(log: Log, columns: Sequence[str]) -> Iterator[tuple[_Record, Ar
     """Indications of a log on an even grid, each with its rate [n], NaN where samples are missing;
     raises FitError where the samples do not lie on one.
     """
-    time = values(log.frame, "time_s")
-    steps = require_even_grid(log)
-    interval = float((time[-1] - time[0]) / steps)
+    time, places = values(log.frame, "time_s"), place_on_grid(log)
+    size = int(places[-1]) + 1
+    interval = float((time[-1] - time[0]) / places[-1])
     for column in columns:
-        rate = values(log.frame, column)
-        if rate.size <= steps or units.column_unit(column) != find_sensor(column).unit:
-            rate = _put_on_grid(log, column, steps + 1)
-        yield _Record(log.name, column, interval, rate.size), rate
+        rate, logged_unit = np.full(size, np.nan), units.column_unit(column)
+        rate[places] = units.convert(
+            values(log.frame, column), logged_unit, find_sensor(column).unit
+        )
+        yield _Record(log.name, column, interval, size), rate
 
 
-def _put_on_grid(log: Log, column: str, size: int) -> Array:
-    """Indication of a log in the unit of its noise on an even grid [size], NaN where samples are
-    missing.
-    """
-    logged, unit = units.column_unit(column), find_sensor(column).unit
-    steps = np.round(np.diff(values(log.frame, "time_s")) / log.steps.usual).astype(np.int64)
-    rate = np.full(size, np.nan)
-    places = np.concatenate(([0], np.cumsum(steps)))
-    rate[places] = units.convert(values(log.frame, column), logged, unit)
-    return rate
-
-
-def require_even_grid(log: Log) -> int:
-    """Number of intervals of the even grid that a log's time lies on; raises FitError where it lies
-    on none.
+def place_on_grid(log: Log) -> Integers:
+    """Places [n], from 0, of the rows of a log on the even grid that its time lies on; raises
+    FitError where it lies on none.
     """
     time, usual = values(log.frame, "time_s"), log.steps.usual
     whole_steps = np.round(np.diff(time) / usual)
     off_grid = np.abs(np.diff(time) / usual - whole_steps)
-    steps = int(whole_steps.sum())
-    if off_grid.max() > OFF_GRID or whole_steps.min() < 1.0 or steps > time.size + MOST_MISSING:
+    too_long = whole_steps.sum() > time.size + MOST_MISSING
+    if off_grid.max() > OFF_GRID or whole_steps.min() < 1.0 or too_long:
         worst = int(np.argmax(off_grid))
         step = float(time[worst + 1] - time[worst])
         raise FitError(
@@ -241,7 +230,7 @@ def require_even_grid(log: Log) -> int:
             f" a multiple of {usual:g} s",
             hint="an Allan deviation wants even sampling; resampling would change it",
         )
-    return steps
+    return np.append(0, np.cumsum(whole_steps.astype(np.int64)))
 
 
 def list_figures(noise: NoiseFigures) -> list[Figure]:

@@ -65,7 +65,7 @@ def faults(spec: GyroNoiseRecipe, log: Log) -> Examined:
     findings = deviations.find_faults(log, spec)
     if not any(finding.refused for finding in findings):
         try:
-            deviations.require_even_grid(log)
+            deviations.place_on_grid(log)
         except FitError as error:
             findings.append(Finding.of(error))
     return Examined(tuple(findings))
