@@ -18,8 +18,7 @@ from calibkit.instruments.fog_thermal.compensate import LogFigures
 from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
 from calibkit.instruments.fog_thermal.recipe import _FogAcceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
-from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
+from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, NoiseAcceptance
 from calibkit.instruments.gyro_scale import acceptance
 from calibkit.instruments.gyro_scale.recipe import (
     PairAcceptance,

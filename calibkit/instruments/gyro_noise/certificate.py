@@ -22,7 +22,7 @@ from calibkit.instruments.gyro_noise.forms import (
     read_term,
 )
 from calibkit.instruments.gyro_noise.quantities import NAMES, list_terms
-from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
+from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
 

@@ -19,8 +19,12 @@ from calibkit.coefficients import Figure
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, Sensor, find_sensor
+from calibkit.instruments.gyro_noise.recipe import (
+    ACCELEROMETER,
+    GyroNoiseRecipe,
+    Sensor,
+    find_sensor,
+)
 from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.noise import allan, allan_fit
 

@@ -20,8 +20,7 @@ from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_noise import deviations, forms, tables
 from calibkit.instruments.gyro_noise.figures import NoiseReport
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, find_sensor
+from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GyroNoiseRecipe, find_sensor
 from calibkit.left_out import LeftOut
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import Sensitivity

@@ -13,8 +13,7 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.frame import values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_noise.sensors import GYRO, find_sensor
+from calibkit.instruments.gyro_noise.recipe import GYRO, GyroNoiseRecipe, find_sensor
 from calibkit.numeric.noise.allan_fit import predict_terms
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources, Tour

@@ -7,8 +7,7 @@ from calibkit.certificate.quantities import Quantity, ResultLimit, of_figure
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
 from calibkit.instruments.gyro_noise.forms import read_deviation, read_term
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_noise.sensors import ACCELEROMETER, GYRO
+from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, GyroNoiseRecipe
 
 NAMES = {
     "angle_random_walk": Words("angle random walk N", "角度随机游走 N"),

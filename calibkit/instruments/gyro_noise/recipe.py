@@ -1,15 +1,58 @@
 """Recipe of the noise of gyros and accelerometers at rest: Allan deviation, its noise terms, bias
-stability.
+stability; and what noise is of either sensor: units, terms, limits.
 """
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from calibkit.instruments.gyro_noise.sensors import find_sensor
+from calibkit.numeric.noise.allan_fit import ACCELEROMETER_LAWS, LAWS, PowerLaw
 from calibkit.recipe.tables import Positive, Recipe, Table
 
 Indication = Annotated[str, Field(pattern=r"^(gyro(_[a-z0-9]+)?_dph|accel_[a-z0-9]+_g)$")]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """Kind of sensor: unit of its deviations, name of its mean, noise terms, and the recipe's key
+    of the limit on each figure.
+    """
+
+    unit: str
+    mean: str
+    laws: tuple[PowerLaw, ...]
+    limits: Mapping[str, str]
+
+
+GYRO = Sensor(
+    "deg/h",
+    "mean_rate",
+    LAWS,
+    {
+        "angle_random_walk": "max_angle_random_walk",
+        "bias_instability": "max_bias_instability_dph",
+        "rate_random_walk": "max_rate_random_walk",
+        "bias_stability": "max_bias_stability_dph",
+    },
+)
+ACCELEROMETER = Sensor(
+    "mg",
+    "mean_acceleration",
+    ACCELEROMETER_LAWS,
+    {
+        "velocity_random_walk": "max_velocity_random_walk",
+        "bias_instability": "max_bias_instability_mg",
+        "acceleration_random_walk": "max_acceleration_random_walk",
+        "bias_stability": "max_bias_stability_mg",
+    },
+)
+
+
+def find_sensor(column: str) -> Sensor:
+    """Kind of the sensor that a column is the indication of."""
+    return ACCELEROMETER if column.startswith("accel") else GYRO
 
 
 class _Noise(Table):
