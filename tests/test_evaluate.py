@@ -14,7 +14,7 @@ from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.recipe import TypeB
-from calibkit.results import evaluation, inputs
+from calibkit.results import evaluation
 from kept import keep, model
 from test_fog_forms import RATES, bank_model, on_levels
 
@@ -175,31 +175,31 @@ def test_an_input_may_be_typed_in_units_of_its_own_kind(tmp_path, typed, column,
     known = fog(tmp_path, on_levels("level")).inputs
     if column is None:
         with pytest.raises((UsageError, RecipeError)):
-            inputs.parse_input(typed, known)
+            evaluation.parse_input(typed, known)
     else:
-        assert inputs.parse_input(typed, known) == (column, pytest.approx([value], abs=1e-12))
+        assert evaluation.parse_input(typed, known) == (column, pytest.approx([value], abs=1e-12))
 
 
 def test_accelerations_need_the_local_gravity(tmp_path):
     """980 mg is 0.98 g; m/s² is converted by the recipe's gravity, and refused without one."""
-    known = {"accel_x_g": inputs.QuantityInput("accel_x_g")}
-    assert inputs.parse_input("accel_x=980mg", known) == ("accel_x_g", pytest.approx([0.98]))
-    of_si = inputs.parse_input("accel_x=4.9m/s^2", known, 9.8)
+    known = {"accel_x_g": evaluation.QuantityInput("accel_x_g")}
+    assert evaluation.parse_input("accel_x=980mg", known) == ("accel_x_g", pytest.approx([0.98]))
+    of_si = evaluation.parse_input("accel_x=4.9m/s^2", known, 9.8)
     assert of_si == ("accel_x_g", pytest.approx([0.5]))
     with pytest.raises(RecipeError, match="gravity"):
-        inputs.parse_input("accel_x=4.9m/s^2", known)
+        evaluation.parse_input("accel_x=4.9m/s^2", known)
 
 
 def test_a_range_has_both_ends_and_no_tails_of_binary_numbers(tmp_path):
     """-0.3:0.3:0.1 is seven numbers as typed; a step away from the end, or of zero, is refused."""
     known = fog(tmp_path, on_levels("level")).inputs
-    column, values = inputs.parse_input("temp_case=-0.3:0.3:0.1", known, ranged=True)
+    column, values = evaluation.parse_input("temp_case=-0.3:0.3:0.1", known, ranged=True)
     assert (column, values.tolist()) == (T, [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3])
-    _, values = inputs.parse_input("temp_case=60:-40:-50 degC", known, ranged=True)
+    _, values = evaluation.parse_input("temp_case=60:-40:-50 degC", known, ranged=True)
     assert values.tolist() == [60.0, 10.0, -40.0]
     for wrong in ("=0:1:0", "=0:1:-1", "=0:1e9:1e-9", "=0:1", "=a:b:c"):
         with pytest.raises(UsageError):
-            inputs.parse_input(f"temp_case{wrong}", known, ranged=True)
+            evaluation.parse_input(f"temp_case{wrong}", known, ranged=True)
 
 
 def test_outside_the_calibrated_range_a_value_has_no_uncertainty(tmp_path):

@@ -116,13 +116,13 @@ def compare(
     """
     from calibkit import store
     from calibkit.certificate import profile as profiles
-    from calibkit.results import comparison, figures, inputs, still_good
+    from calibkit.results import comparison, figures, still_good
 
     if out is not None:
         figures.require_suffix(out.suffix)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
     certificate_profile = None if profile is None else profiles.load(profile, ())[0]
-    parsed = inputs.parse_limits(limits)
+    parsed = comparison.parse_limits(limits)
     result = comparison.compare(
         old, new, limits=parsed, profile=certificate_profile, same_equipment=same
     )
