@@ -15,7 +15,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.fit import likelihood
-from calibkit.fit.solve import Fit, SharedSize
+from calibkit.fit.solve import Fit
 
 SPARE = 2
 """Fewest runs, stations or logs that an order leaves over: with one, its residuals, and so its
@@ -53,16 +53,19 @@ def average(fits: Sequence[Fit]) -> Fit:
 
     parameters = mean("parameters")
     spread = np.array([fit.parameters - parameters for fit in fits])
-    likeliest = fits[int(np.argmax(weights))]
+    likeliest, shared = fits[int(np.argmax(weights))], []
+    for members in zip(*(fit.shared for fit in fits), strict=True):
+        # the variance of a shared error is the mean of the members'
+        value = float(np.sqrt(weights @ [size.value**2 for size in members]))
+        u, dof = float(weights @ [size.u for size in members]), min(size.dof for size in members)
+        shared.append(replace(members[0], value=value, u=u, dof=dof))
     return replace(
         likeliest,
         parameters=parameters,
         covariance=mean("covariance") + (weights[:, None] * spread).T @ spread,
         residual=mean("residual"),
         noise_residual=mean("noise_residual"),
-        shared=tuple(
-            _mean_size(weights, sizes) for sizes in zip(*(fit.shared for fit in fits), strict=True)
-        ),
+        shared=tuple(shared),
         converged=all(fit.converged for fit in fits),
         variances=mean("variances"),
         variance_covariance=mean("variance_covariance"),
@@ -72,10 +75,3 @@ def average(fits: Sequence[Fit]) -> Fit:
         members=tuple(fits),
         weights=weights,
     )
-
-
-def _mean_size(weights: Array, sizes: Sequence[SharedSize]) -> SharedSize:
-    """Size of a shared error in an average: its variance is that of the members."""
-    value = float(np.sqrt(weights @ [size.value**2 for size in sizes]))
-    u = float(weights @ [size.u for size in sizes])
-    return replace(sizes[0], value=value, u=u, dof=min(size.dof for size in sizes))

@@ -124,12 +124,28 @@ class _Attempt:
     misfit : weighted square of the residuals over its expectation.
     surprising : whether chance is ruled out as the cause of the misfit (Satterthwaite's χ²).
 
+    Raises FitError for a curve that cannot be fitted.
+
     """
 
     def __init__(self, curve: DeviationCurve, first: int = 0) -> None:
         from scipy.special import gammaincc
 
-        _require_curve(curve)
+        if curve.estimator != "overlapping Allan":
+            raise FitError(
+                f"a curve of '{curve.estimator}' where the overlapping Allan deviation was expected"
+            )
+        if curve.tau_s.size < FEWEST_TIMES:
+            raise FitError(
+                f"{curve.tau_s.size} averaging times, at least {FEWEST_TIMES} expected for five"
+                " noise terms",
+                hint="record for longer or ask for more averaging times",
+            )
+        if not np.all(curve.deviation > 0.0):
+            raise FitError(
+                "the Allan deviation is zero: the rate does not change",
+                hint="check the log's resolution",
+            )
         self.tau, self.variance = curve.tau_s[first:], curve.deviation[first:] ** 2
         self.design, interval = _powers(self.tau), curve.interval_s
         # variances of the Allan variances to begin with
@@ -341,25 +357,6 @@ def predict_terms(
     all_terms = np.ones(true.size, dtype=np.bool_)
     fitted = [_non_negative(attempt.design, of_curve, spread, all_terms) for of_curve in drawn]
     return np.asarray(np.sqrt(np.mean((np.sqrt(fitted) - np.sqrt(true)) ** 2, axis=0)))
-
-
-def _require_curve(curve: DeviationCurve) -> None:
-    """Refuse a curve that cannot be fitted."""
-    if curve.estimator != "overlapping Allan":
-        raise FitError(
-            f"a curve of '{curve.estimator}' where the overlapping Allan deviation was expected"
-        )
-    if curve.tau_s.size < FEWEST_TIMES:
-        raise FitError(
-            f"{curve.tau_s.size} averaging times, at least {FEWEST_TIMES} expected for five noise"
-            " terms",
-            hint="record for longer or ask for more averaging times",
-        )
-    if not np.all(curve.deviation > 0.0):
-        raise FitError(
-            "the Allan deviation is zero: the rate does not change",
-            hint="check the log's resolution",
-        )
 
 
 def _powers(tau: Array) -> Array:
