@@ -105,22 +105,24 @@ def average(
     parts = [_whole_revolutions(motion, first, stop) for first, stop in held_rows.tolist()]
     wave = _fit_modulation(motion, indication, parts)
     turning = [
-        part for part in parts if part.revolutions or abs(np.sum(motion.turn_deg[part.rows])) > 1.0
+        k
+        for k, part in enumerate(parts)
+        if part.revolutions or abs(np.sum(motion.turn_deg[part.rows])) > 1.0
     ]
     if not (turning or wave.earth):
         raise FitError(
             "the table never turns in this log",
             hint="a scale factor needs held rates other than zero",
         )
-    resting_count = 0
-    if not (wave.earth or along_axis):
-        resting_count, parts = len(parts) - len(turning), turning
+    used = range(len(parts)) if wave.earth or along_axis else turning
+    resting_count = len(parts) - len(used)
+    parts, rests = [parts[k] for k in used], [wave.rests[k] for k in used]
 
     def means(column: Array) -> Array:
         return np.array([part.average(motion, column[part.rows]) for part in parts])
 
     values = means(indication)
-    variance, noise_flags = _noise(motion, indication, parts, wave, values)
+    variance, noise_flags = _variance(motion, parts, rests, values)
     for j, part in enumerate(parts):
         if wave.earth and not part.revolutions:
             mean = part.average(motion, _basis(motion, part.rows))
@@ -250,6 +252,8 @@ class _Modulation:
     """[5, m]."""
     covariance: Array
     """[m, 2, 2] of the factors of cos and sin."""
+    rests: list[Array]
+    """[k, m] of each held rate, what (1) leaves of its rows."""
     earth: bool
     """Whether the factors of cos and sin, the earth's horizontal rate, are separable from the
     others.
@@ -282,14 +286,10 @@ def _basis(motion: Motion, rows: slice) -> Array:
 
 def _fit_modulation(motion: Motion, indication: Array, parts: list[_Part]) -> _Modulation:
     """Equation (1) by least squares over all held rates."""
-    count = sum(part.stop - part.first for part in parts)
-    gram, product = np.zeros((5, 5)), np.zeros((5, indication.shape[1]))
-    squares = np.zeros(indication.shape[1])
-    for part in parts:
-        columns, target = part.centred(motion, indication)
-        gram += columns.T @ columns
-        product += columns.T @ target
-        squares += np.sum(target**2, axis=0)
+    centred = [part.centred(motion, indication) for part in parts]
+    columns = np.concatenate([columns for columns, _ in centred])
+    target = np.concatenate([signals for _, signals in centred])
+    gram, count = columns.T @ columns, len(columns)
     length = np.sqrt(np.diag(gram))
     fastest = max(map(abs, chunks.extremes(motion.rate_dps)))
     largest = np.sqrt(count) * np.array([1.0, 1.0, fastest, fastest, fastest])
@@ -298,35 +298,36 @@ def _fit_modulation(motion: Motion, indication: Array, parts: list[_Part]) -> _M
     values, vectors = np.linalg.eigh(gram * np.outer(inverse_length, inverse_length))
     determined = values > SINGULAR * max(float(values[-1]), np.finfo(np.float64).tiny)
     inverse = (vectors[:, determined] / values[determined]) @ vectors[:, determined].T
+    product = columns.T @ target
     factors = (inverse @ (inverse_length[:, None] * product)) * inverse_length[:, None]
     earth_alone = np.all(np.abs(vectors[:2, ~determined]) < INVOLVED)
-    # what (1) leaves of the samples
-    variance = np.maximum(squares - np.sum(factors * product, axis=0), 0.0)
-    variance /= max(count - len(parts) - int(determined.sum()), 1)
+    rest = target - columns @ factors
+    dof = max(count - len(parts) - int(determined.sum()), 1)
+    variance = np.sum(rest**2, axis=0) / dof
     unit_covariance = (inverse * np.outer(inverse_length, inverse_length))[:2, :2]
     return _Modulation(
         factors=factors,
         covariance=variance[:, None, None] * unit_covariance,
+        rests=np.split(rest, np.cumsum([len(signals) for _, signals in centred])[:-1]),
         earth=bool(present[:2].all() and earth_alone),
     )
 
 
-def _noise(
-    motion: Motion, indication: Array, parts: list[_Part], wave: _Modulation, values: Array
+def _variance(
+    motion: Motion, parts: list[_Part], rests: list[Array], values: Array
 ) -> tuple[Array, tuple[tuple[bool, str], ...]]:
-    """Variance [p, m] of the means from the noise within held rates, raised where the noise is not
-    white; flags, each after its test.
+    """Variance [p, m] of the means from what (1) leaves within each held rate [k, m], raised where
+    it is not white; flags, each after its test.
     """
     variances, ratios, creeping = [], [], 0
     least_departure = ONE_PPM * float(np.max(np.abs(values)))
-    for part in parts:
-        columns, target = part.centred(motion, indication)
-        noise = target - columns @ wave.factors
+    for part, rest in zip(parts, rests, strict=True):
+        noise = rest
         if part.revolutions and not motion.angle_logged:
             # the phase of the earth's rate differs between held rates
             basis = _basis(motion, part.rows)
             basis -= basis.mean(axis=0)
-            noise -= basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
+            noise = rest - basis @ np.linalg.lstsq(basis, noise, rcond=ONE_PHASE)[0]
         variance = np.sum(noise**2, axis=0) / max(len(noise) - 1, 1)
         weights = part.weights(motion)
         variances.append(variance * (np.sum(weights**2) / np.sum(weights) ** 2))
@@ -343,7 +344,7 @@ def _noise(
         creeping += bool(
             np.any(departure > np.maximum(SETTLING * later.std(axis=0, ddof=1), least_departure))
         )
-    raised = np.ones(indication.shape[1])
+    raised = np.ones(values.shape[1])
     if ratios:
         mean = np.mean(ratios, axis=0)
         # a variance with b − 1 degrees of freedom has a relative standard deviation √(2/(b − 1))

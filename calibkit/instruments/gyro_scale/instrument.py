@@ -1,6 +1,6 @@
 """Gyros on a rate table: runs of single gyros, a pair about two axes, any number of gyros about
 three axes. The story of a fit: logs → held rates → equation → coefficient files, how these move
-with errors of the inputs, tables, verdicts.
+with errors of the inputs, tables, the first screen, verdicts.
 """
 
 from __future__ import annotations
