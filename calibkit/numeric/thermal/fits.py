@@ -63,44 +63,24 @@ class Basis:
 
     rows: WhitenedRows
     scales: Scales
+    log_drivers: Drivers | None = None
+    """Of a level model: what the logs show themselves."""
+    window_s: float = 0.0
+    """Trailing window of its rates [s]."""
+    case_path: coil.Path | None = None
+    """Of a lagged model: the case temperatures that the coil follows."""
+
+    def drivers(self, log_lags: Array) -> Drivers:
+        """Drivers [n] of all logs in sequence, for the logarithms of no lag, one lag or two."""
+        if self.case_path is None:
+            assert self.log_drivers is not None  # noqa: S101 (a level model has them)
+            return self.log_drivers
+        outer, *inner = np.exp(log_lags).tolist()
+        return self.case_path.drivers(outer, inner[0] if inner else None)
 
     def design(self, log_lags: Array) -> Array:
         """Scaled columns [n, 9] of all terms, for the logarithms of the lags."""
         return self.drivers(log_lags).scaled_design(self.scales)
-
-    def drivers(self, log_lags: Array) -> Drivers:
-        """Drivers [n] of all logs in sequence."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class LevelBasis(Basis):
-    """Drivers that the logs show themselves, with the trailing window of their rates [s]."""
-
-    log_drivers: Drivers
-    window_s: float
-
-    def drivers(self, log_lags: Array) -> Drivers:  # noqa: ARG002 (it has none)
-        """As the logs show them."""
-        return self.log_drivers
-
-    def solve(self, terms: Sequence[str]) -> "TermSolution":
-        """Fit a level model with these terms; raises FitError if the logs cannot determine them."""
-        solution = TermSolution("level", self, tuple(terms), np.zeros(0))
-        _, variance = self.rows.solve_terms(solution.columns, solution.terms[1:])
-        return replace(solution, turn_on_variance=variance)
-
-
-@dataclass(frozen=True)
-class LaggedBasis(Basis):
-    """Drivers of a coil behind the case temperatures of the logs."""
-
-    case_path: coil.Path
-
-    def drivers(self, log_lags: Array) -> Drivers:
-        """Those of one lag or two."""
-        outer, *inner = np.exp(log_lags).tolist()
-        return self.case_path.drivers(outer, inner[0] if inner else None)
 
     @cached_property
     def grid(self) -> list[tuple[Array, Array]]:
@@ -111,12 +91,16 @@ class LaggedBasis(Basis):
         return [(lags, self.rows.of(self.design(lags))) for lags in np.log(pairs)]
 
     def solve(self, terms: Sequence[str]) -> "TermSolution":
-        """Fit a lagged model with these terms; the coil has one lag unless s_grad is among them,
-        then two.
+        """Fit a model with these terms; the coil of a lagged one has one lag unless s_grad is among
+        them, then two.
 
         Raises FitError for terms that do not belong to a lagged model or that the logs cannot
         determine.
         """
+        if self.case_path is None:
+            solution = TermSolution("level", self, tuple(terms), np.zeros(0))
+            _, variance = self.rows.solve_terms(solution.columns, solution.terms[1:])
+            return replace(solution, turn_on_variance=variance)
         if "s_grad_rate" in terms:
             raise FitError(
                 "s_grad_rate is not a term of a lagged model:"
@@ -151,7 +135,7 @@ class LaggedBasis(Basis):
         return [self.grid[outer[k] * len(STARTS_S) + inner[k]][0][:count] for k in best]
 
 
-def level_basis(stacked: Stack) -> LevelBasis:
+def level_basis(stacked: Stack) -> Basis:
     """Basis of level fits; spikes are those about a fit of all terms.
 
     The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
@@ -164,17 +148,18 @@ def level_basis(stacked: Stack) -> LevelBasis:
     columns = log_drivers.scaled_design(scales)[:, 1:]
     rows = WhitenedRows.of_stack(stacked, sound_blocks(columns, stacked))
     rows = rows.at_noise_of(stacked.indication, columns)
-    return LevelBasis(rows, scales, log_drivers, window_s)
+    return Basis(rows, scales, log_drivers, window_s)
 
 
-def lagged_basis(rows: WhitenedRows) -> LaggedBasis:
+def lagged_basis(rows: WhitenedRows) -> Basis:
     """Basis of lagged fits to rows, whose spikes and noise come from a level fit to the same
     logs.
     """
     logs = rows.stacked.logs
     case_path = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
-    return LaggedBasis(rows, case_path.drivers(middle, middle).valid().scales(), case_path)
+    scales = case_path.drivers(middle, middle).valid().scales()
+    return Basis(rows, scales, case_path=case_path)
 
 
 @dataclass(frozen=True)
@@ -357,7 +342,7 @@ def finish(solution: TermSolution) -> ThermalModel:
         coefficients=solution.basis.scales.to_raw() @ scaled,
         lags=tuple(lags.tolist()),
         covariance=covariance,
-        window_s=solution.basis.window_s if isinstance(solution.basis, LevelBasis) else 0.0,
+        window_s=solution.basis.window_s,
         valid=Drivers(*(values[stacked.fitted] for values in drivers)).valid(),
         turn_on=levels - levels.mean(),
         turn_on_variance=turn_on_variance,

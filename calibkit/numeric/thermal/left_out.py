@@ -14,7 +14,7 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.one_standard_error import choose_simplest
-from calibkit.numeric.thermal.fits import LevelBasis, TermSolution, lagged_basis
+from calibkit.numeric.thermal.fits import Basis, TermSolution, lagged_basis
 from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
 
 FIGURE_S = 100.0
@@ -89,7 +89,7 @@ def simplest(tested: Sequence[LeftOutErrors], eligible: Iterable[int]) -> int:
 
 
 def solve(
-    candidates: Sequence[Candidate], basis: LevelBasis
+    candidates: Sequence[Candidate], basis: Basis
 ) -> tuple[list[tuple[Candidate, TermSolution]], list[str]]:
     """Fits of the candidates of level and lagged form to all ramps, and why others have none."""
     solved: list[tuple[Candidate, TermSolution]] = []
