@@ -22,7 +22,7 @@ CHAIN = [
     "instruments.fog_thermal.instrument.correct",
     "instruments.fog_thermal.compensate.compensate_log",
     "instruments.fog_thermal.compensate.DriftModel.drift_along",
-    "instruments.fog_thermal.numeric.evaluate.evaluate",
+    "instruments.fog_thermal.numeric.bank.evaluate",
 ]
 """From the command to the drift along a log."""
 STOPS = [

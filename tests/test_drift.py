@@ -336,7 +336,9 @@ def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
             tuple(size * np.array([1.0, -1.0]) for _ in range(2)) for size in (left_out, 1.0)
         )
         squares = np.square(fitted)
-        return gradient_choice.LeftOutRates("1", errors, raw, order=1, fitted=squares)
+        return gradient_choice.LeftOutRates(
+            "1", errors, raw, side="heating", order=1, fitted=squares
+        )
 
     good, spoilt, small = tested(0.5, (0.4, 0.4)), tested(0.5, (0.4, 1.2)), tested(0.95, (0.4, 0.4))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

@@ -19,7 +19,6 @@ from calibkit.instruments.fog_thermal.numeric.choice import (
     choose,
 )
 from calibkit.numeric import flicker, intervals
-from calibkit.numeric.one_standard_error import choose_simplest
 from calibkit.numeric.thermal import (
     fits,
     left_out,
@@ -28,7 +27,7 @@ from calibkit.numeric.thermal import (
     uncertainty,
 )
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors
+from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors, choose_simplest
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.simulate import noise
