@@ -329,8 +329,8 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     )
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
-    stated = [uncertainty.Along(along, [], u, u, np.full(400, expanded)) for expanded in (3.0, 0.5)]
-    compared, _, limit = thermal_forms.compare_means(along, *stated, BlockNoise(0.0, 0.0), 10)
+    stated = uncertainty.Along(along, [], u, u, np.full(400, 3.0), np.full(400, 0.5))
+    compared, _, limit = thermal_forms.compare_means(along, stated, BlockNoise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)
 
