@@ -149,7 +149,7 @@ def is_rejected(model: OnLevels, log: ThermalLog, there: Evaluation) -> bool:
     """Whether `validate` finds the errors of a log larger than stated."""
     along = uncertainty.combine_along(model, there, ())
     left = log.indication - there.drift
-    found, _, _ = thermal_forms.compare_means(left, along, along, model.noise, BLOCKS)
+    found, _, _ = thermal_forms.compare_means(left, along, model.noise, BLOCKS)
     return bool(found["rms_error_over_uncertainty"] > found["largest_rms_error_over_uncertainty"])
 
 

@@ -29,7 +29,7 @@ POWERS = ((3,), (2, 3), (2, 3, 4, 5), (2, 3, 4, 5, 6, 7))
 """What is compared with the line alone, the simplest first."""
 MARGIN = 0.9
 """Factor by which more powers must lower the error: of 40 straight lines one standard error of the
-difference by groups (`thermal.left_out.choose_simplest`) lets more than four be bent, this factor fewer.
+difference by groups, as drift models are chosen by, lets more than four be bent, this factor fewer.
 """
 MARGIN_OF_ONE_WAY = 0.5
 """The same for powers that runs of one direction need to share a line: where the direction goes
