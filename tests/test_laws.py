@@ -130,6 +130,8 @@ def test_a_file_states_nearly_the_coverage_factor_of_the_fit(recipe, monkeypatch
     def write_and_compare(form, name, fit, *names, **facts):
         model = write_fit(form, name, fit, *names, **facts)
         u = np.sqrt(np.diag(fit.covariance))
+        if not u.any():  # a refit for sensitivities states values alone
+            return model
         sums = np.random.default_rng(len(ratios)).normal(size=(200, len(u))) / u
         of_file = [dof_along(model, weights) for weights in sums]
         ratios.append(stdtrit(of_file, COVERAGE) / stdtrit(fit.dof_along(sums), COVERAGE))
