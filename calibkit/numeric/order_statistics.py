@@ -40,10 +40,11 @@ def median_magnitude(values: Array, centre: float = 0.0) -> float:
     """
     if not values.size:
         raise FitError("no values have a median")
-    magnitudes = np.abs(values - centre)
+    magnitudes = np.abs(values - centre) if centre else np.abs(values)
     if not math.isfinite(float(magnitudes.max())):
         raise FitError("a value that is not finite has no place in a median", hint="exclude it")
-    return median(magnitudes)
+    magnitudes.partition(magnitudes.size // 2)
+    return float(_median_of_parted(magnitudes, magnitudes.size))
 
 
 def smallest_step(values: Array, *, fine_step: float = 0.0, decimals: int | None = None) -> float:
