@@ -155,6 +155,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
     parts, slope = _cut(log, recipe)
     means = [blocks.means(column) for column in (time, case, env)]
     raw = published.DriftBlocks.fill(blocks, [*means, blocks.means(gyro)], slope)
+    del slope  # a column, and denoising takes four
     smooth, noise = _denoised(log, gyro, blocks, recipe)
     coarse = [
         f"{column} is read in steps of {segments.quantum(column_values):g} °C: its rate is taken"

@@ -210,8 +210,7 @@ def denoise(
     reach = (bank.length - 1) * (period - 1)
     # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
     margin = -(-3 * bank.length // 4) * period
-    extended = _extend(samples, extension, margin, period)
-    approximations, unshifted = extended, extended
+    approximations, unshifted = _extend(samples, extension, margin, period), np.zeros(0)
     details: list[Array] = []
     for level in range(depth):
         if level == fine:
@@ -230,7 +229,9 @@ def denoise(
             approximations, details.pop(level), bank, partial(shrink, level)
         )
     inner = min(reach, size), max(size - reach, min(reach, size))
-    return Denoised(approximations[margin : margin + size], noise, thresholds, inner, depth)
+    # a copy, as a view would keep the margins
+    signal = approximations[margin : margin + size].copy()
+    return Denoised(signal, noise, thresholds, inner, depth)
 
 
 def _extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
