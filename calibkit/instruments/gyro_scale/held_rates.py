@@ -132,10 +132,14 @@ def _is_held(rate: Array, window: int, relative: float, floor_dps: float) -> Mas
     # small second differences: excludes steady acceleration and the steps between short holds
     bends = np.abs(np.diff(rate, 2))
     noise = FIFTH_TO_SIGMA * float(np.quantile(bends, 0.2)) / np.sqrt(6.0)
-    highest, lowest = (_of_windows(extreme, rate, window) for extreme in (np.maximum, np.minimum))
-    range_limit = relative * np.maximum(np.abs(highest), np.abs(lowest))
-    limit = np.maximum(range_limit, max(floor_dps, NOISE_RANGE * noise))
-    return np.asarray(highest - lowest <= limit, dtype=np.bool_)
+    held = np.empty(rate.size - window + 1, dtype=np.bool_)
+    for a, b in chunks.ranges(held.size):  # a log's extremes take as much memory as the log
+        part = rate[a : b + window - 1]
+        highest, lowest = (_of_windows(end, part, window) for end in (np.maximum, np.minimum))
+        range_limit = relative * np.maximum(np.abs(highest), np.abs(lowest))
+        limit = np.maximum(range_limit, max(floor_dps, NOISE_RANGE * noise))
+        held[a:b] = highest - lowest <= limit
+    return held
 
 
 def _of_windows(extreme: np.ufunc, values: Array, window: int) -> Array:
