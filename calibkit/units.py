@@ -12,6 +12,8 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import RecipeError, UsageError, did_you_mean
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from calibkit.arrays import Array
 
 
@@ -337,6 +339,17 @@ def parse_limit(text: str, option: str) -> tuple[str, float, str]:
             f"{option} '{text}' is no limit", hint="write name<=value unit, as 'drift<=0.1 deg/h'"
         )
     return match["name"], value, ALIASES.get(match["unit"], match["unit"])
+
+
+def parse_limits(texts: Iterable[str], option: str) -> dict[str, tuple[float, str]]:
+    """Name → value and unit of texts as of `parse_limit`; UsageError for two on one name."""
+    limits: dict[str, tuple[float, str]] = {}
+    for text in texts:
+        name, value, unit = parse_limit(text, option)
+        if name in limits:
+            raise UsageError(f"{option}: two limits on {name}", hint="state one")
+        limits[name] = value, unit
+    return limits
 
 
 def _alike(target: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import store
+from calibkit import store, units
 from calibkit.certificate.quantities import Point
 from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.fog_thermal import forms
@@ -86,15 +86,15 @@ def test_a_limit_of_the_command_has_a_unit_or_is_a_share(tmp_path):
     """
     old, new = kept_run(tmp_path, rate_table(1e4)), kept_run(tmp_path, rate_table(1e4 + 0.1))
     for text, expected in (("K_x<=20 ppm", 0.2), ("K_x <= 0.3", 0.3), ("K_x<=0.5 1/deg", 0.5)):
-        found = comparison.compare(old, new, limits=comparison.parse_limits([text]))
+        found = comparison.compare(old, new, limits=units.parse_limits([text], "--limit"))
         assert found.compared[0].limit.change == pytest.approx(expected, rel=1e-4)
     with pytest.raises(RecipeError, match="not of the kind"):
-        comparison.compare(old, new, limits=comparison.parse_limits(["K_x<=1 degC"]))
+        comparison.compare(old, new, limits=units.parse_limits(["K_x<=1 degC"], "--limit"))
     with pytest.raises(UsageError, match="did you mean"):
-        comparison.compare(old, new, limits=comparison.parse_limits(["K_y<=1"]))
+        comparison.compare(old, new, limits=units.parse_limits(["K_y<=1"], "--limit"))
     for wrong in ("K_x", "K_x<=-1", "K_x<=x", "K_x<=0"):
         with pytest.raises(UsageError):
-            comparison.parse_limits([wrong])
+            units.parse_limits([wrong], "--limit")
 
 
 def test_a_specification_of_a_profile_limits_the_value_over_the_whole_range(tmp_path):

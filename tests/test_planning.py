@@ -237,6 +237,12 @@ def test_a_wish_that_is_not_understood_is_refused(text):
         parse_wishes([text], {"inclination": "deg", "K0": "1"})
 
 
+def test_two_wishes_on_one_result_are_refused():
+    """Neither is silently the one that counts."""
+    with pytest.raises(UsageError, match="two limits on K0"):
+        parse_wishes(["K0<=1e-3", "K0<=2e-3"], {"K0": "1"})
+
+
 def test_a_wish_is_taken_in_the_unit_of_its_result():
     """Arc minutes are degrees."""
     wishes = parse_wishes(["inclination <= 0.6 arcmin"], {"inclination": "deg"})

@@ -197,14 +197,14 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     assert 0.9 <= np.mean(np.abs(found.toolface_deg[inside]) <= 1.96 * u_toolface[inside]) <= 0.99
 
 
-def test_wild_dwells_are_named():
+def test_outlying_dwells_are_named():
     """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
     nothing.
     """
     clean, disturbed = (
         simulate.campaign(6, table_noise_deg=0.0, outliers=count) for count in (0, 3)
     )
-    outliers = disturbed.truth["wild_dwells"]
+    outliers = disturbed.truth["outlier_dwells"]
     assert len(outliers) == 3
     before, after = fit(clean, recipe()), fit(disturbed, recipe())
     assert set(outliers) <= set(after.triad.suspects)

@@ -114,7 +114,7 @@ def compare(
     Results are compared over the range that both runs were calibrated in, whatever their model
     forms. Exit codes: 0 yes, 1 no, 3 cannot tell.
     """
-    from calibkit import store
+    from calibkit import store, units
     from calibkit.certificate import profile as profiles
     from calibkit.results import comparison, figures, still_good
 
@@ -122,7 +122,7 @@ def compare(
         figures.require_suffix(out.suffix)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
     certificate_profile = None if profile is None else profiles.load(profile, ())[0]
-    parsed = comparison.parse_limits(limits)
+    parsed = units.parse_limits(limits, "--limit")
     result = comparison.compare(
         old, new, limits=parsed, profile=certificate_profile, same_equipment=same
     )

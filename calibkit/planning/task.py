@@ -36,18 +36,17 @@ def parse_wishes(texts: Iterable[str], result_units: Mapping[str, str]) -> dict[
     is offered, of texts "NAME<=VALUE UNIT"; UsageError for another text, name or unit.
     """
     wishes = {}
-    for text in texts:
-        name, value, wish_unit = units_of.parse_limit(text, "--want")
-        fault = "" if name in result_units else f"no result '{name}'"
+    for name, (value, wish_unit) in units_of.parse_limits(texts, "--want").items():
+        fault, factor = "" if name in result_units else f"no result '{name}'", 1.0
         if not fault and wish_unit != result_units[name]:
             try:
-                value *= units_of.difference_factor(wish_unit, result_units[name])
+                factor = units_of.difference_factor(wish_unit, result_units[name])
             except RecipeError:
                 fault = f"'{wish_unit}' is no unit of '{name}'"
         if fault:
             names = ", ".join(f"{name} [{unit}]" for name, unit in result_units.items())
-            raise UsageError(f"--want '{text}': {fault}", hint=f"results: {names}")
-        wishes[name] = value
+            raise UsageError(f"--want: {fault}", hint=f"results: {names}")
+        wishes[name] = value * factor
     return wishes
 
 

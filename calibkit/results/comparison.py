@@ -203,17 +203,6 @@ def compare(
     )
 
 
-def parse_limits(texts: Sequence[str]) -> dict[str, tuple[float, str]]:
-    """Result → largest change and its unit, of texts `name<=value unit`; UsageError."""
-    limits: dict[str, tuple[float, str]] = {}
-    for text in texts:
-        name, value, unit = units.parse_limit(text, "--limit")
-        if name in limits:
-            raise UsageError(f"--limit: two limits on {name}", hint="state one")
-        limits[name] = value, unit
-    return limits
-
-
 def _limited(
     quantity: Quantity,
     limits: Mapping[str, tuple[float, str]],

@@ -127,7 +127,12 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
                 continue
             quantities += [
                 Quantity(
-                    *(name, record.stage, model.name, words, "g", _inputs(model)),
+                    name,
+                    record.stage,
+                    model.name,
+                    words,
+                    "g",
+                    _inputs(model),
                     _component(model, axis),
                 )
                 for axis, (name, words) in enumerate(named)

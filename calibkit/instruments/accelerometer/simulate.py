@@ -71,7 +71,7 @@ def campaign(
         "temperatures_degc": temperatures_degc,
         "inclinations_deg": inclinations_deg,
         "toolfaces": toolfaces,
-        "wild": outliers,
+        "outliers": outliers,
     }
     rng = np.random.default_rng(seed)
     sensors = draw_triad(rng)
@@ -107,7 +107,7 @@ def campaign(
         "sensors": describe(sensors),
         "inclination_deg": attitude.inclination(vector).tolist(),
         "toolface_deg": attitude.toolface(vector).tolist(),
-        "wild_dwells": outlier_rows.tolist(),
+        "outlier_dwells": outlier_rows.tolist(),
     }
     return Campaign({"positions.csv": columns}, DECIMALS, truth)
 

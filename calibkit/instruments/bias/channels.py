@@ -31,6 +31,7 @@ from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_terms
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
+    MOVING_DEGC_MIN,
     STATIC,
     Candidate,
     LeftOutErrors,
@@ -43,8 +44,6 @@ from calibkit.numeric.thermal.left_out import (
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
 from calibkit.numeric.thermal.terms import ThermalModel, Valid
 
-MOVING_DEGC_MIN = 0.3
-"""Temperature rate [°C/min] from which on it changes."""
 RATES = ("s_rate", "s_temp_rate")
 CONSTANT = Candidate("constant", "level", STATIC[:1])
 CANDIDATES = (

@@ -30,7 +30,7 @@ STARTING_S = 180.0
 """Time after the start of a span over which its rate is measured, twice in turn."""
 STEADY = 0.2
 """Relative difference of both rates up to which the temperature came to the log as it goes on."""
-MOVING_DEGC_MIN = 0.1
+ON_A_RAMP_DEGC_MIN = 0.1
 """Rate from which on a span starts on a ramp."""
 SURELY = 4.0
 """The same in standard uncertainties of the rate."""
@@ -304,7 +304,7 @@ def _starting_rate(time: Array, case: Array) -> float:
     (first, u_first), (second, u_second) = rates
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
-    return 0.5 * (first + second) if steady and sure and abs(first) >= MOVING_DEGC_MIN else 0.0
+    return 0.5 * (first + second) if steady and sure and abs(first) >= ON_A_RAMP_DEGC_MIN else 0.0
 
 
 def refuse_little_change(logs: Sequence[Log], spec: ThermalTable) -> None:

@@ -126,7 +126,7 @@ def decide(
     reasons = [flag for side in choices for flag in side.flags]
     untested = [flag for side in choices if not side.tested for flag in side.flags]
     untested += [*levels.refused, *([] if levels.tested else filter(None, [levels.reason]))]
-    flags: list[str] = reasons
+    flags = [*reasons]
     exported_errors: tuple[LeftOutErrors, ...] = of_rates if polynomials else ()
     if thermal is not None:
         flags = [*thermal.flags, Remark(f"exported: {levels.reason}")]

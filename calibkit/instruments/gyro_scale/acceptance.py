@@ -87,7 +87,8 @@ def judge_unseen(
     values_of: dict[Limit, list[float]] = {}
     for key, limit in UNSEEN_LIMITS.items():
         values = [abs(error[key]) for error in errors if key in error]
-        values_of |= {limit: values} if values else {}
+        if values:
+            values_of[limit] = values
     return _judge(limits, values_of)
 
 

@@ -34,7 +34,7 @@ HIGHEST_POWER = 7
 """Of the rate in a response."""
 MONOTONIC_GRID = 201
 """Rates at which a response is required to rise."""
-MONOTONIC_DEGC = 5
+MONOTONIC_LEVELS = 5
 """Temperatures at which it is."""
 NEWTON_STEPS = 20
 """More than enough: each doubles the digits of a rate."""
@@ -204,7 +204,7 @@ class GyroMatrix:
         low, high = self.rate_limits
         grid = np.linspace(low, high, MONOTONIC_GRID)
         # it bends with temperature to the second power, so that both ends of the range do not tell
-        for degc in np.linspace(*response.valid.get(TEMPERATURE, (0.0, 0.0)), MONOTONIC_DEGC):
+        for degc in np.linspace(*response.valid.get(TEMPERATURE, (0.0, 0.0)), MONOTONIC_LEVELS):
             if not (np.diff(self._indicated(grid, np.full(grid.shape, degc))) > 0.0).all():
                 raise CoefficientError(
                     "the response is not monotonic over its rates",

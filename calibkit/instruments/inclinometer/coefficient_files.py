@@ -191,7 +191,7 @@ def find_sensitivities(
     known_degc = stations.temperature[np.isfinite(stations.temperature)]
     if known_degc.size:
         errors += of_thermometer(TEMPERATURE, float(known_degc.min()), float(known_degc.max()))
-    sensitivities = [Sensitivity("position_deg", "offset", {})]
+    sensitivities = []
     for error in errors:
         derivatives: dict[str, float] = {}
         for axis, fit in fits.items():
@@ -227,5 +227,5 @@ def find_sensitivities(
                     derivatives[f"inclinometer_scale.{name}"] = value / (2.0 * error.step)
         sensitivities.append(Sensitivity(error.input, error.kind, derivatives))
     # in the order of earlier runs: latitude, positions, gyros, thermometer
-    sensitivities[:2] = sensitivities[1::-1]
+    sensitivities.insert(1, Sensitivity("position_deg", "offset", {}))
     return tuple(sensitivities)

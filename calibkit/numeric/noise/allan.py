@@ -245,7 +245,14 @@ def wavelet_deviation(
     correlation = np.array([wavelet_correlation(low, high, m) for m in factors])
     dof = np.maximum(pairs / correlation, 1.0)
     return DeviationCurve.of_variance(
-        *(f"wavelet {wavelet}", interval_s, rate.size, np.array(factors), variance, pairs, (), dof),
+        f"wavelet {wavelet}",
+        interval_s,
+        rate.size,
+        np.array(factors),
+        variance,
+        pairs,
+        (),
+        dof,
         probability,
     )
 

@@ -343,12 +343,18 @@ def predict_terms(
     """
     true = np.asarray(coefficients, dtype=np.float64)
     factor = averaging_factors(samples, spacing=spacing, points=points)
-    tau = np.asarray(factor * interval_s, dtype=np.float64)
-    variance = _powers(tau) @ true
-    unit_dof, deviation = np.ones(tau.size), np.sqrt(variance)
-    curve = DeviationCurve(
-        *("overlapping Allan", interval_s, samples, factor, tau, deviation),
-        *(samples - 2 * factor + 1, (), unit_dof, deviation, deviation, 0.0),
+    variance = _powers(np.asarray(factor * interval_s, dtype=np.float64)) @ true
+    # neither degrees of freedom nor limits enter a prediction
+    curve = DeviationCurve.of_variance(
+        "overlapping Allan",
+        interval_s,
+        samples,
+        factor,
+        variance,
+        samples - 2 * factor + 1,
+        (),
+        dof=np.ones(factor.size),
+        probability=0.95,
     )
     attempt = _Attempt(curve)
     covariance = attempt.covariance(true)

@@ -63,20 +63,19 @@ class Basis:
 
     rows: WhitenedRows
     scales: Scales
-    log_drivers: Drivers | None = None
-    """Of a level model: what the logs show themselves."""
+    source: Drivers | coil.Path
+    """What the terms are made of: of a level model what the logs show themselves, of a lagged one
+    the case temperatures that the coil follows.
+    """
     window_s: float = 0.0
-    """Trailing window of its rates [s]."""
-    case_path: coil.Path | None = None
-    """Of a lagged model: the case temperatures that the coil follows."""
+    """Trailing window of the rates of a level model [s]."""
 
     def drivers(self, log_lags: Array) -> Drivers:
         """Drivers [n] of all logs in sequence, for the logarithms of no lag, one lag or two."""
-        if self.case_path is None:
-            assert self.log_drivers is not None  # noqa: S101 (a level model has them)
-            return self.log_drivers
+        if isinstance(self.source, Drivers):
+            return self.source
         outer, *inner = np.exp(log_lags).tolist()
-        return self.case_path.drivers(outer, inner[0] if inner else None)
+        return self.source.drivers(outer, inner[0] if inner else None)
 
     def design(self, log_lags: Array) -> Array:
         """Scaled columns [n, 9] of all terms, for the logarithms of the lags."""
@@ -97,7 +96,7 @@ class Basis:
         Raises FitError for terms that do not belong to a lagged model or that the logs cannot
         determine.
         """
-        if self.case_path is None:
+        if isinstance(self.source, Drivers):
             solution = TermSolution("level", self, tuple(terms), np.zeros(0))
             _, variance = self.rows.solve_terms(solution.columns, solution.terms[1:])
             return replace(solution, turn_on_variance=variance)
@@ -159,7 +158,7 @@ def lagged_basis(rows: WhitenedRows) -> Basis:
     case_path = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
     scales = case_path.drivers(middle, middle).valid().scales()
-    return Basis(rows, scales, case_path=case_path)
+    return Basis(rows, scales, case_path)
 
 
 @dataclass(frozen=True)

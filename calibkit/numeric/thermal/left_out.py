@@ -20,6 +20,8 @@ FIGURE_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 FIGURE_BLOCKS = 10
 """Blocks that one mean of the drift figure averages at a model interval of 10 s."""
+MOVING_DEGC_MIN = 0.3
+"""Temperature rate [°C/min] from which on a temperature changes; below it it is at rest."""
 LEAST_SHARE = 0.5
 """Smallest share of sound rows with which a group of rows counts."""
 

@@ -20,6 +20,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import bank
 from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
 from calibkit.numeric import chunks
+from calibkit.numeric.thermal.left_out import MOVING_DEGC_MIN
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 
 INJECTED_RATE_DPH = 7.5
@@ -103,8 +104,6 @@ def drift_rms(output: Array, group: int = 1) -> float:
     return float(np.std(figure_means(output, group)))
 
 
-MOVING_DEGC_MIN = 0.3
-"""Temperature rate [°C/min] above which a block is heating, and below its negative cooling."""
 HYSTERESIS_BIN_DEGC = 5.0
 LEAST_BLOCKS = 5
 """Fewest heating and fewest cooling blocks in a bin of the hysteresis."""
