@@ -263,7 +263,7 @@ def test_a_lasting_misfit_keeps_its_say():
     stacked = pooled_fit.Stack.of_logs(logs)
     basis = fits.level_basis(stacked)
     trust = pooled_fit.sound_blocks(basis.design(np.zeros(0))[:, 1:4], stacked)
-    missed = np.abs(basis.log_drivers.rate) > 3.0
+    missed = np.abs(basis.source.rate) > 3.0
     assert np.mean(trust[missed]) > 0.8
 
 
