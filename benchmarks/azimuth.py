@@ -23,7 +23,8 @@ from calibkit.instruments.inclinometer import (
     scale_fit,
     simulate,
 )
-from calibkit.instruments.inclinometer.noise import estimate_noise
+from calibkit.instruments.inclinometer.noise import Noise
+from calibkit.instruments.inclinometer.stations import fit_stations
 from calibkit.simulate.campaign import Campaign
 
 LATITUDE_DEG = 34.2
@@ -40,28 +41,18 @@ class Errors:
     C: np.ndarray
 
 
-def closed(readings: np.ndarray) -> float:
-    """Noise of a reading, from how the four positions [n, 4] close."""
-    squares = published.closures(readings) ** 2
-    return estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
-
-
 def components(logs: Campaign, axis: str) -> published.Components:
     """Components of one sensor pair, its noise from the closure of the four positions."""
     log = logs.logs["stations.csv"]
-    _, readings = published.arrange(
-        log["station"],
+    fits = fit_stations(
+        np.unique(log["station"], return_inverse=True)[1],
         log["position_deg"].astype(float),
-        np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"])),
-    )
-    accel, gyro = readings[:, :, 0], readings[:, :, 1]
-    return published.components(
-        accel,
-        gyro,
+        log[f"accel_{axis}_g"],
+        log[f"gyro_{axis}_dph"],
         axis,
-        accel_noise_g=closed(accel),
-        gyro_noise_dph=closed(gyro),
     )
+    accel_g, gyro_dph = np.sqrt(fits.squares.sum(axis=0) / fits.dofs.sum(axis=0)).tolist()
+    return fits.components(Noise(accel_g, gyro_dph, 0))
 
 
 def temperatures(logs: Campaign) -> np.ndarray:

@@ -17,6 +17,7 @@ from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
 from conftest import AUTHORITIES
 
+FOUR = (0.0, 90.0, 180.0, 270.0)
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
 
 
@@ -39,13 +40,25 @@ def forward(inclination, toolface, azimuth, latitude, s=1.0, position=0.0):
     return turn @ [0.0, 0.0, 1.0], turn @ earth.north_east_down(latitude) / s
 
 
+def components_of(accel, gyro, sensor, *, accel_noise_g=0.0, gyro_noise_dph=0.0):
+    """Components of stations with readings [n, 4] at 0°, 90°, 180°, 270°, of a stated noise."""
+    station, position = np.repeat(np.arange(len(accel)), 4), np.tile(FOUR, len(accel))
+    fits = station_steps.fit_stations(station, position, accel.ravel(), gyro.ravel(), sensor)
+    return fits.components(noise.Noise(accel_noise_g, gyro_noise_dph, 0))
+
+
+def closed(readings):
+    """Noise of a reading, from how the four positions [n, 4] close."""
+    return float(np.sqrt(np.mean((readings @ [0.5, -0.5, 0.5, -0.5]) ** 2)))
+
+
 def vector_components(station, sensor):
     """Components of a worked example."""
     accel, gyro = (
         np.array([[reading[f"{kind}_{sensor}_{unit}"] for reading in station["readings"]]])
         for kind, unit in (("accel", "g"), ("gyro", "dph"))
     )
-    return published.components(accel, gyro, sensor, accel_noise_g=0.0, gyro_noise_dph=0.0)
+    return components_of(accel, gyro, sensor)
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
@@ -146,8 +159,7 @@ def test_four_differences_cancel_a_constant_bias(sensor):
     readings = np.array(
         [[forward(30.0, 40.0, 70.0, 34.2, position=p)[1][axis] + 0.3 for p in (0, 90, 180, 270)]]
     )
-    noise = {"accel_noise_g": 0.0, "gyro_noise_dph": 0.0}
-    parts = published.components(0.0 * readings, readings, sensor, **noise)
+    parts = components_of(0.0 * readings, readings, sensor)
     assert (parts.gyro_x[0], parts.gyro_y[0]) == pytest.approx(
         tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12
     )
@@ -170,26 +182,6 @@ def rows(stations=(7, 3), positions=(0, 90, 180, 270)):
     station = np.repeat(stations, len(positions)).astype(float)
     position = np.tile(positions, len(stations)).astype(float)
     return station, position, (100.0 * station + position)[:, None]
-
-
-def test_rows_in_any_order_become_stations_in_order_of_appearance():
-    """Shuffled rows and positions plus 360° give each station's four readings in order."""
-    station, position, indication = rows()
-    shuffle = np.random.default_rng(0).permutation(8)
-    numbers, found = published.arrange(
-        station[shuffle], position[shuffle] + 360.0 * (shuffle % 2), indication[shuffle]
-    )
-    first = station[shuffle][0]
-    assert numbers[0] == first
-    assert found[0, :, 0] == pytest.approx(100.0 * first + np.array([0, 90, 180, 270]))
-    assert np.isfinite(found).all()
-
-
-def test_repeated_positions_are_averaged():
-    """A closing reading at 360° is averaged with that at 0°."""
-    station, position, _ = rows((1,), (0, 90, 180, 270, 360))
-    _, found = published.arrange(station, position, np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
-    assert found[0, :, 0] == pytest.approx([3.0, 2.0, 3.0, 4.0])
 
 
 def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
@@ -242,11 +234,10 @@ def test_the_closure_of_four_positions_tells_the_noise():
     rng = np.random.default_rng(1)
     x, y, bias = rng.normal(size=(3, 5000))
     readings = np.column_stack((x, y, -x, -y)) + bias[:, None] + 0.01 * rng.normal(size=(5000, 4))
-    squares = published.closures(readings) ** 2
-    assert noise.estimate_noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(
-        0.01, rel=0.03
-    )
-    assert noise.estimate_noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
+    station, position = np.repeat(np.arange(5000), 4), np.tile(FOUR, 5000)
+    fits = station_steps.fit_stations(station, position, readings.ravel(), readings.ravel(), "x")
+    assert (fits.dofs == 1).all()
+    assert np.sqrt(fits.squares.mean(axis=0)) == pytest.approx(0.01, rel=0.03)
 
 
 def test_accelerations_beyond_gravity_are_clamped_and_marked():

@@ -18,10 +18,10 @@ from calibkit.instruments.inclinometer import (
     simulate,
 )
 from calibkit.instruments.inclinometer.forms import ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE, estimate_noise
+from calibkit.instruments.inclinometer.noise import NO_NOISE
 from calibkit.instruments.inclinometer.recipe import HistorySpec, LimitSpec
 from conftest import AUTHORITIES
-from test_northseek import forward, vector_components, wrapped
+from test_northseek import closed, components_of, forward, vector_components, wrapped
 
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
 NOISE = np.diag([2e-5, 2e-5, 0.01, 0.01]) ** 2 / 2.0
@@ -36,12 +36,6 @@ def parts_of(theta, phi, psi, latitude, s=1.0, noise=NOISE):
     gravity, rate = (np.array([pair[k] for pair in made]) for k in (0, 1))
     covariance = np.broadcast_to(noise, (theta.size, 4, 4)).copy()
     return published.Components(gravity[:, 0], gravity[:, 1], rate[:, 0], rate[:, 1], covariance)
-
-
-def closed(readings):
-    """Noise of a reading, from how the four positions [n, 4] close."""
-    squares = published.closures(readings) ** 2
-    return estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
 def shaken(parts, rng):
@@ -429,15 +423,9 @@ def fitted(seed, **options):
     """
     logs = simulate.campaign(seed, **options)
     log = logs.logs["stations.csv"]
-    _, readings = published.arrange(
-        log["station"],
-        log["position_deg"].astype(float),
-        np.column_stack((log["accel_x_g"], log["gyro_x_dph"])),
-    )
-    parts = published.components(
-        readings[:, :, 0],
-        readings[:, :, 1],
-        "x",
+    accel, gyro = (log[name].reshape(-1, 4) for name in ("accel_x_g", "gyro_x_dph"))
+    parts = components_of(
+        *(accel, gyro, "x"),
         accel_noise_g=2e-5,
         gyro_noise_dph=options.get("noise", 0.01),
     )
@@ -654,15 +642,10 @@ def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(wa
         for axis in "xy":
             logs = simulate.campaign(seed)
             log = logs.logs["stations.csv"]
-            columns = np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"]))
-            _, readings = published.arrange(
-                log["station"], log["position_deg"].astype(float), columns
-            )
-            accel, gyro = readings[:, :, 0], readings[:, :, 1]
-            parts = published.components(
-                accel,
-                gyro,
-                axis,
+            names = f"accel_{axis}_g", f"gyro_{axis}_dph"
+            accel, gyro = (log[name].reshape(-1, 4) for name in names)
+            parts = components_of(
+                *(accel, gyro, axis),
                 accel_noise_g=closed(accel),
                 gyro_noise_dph=closed(gyro),
             )

@@ -7,15 +7,14 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.errors import AngleErrors
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import (
     ROOT_DISAGREES,
+    estimate_roots,
     mounting_slopes,
-    root_slopes,
 )
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
@@ -57,10 +56,8 @@ def make_result(
         u = pair.s_root_uncertainty[scale.used]
         expected = float(np.median(u)) if u.size else 0.0
         if expected and scale.fit is not None and scale.model.scatter > SCATTERS * expected:
-            latitude = np.full(pair.s.size, stated_deg)
-            slopes = root_slopes(stations.components[axis], latitude, pair.root >= 0)
             # the root at the recipe's latitude is s(T) - ds/dα × offset
-            offset, u_offset = scale.further_error(-np.radians(slopes[:, 4]), FEWEST)
+            offset, u_offset = scale.further_error(-np.radians(pair.root_slopes[:, 4]), FEWEST)
             reason = (
                 "see that site.latitude_deg is right and the gyro does not change from station to"
                 " station"
@@ -206,16 +203,14 @@ def find_sensitivities(
                     temp_degc = shift(temp_degc)
                 elif error.input == f"gyro_{axis}_dph":
                     parts = replace(parts, gyro_x=shift(parts.gyro_x), gyro_y=shift(parts.gyro_y))
-                attitude = published.attitude(parts.accel_x, parts.accel_y)
-                roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude_deg)
+                roots = estimate_roots(parts, latitude_deg)
                 # of both roots the one that was fitted
-                before = np.ones(fit.used.size)
-                before[fit.used] = fit.roots.s
-                plus = np.abs(roots.plus - before) <= np.abs(roots.minus - before)
-                by_turn, _ = mounting_slopes(parts, latitude_deg, plus)
-                changes.append(
-                    fit.shifted(np.where(plus, roots.plus, roots.minus), by_turn, temp_degc)
-                )
+                fitted = np.ones(fit.used.size)
+                fitted[fit.used] = fit.roots.s
+                column = np.argmin(np.abs(roots.s - fitted[:, None]), axis=1)
+                rows = np.arange(column.size)
+                by_turn, _ = mounting_slopes(parts, roots.slopes[rows, column, :4])
+                changes.append(fit.shifted(roots.s[rows, column], np.radians(by_turn), temp_degc))
             change = changes[0] - changes[1]
             degc, model = spec.reference_temp_degc, fit.model
             powers = np.clip(degc, *(model.valid or (degc, degc))) ** np.arange(change.size)

@@ -168,20 +168,22 @@ def _find_open_stations(
     errors of the readings by column.
     """
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
+    stations = station.astype(np.int64) - 1
+    complete = np.bincount(stations) == len(published.POSITIONS_DEG)
+    sign = 1.0 - 2.0 * (published.nearest_position(position) % 2)
     findings = []
     for axis, (kind, word, unit) in product(spec.axes, published.SENSORS):
         name = f"{kind}_{axis}_{word}"
-        means_and_errors = np.column_stack([values(log.frame, name), errors[name]])
-        stations, four = published.arrange(station, position, means_and_errors)
-        closure = 2.0 * published.closures(four[:, :, 0])
-        certain = CERTAIN * np.sqrt(np.sum(four[:, :, 1] ** 2, axis=1))
-        for k in np.flatnonzero(np.abs(closure) > np.maximum(CLOSURE[kind], certain)).tolist():
-            rows = np.flatnonzero(station == stations[k])
+        closure = np.bincount(stations, sign * values(log.frame, name))
+        u = np.sqrt(np.bincount(stations, errors[name] ** 2))
+        limit = np.maximum(CLOSURE[kind], CERTAIN * u)
+        for number in np.flatnonzero(complete & (np.abs(closure) > limit)).tolist():
+            rows = np.flatnonzero(stations == number)
             row = int(rows[0])
             findings.append(
                 Finding(
-                    f"{log.place(row)}: station {stations[k]:g}: {name}",
-                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closure[k]:.3g} {unit}",
+                    f"{log.place(row)}: station {number + 1}: {name}",
+                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closure[number]:.3g} {unit}",
                     f"at most {CLOSURE[kind]:g} {unit} of one attitude",
                     "the tool was moved between these dwells: give a column station, or leave"
                     f" these out: {log.advise_exclude(rows)}",

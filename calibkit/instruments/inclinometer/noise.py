@@ -98,19 +98,18 @@ def decide_noise(
                 hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
                 " positions",
             )
-        of_readings, of_calibration = (
-            estimate_noise(squares[closing, k], dofs[closing, k]),
-            calibrated[k],
-        )
-        weighted = shown_dof * of_readings**2 + before.dof * of_calibration**2
-        pooled = float(np.sqrt(weighted / (shown_dof + before.dof)))
+        # variances of a reading
+        of_readings = float(squares[closing, k].sum() / max(dofs[closing, k].sum(), 1))
+        of_calibration = calibrated[k] ** 2
+        weighted = shown_dof * of_readings + before.dof * of_calibration
+        pooled = weighted / (shown_dof + before.dof)
         if shown_dof and before.dof and of_calibration > 0.0:
             from scipy.special import fdtr, fdtrc
 
-            ratio = (of_readings / of_calibration) ** 2
+            ratio = of_readings / of_calibration
             tails = fdtr(shown_dof, before.dof, ratio), fdtrc(shown_dof, before.dof, ratio)
             pooled = of_readings if min(tails) < CONTRADICTED else pooled
-        sizes.append(max(pooled, of_digit[k]))
+        sizes.append(max(float(np.sqrt(pooled)), of_digit[k]))
     return Noise(sizes[0], sizes[1], shown_dof + before.dof), tuple(reasons)
 
 
@@ -142,11 +141,3 @@ def find_outliers(squares: Array, dof: Integers, variance: float) -> Mask:
 
     limit = variance * chdtri(np.maximum(dof, 1), IMPROBABLE)
     return np.asarray(redundant & (squares > limit), dtype=np.bool_)
-
-
-def estimate_noise(squares: Array, dof: Integers) -> float:
-    """Standard deviation of one reading from sums of squares [n] with degrees of freedom [n]; 0
-    where there are none.
-    """
-    total = int(dof.sum())
-    return float(np.sqrt(squares.sum() / total)) if total else 0.0

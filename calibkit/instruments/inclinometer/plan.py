@@ -31,7 +31,6 @@ from calibkit.instruments.inclinometer.root_choice import (
     AZIMUTH,
     estimate_roots,
     mounting_slopes,
-    moved,
     seek_with_slopes,
 )
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
@@ -115,7 +114,7 @@ class StationBench(Bench):
         column = np.argmin(np.abs(np.nan_to_num(roots.s, nan=np.inf) - 1.0), axis=1)
         rows = np.arange(column.size)
         used = roots.usable[rows, column] & np.array([not reason for reason in roots.status])
-        by_turn, by_index = mounting_slopes(parts, latitude_deg, column == 0)
+        by_turn, by_index = np.radians(mounting_slopes(parts, roots.slopes[rows, column, :4]))
         index = by_index * self.assumed.size(*INDEX)
         u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
         # a root that is negative, or no number, is no scale factor
@@ -241,9 +240,8 @@ def azimuth_slopes(latitude_deg: float) -> Array:
     parts, one = ideal_components(np.array([USED_DEG]), latitude_deg, np.zeros(4)), np.ones(1)
     # s = 1, whatever the root of the station
     _, slopes = seek_with_slopes(parts, latitude_deg * one, one > 0.0, 0.0 * one, one)
-    *by_components, _, by_s = slopes[0, AZIMUTH]
-    by_turn, _ = moved(parts)
-    return np.array([np.degrees(by_s), by_components @ by_turn[0]])
+    by_turn, _ = mounting_slopes(parts, slopes[:, AZIMUTH, :4])
+    return np.array([np.degrees(slopes[0, AZIMUTH, -1]), by_turn[0]])
 
 
 def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:

@@ -1,5 +1,6 @@
 """Four-position north seeking as published (temperature compensation of a FOG inclinometer, Wuxi
-Huilian 2015).
+Huilian 2015): steps C, D and F; A and B, from readings in positions to components, are
+`stations.fit_stations`.
 
 North-east-down axes; azimuth ψ about z, inclination θ about y, toolface φ about z, passive
 rotations; indications positive along gravity; rates in °/h, accelerations in local g. A sensor pair
@@ -63,69 +64,10 @@ class Roots:
     """Whether a negative discriminant was clamped to zero."""
 
 
-def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> tuple[Array, Array]:
-    """Sort rows into stations and positions (step A).
-
-    Parameters
-    ----------
-    station : [r], number of each row's station.
-    position_deg : [r] [°], any order, any multiple of 360° added; each row counts for the nearest
-        of 0°, 90°, 180°, 270°, repeated positions are averaged.
-    indication : [r, m].
-
-    Returns
-    -------
-    Name of each station [n] in the order of first appearance, and its indications [n, 4, m]; NaN
-    where a position is missing.
-
-    """
-    names = np.asarray(station, dtype=np.float64)
-    unique, first, inverse = np.unique(names, return_index=True, return_inverse=True)
-    order = np.argsort(first, kind="stable")
-    rank = np.empty_like(order)
-    rank[order] = np.arange(order.size)
-    total = np.zeros((unique.size, 4, indication.shape[1]))
-    count = np.zeros((unique.size, 4, 1))
-    place = rank[inverse], nearest_position(position_deg)
-    np.add.at(total, place, indication)
-    np.add.at(count, place, 1.0)
-    mean = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
-    return unique[order], mean
-
-
 def nearest_position(position_deg: Array) -> Integers:
     """Index [r] of the nearest position (0°, 90°, 180°, 270°) to each rotation [r] [°]."""
     from_edge = np.remainder(position_deg + 45.0, 360.0)
     return np.clip(np.floor(from_edge / 90.0), 0, 3).astype(np.int64)
-
-
-def closures(indication: Array) -> Array:
-    """Closures (r₀ − r₉₀ + r₁₈₀ − r₂₇₀)/2 [n] of indications [n, 4]: noise alone, with the standard
-    deviation of one reading.
-    """
-    closure: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
-    return closure
-
-
-def components(
-    accel: Array, gyro: Array, sensor: Sensor, *, accel_noise_g: float, gyro_noise_dph: float
-) -> Components:
-    """Components of one sensor pair from its four positions, by half differences in which constant
-    bias cancels (step B).
-
-    Parameters
-    ----------
-    accel, gyro : [n, 4] [g] and [°/h].
-    sensor : which axis the pair is on.
-    accel_noise_g, gyro_noise_dph : standard uncertainty of one reading.
-
-    """
-    at_0, at_90, at_180, at_270 = np.moveaxis(np.array([accel, gyro]), -1, 0)
-    first, second = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
-    (accel_x, gyro_x), (accel_y, gyro_y) = (first, second) if sensor == "x" else (-second, first)
-    variance = np.array([accel_noise_g, accel_noise_g, gyro_noise_dph, gyro_noise_dph]) ** 2 / 2.0
-    covariance = np.broadcast_to(np.diag(variance), (accel_x.size, 4, 4)).copy()
-    return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
 
 
 def attitude(accel_x: Array, accel_y: Array) -> Attitude:

@@ -1,6 +1,15 @@
-"""North seeking with uncertainty: the choice between the roots of s by the history of the stations
-before, their weight, the resulting θ, φ, s and ψ; and both sensor pairs, each of which is solved
-with its own s, combined.
+"""North seeking of stations by one sensor pair, and by two combined.
+
+Step D (methods, four positions) has two roots s₊, s₋; from noise alone each has its own standard
+uncertainty u±. Before a station is read, s is known as s₀ ± u₀, by s(T) of a calibration or by the
+stations before it (`history_prior`). Then
+
+    a root may be used        s > 0,  u ≤ limits.s_uncertainty,  |s₊ - s₋|/2 > limits.separation u
+    log-likelihood of a root  -½ (s - s₀)²/(u² + u₀²) - ½ ln(u² + u₀²)                        (1)
+    scale factor of a station s = w s± + (1 - w) s₀,   w = u₀²/(u±² + u₀²)                    (2)
+
+The root is the one whose azimuth is nearer to an outside heading, or without any the likelier one.
+Where both may be used and (1) differs by less than 3, or where the root may not be used, w is 0.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +25,6 @@ from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.published import (
     Attitude,
     Components,
-    Roots,
     Sensor,
     full_circle,
 )
@@ -60,24 +68,24 @@ class ScalePrior:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimates:
-    """Both roots of s at n stations with their standard uncertainties; column 0 the + root, column
-    1 the − root.
-    """
+class BothRoots:
+    """Both roots of s at n stations; column 0 the + root, column 1 the − root."""
 
     parts: Components
     latitude_deg: Array
     attitude: Attitude
-    roots: Roots
+    clamped: Mask
+    """[n], whether both are one, as noise made the discriminant negative."""
     s: Array
     """[n, 2]."""
     uncertainty: Array
-    """[n, 2]."""
+    """[n, 2], standard uncertainty by the noise of the components."""
+    slopes: Array
+    """[n, 2, 5], derivatives by g_x, g_y [1/g], ω_x, ω_y [h/°] and the latitude [1/rad]."""
     by_heading: Integers
     """[n], column of the root that an outside heading chooses, −1 where there is none."""
     usable: Mask
-    """[n, 2]: positive, certain enough, and far enough from the other for its uncertainty to hold.
-    """
+    """[n, 2]."""
     status: tuple[str, ...]
     """[n]: empty, or why the station is refused."""
 
@@ -125,8 +133,10 @@ class Solution(Angles):
     """1 for the + root, −1 for the − root, 0 where neither is possible."""
     weight: Array
     """Weight of the root in s [n]; 0 where s is its prior."""
-    azimuth_slopes: Array
-    """[n, 4], derivatives of the azimuth by g_x, g_y [rad/g], ω_x, ω_y [rad h/°]."""
+    root_slopes: Array
+    """[n, 5] of the chosen root, as `BothRoots.slopes`."""
+    by_mounting: Array
+    """[2, n], `mounting_slopes` of the azimuth [°/°]."""
     pair_covariance: Array
     """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°], by errors that other sensor pairs
     do not share.
@@ -172,29 +182,15 @@ def seek_with_slopes(
     return values, np.moveaxis(by_input, 1, 0)
 
 
-def root_slopes(parts: Components, latitude_deg: Array, plus: Mask) -> Array:
-    """Derivatives [n, 5] of roots s± by g_x, g_y [1/g], ω_x, ω_y [h/°], α [1/rad]."""
-    always = np.ones(plus.size)
-    return seek_with_slopes(parts, latitude_deg, plus, always, 0.0 * always)[1][:, ROOT, :5]
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def mounting_slopes(parts: Components, latitude_deg: float, plus: Mask) -> Array:
-    """Derivatives [2, n] of roots by a turn of the gyro and by an index error [1/°]."""
-    latitude = np.full(plus.size, latitude_deg)
-    gradient = root_slopes(parts, latitude, plus)[:, :4] * moved(parts)
-    return np.asarray(np.radians(np.sum(gradient, axis=2)))
-
-
-def moved(parts: Components) -> Array:
-    """What the four components [2, n, 4] read more for each radian of a turn of the gyro, ω_x' =
-    ω_x + δ ω_y, ω_y' = ω_y − δ ω_x, and of an index error, by half of which positions ±x and ±y are
-    turned to different sides.
+def mounting_slopes(parts: Components, slopes: Array) -> Array:
+    """Change [2, n] of a result with derivatives [n, 4] by the components, for each radian of a
+    turn of the gyro against its accelerometer, ω_x' = ω_x + δ ω_y, ω_y' = ω_y − δ ω_x, and of an
+    index error, by half of which positions ±x and ±y are turned to different sides.
     """
     none = np.zeros_like(parts.gyro_x)
     by_turn = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
-    by_index = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x])
-    return np.asarray(np.stack([by_turn, by_index / 2.0]))
+    by_index = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
+    return np.stack([np.sum(slopes * by_turn, axis=1), np.sum(slopes * by_index, axis=1)])
 
 
 @np.errstate(divide="ignore", invalid="ignore")
@@ -205,7 +201,7 @@ def estimate_roots(
     heading_deg: Array | None = None,
     refused: Sequence[str] = (),
     limits: LimitSpec = DEFAULT_LIMITS,
-) -> Estimates:
+) -> BothRoots:
     """Both roots of s with uncertainty, and which stations are refused.
 
     Parameters
@@ -221,21 +217,22 @@ def estimate_roots(
     attitude = published.attitude(parts.accel_x, parts.accel_y)
     roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude)
     s = np.column_stack((roots.plus, roots.minus))
-    uncertainty, off_heading = np.empty_like(s), np.full(s.shape, np.nan)
+    slopes, off_heading = np.empty((*s.shape, 5)), np.full(s.shape, np.inf)
     for k in range(2):
-        gradient = root_slopes(parts, latitude, np.full(len(s), k == 0))[:, :4]
-        variance = np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient)
-        uncertainty[:, k] = np.sqrt(variance)
+        is_plus, whole = np.full(len(s), k == 0), np.ones(len(s))
+        results, by_input = seek_with_slopes(parts, latitude, is_plus, whole, 0.0 * whole)
+        slopes[:, k] = by_input[:, ROOT, :5]
         if heading_deg is not None:
-            rates = s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y
-            psi = published.azimuth(parts.accel_x, parts.accel_y, *rates, latitude)
-            off_heading[:, k] = np.abs(wrapped(np.degrees(psi) - heading_deg))
+            off_heading[:, k] = np.abs(wrapped(np.degrees(results[AZIMUTH]) - heading_deg))
+    by_component = slopes[:, :, :4]
+    variance = np.einsum("nki,nij,nkj->nk", by_component, parts.covariance, by_component)
+    uncertainty = np.sqrt(variance)
     uncertainty[~np.isfinite(uncertainty) | roots.clamped[:, None]] = np.inf
     half_difference = np.abs(s[:, :1] - s[:, 1:]) / 2.0
     separate = half_difference > limits.separation * uncertainty
     usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & separate
     # of an impossible root the azimuth is near no heading
-    off_heading = np.where((s > 0.0) & np.isfinite(off_heading), off_heading, np.inf)
+    off_heading[~(s > 0.0) | np.isnan(off_heading)] = np.inf
     with_heading = np.isfinite(off_heading).any(axis=1)
     by_heading = np.where(with_heading, np.argmin(off_heading, axis=1), -1)
 
@@ -266,20 +263,21 @@ def estimate_roots(
         elif not row[2:4].any():
             reason = "the gyros show no rate at all"
         status[k] = status[k] or reason
-    return Estimates(
-        parts, latitude, attitude, roots, s, uncertainty, by_heading, usable, tuple(status)
+    return BothRoots(
+        *(parts, latitude, attitude, roots.clamped, s, uncertainty, slopes),
+        *(by_heading, usable, tuple(status)),
     )
 
 
 def history_prior(
-    estimates: Estimates, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
+    roots: BothRoots, elapsed: Array, start: HistorySpec | DepartureSpec = DEFAULT_HISTORY
 ) -> ScalePrior:
     """Prior of s at each station from the stations before it: value and rate of change (step D), by
     a Kalman filter.
 
     Parameters
     ----------
-    found : both roots at n stations in their order.
+    roots : of n stations in their order.
     elapsed : [n], not decreasing: hours, or the number of the station.
     start : before the first station.
 
@@ -304,28 +302,24 @@ def history_prior(
         # the filter's prediction may be zero or negative; the prior must be a positive scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
         station = slice(k, k + 1)
-        column, ambiguous = estimates.choose_root(
-            ScalePrior(value[station], spread[station]), station
-        )
+        column, ambiguous = roots.choose_root(ScalePrior(value[station], spread[station]), station)
         root = k, int(column[0])
-        informative = not estimates.status[k] and estimates.usable[root] and not ambiguous[0]
+        informative = not roots.status[k] and roots.usable[root] and not ambiguous[0]
         if informative and covariance[0, 0] > 0.0:
-            gain = covariance[:, 0] / (covariance[0, 0] + estimates.uncertainty[root] ** 2)
-            state = state + gain * (estimates.s[root] - state[0])
+            gain = covariance[:, 0] / (covariance[0, 0] + roots.uncertainty[root] ** 2)
+            state = state + gain * (roots.s[root] - state[0])
             covariance = covariance - np.outer(gain, covariance[0])
     return ScalePrior(value, spread)
 
 
 @np.errstate(divide="ignore", invalid="ignore")
-def solve(
-    estimates: Estimates, prior: ScalePrior, latitude_uncertainty_deg: float = 0.0
-) -> Solution:
+def solve(roots: BothRoots, prior: ScalePrior, latitude_uncertainty_deg: float = 0.0) -> Solution:
     """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
     rates (step E), seek north (step F).
 
     Parameters
     ----------
-    found : both roots.
+    roots : both of n stations.
     prior : of s at each station: its history, or s(T) of a calibration. It chooses between two
         positive roots where no heading does.
     latitude_uncertainty_deg : standard uncertainty of the latitude.
@@ -337,35 +331,62 @@ def solve(
     others are not affected.
 
     """
-    parts, latitude = estimates.parts, estimates.latitude_deg
-    column, ambiguous = estimates.choose_root(prior)
-    rows = np.arange(column.size)
-    s_root, u_root = estimates.s[rows, column], estimates.uncertainty[rows, column]
-    accepted = estimates.usable[rows, column] & ~ambiguous
+    parts, latitude = roots.parts, roots.latitude_deg
+    column, ambiguous = roots.choose_root(prior)
+    stations = np.arange(column.size)
+    s_root, u_root = roots.s[stations, column], roots.uncertainty[stations, column]
+    accepted = roots.usable[stations, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
     # where both are exact, they are taken to agree
     share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
     weight = np.where(accepted, share, 0.0)
     # to first order, of the components, the latitude, and what the prior adds to s
     rest = np.where(accepted, (1.0 - weight) * prior.s, prior.s)
-    (_, _, s, azimuth, _), by_result = seek_with_slopes(parts, latitude, column == 0, weight, rest)
-    by_input = by_result[:, :4]
+    (_, _, s, azimuth, _), by_input = seek_with_slopes(parts, latitude, column == 0, weight, rest)
     uncorrected = published.azimuth(
         parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude
     )
-    jacobian = by_input * UNITS[:, None]
+    jacobian = by_input[:, :4] * UNITS[:, None]
     inputs = np.zeros((column.size, 6, 6))
     inputs[:, :4, :4] = parts.covariance
     inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
     covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
-    solved = np.array([not reason for reason in estimates.status])
+
+    departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
+    flags = []
+    for k, refused in enumerate(roots.status):
+        of_station = []
+        if roots.attitude.clamped[k]:
+            of_station.append("accelerations across the tool exceed gravity: clamped")
+        if not refused:
+            if roots.clamped[k]:
+                of_station.append(CLAMPED)
+            if not s_root[k] > 0.0:
+                of_station.append("no positive root of s: s is its prior")
+            elif ambiguous[k]:
+                of_station.append("both roots of s are about as likely: s is its prior")
+            elif not accepted[k]:
+                of_station.append(
+                    f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
+                    f" {u_root[k]:.2g}, C is near 0"
+                )
+            elif departure[k] > ROOT_DISAGREES:
+                of_station.append(
+                    f"the root {s_root[k]:.5g} is {departure[k]:.0f} standard uncertainties from"
+                    f" its prior {prior.s[k]:.5g}"
+                )
+            if (roots.s[k] > 0.0).all():
+                of_station.append("both roots of s are positive")
+        flags.append(tuple(of_station))
+
+    solved = np.array([not reason for reason in roots.status])
 
     def kept(values: Array) -> Array:
         return np.where(solved.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
 
     return Solution(
-        inclination_deg=np.degrees(estimates.attitude.inclination),
-        toolface_deg=kept(np.degrees(estimates.attitude.toolface)),
+        inclination_deg=np.degrees(roots.attitude.inclination),
+        toolface_deg=kept(np.degrees(roots.attitude.toolface)),
         azimuth_deg=kept(np.degrees(azimuth)),
         uncorrected_deg=kept(np.degrees(uncorrected)),
         s=kept(s),
@@ -373,51 +394,13 @@ def solve(
         s_root_uncertainty=kept(u_root),
         root=np.where(solved & (s_root > 0.0), 1 - 2 * column, 0),
         weight=kept(weight),
-        azimuth_slopes=kept(by_input[:, AZIMUTH, :4]),
+        root_slopes=roots.slopes[stations, column],
+        by_mounting=mounting_slopes(parts, kept(by_input[:, AZIMUTH, :4])),
         pair_covariance=kept(covariance),
         by_latitude=kept(jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)),
-        status=estimates.status,
-        flags=_list_flags(estimates, prior, s_root, u_root, accepted, ambiguous),
+        status=roots.status,
+        flags=tuple(flags),
     )
-
-
-@np.errstate(divide="ignore", invalid="ignore")
-def _list_flags(
-    estimates: Estimates,
-    prior: ScalePrior,
-    s_root: Array,
-    u_root: Array,
-    accepted: Mask,
-    ambiguous: Mask,
-) -> tuple[tuple[str, ...], ...]:
-    """Flags of each station [n]."""
-    departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
-    lines = []
-    for k, refused in enumerate(estimates.status):
-        flags = []
-        if estimates.attitude.clamped[k]:
-            flags.append("accelerations across the tool exceed gravity: clamped")
-        if not refused:
-            if estimates.roots.clamped[k]:
-                flags.append(CLAMPED)
-            if not s_root[k] > 0.0:
-                flags.append("no positive root of s: s is its prior")
-            elif ambiguous[k]:
-                flags.append("both roots of s are about as likely: s is its prior")
-            elif not accepted[k]:
-                flags.append(
-                    f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
-                    f" {u_root[k]:.2g}, C is near 0"
-                )
-            elif departure[k] > ROOT_DISAGREES:
-                flags.append(
-                    f"the root {s_root[k]:.5g} is {departure[k]:.0f} standard uncertainties from"
-                    f" its prior {prior.s[k]:.5g}"
-                )
-            if (estimates.s[k] > 0.0).all():
-                flags.append("both roots of s are positive")
-        lines.append(tuple(flags))
-    return tuple(lines)
 
 
 @dataclass(frozen=True, slots=True)

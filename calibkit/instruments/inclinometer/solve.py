@@ -15,8 +15,8 @@ from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import (
+    BothRoots,
     Combined,
-    Estimates,
     ScalePrior,
     Solution,
 )
@@ -40,9 +40,6 @@ APART_DEG = 5.0
 SMALL_WEIGHT = 0.25
 """Weight of a pair in the azimuth, that of 1.7 times the noise, from which its turn counts in full.
 """
-SHOWN = 3.0
-"""Standard uncertainties above which a turn is flagged; it is in the azimuth's from 2 on."""
-ONE_ATTITUDE = "one attitude: a turn of the gyro is not separable, in U of the azimuth as stated"
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,9 +135,9 @@ def fit_scale(
     for axis in spec.axes:
         first = solve_in_sequence(plausible, spec, axis)
         by_turn, _ = root_choice.mounting_slopes(
-            stations.components[axis], spec.site.latitude_deg, first.root >= 0
+            stations.components[axis], first.root_slopes[:, :4]
         )
-        tool, loading = np.zeros(by_turn.size, dtype=np.int64), by_turn[:, None]
+        tool, loading = np.zeros(by_turn.size, dtype=np.int64), np.radians(by_turn[:, None])
         candidates = [
             Shared(group=MOUNTING, effect="gyro turn", level=tool, loading=loading, unit="deg")
         ]
@@ -207,7 +204,7 @@ def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor
     return root_choice.solve(estimates, prior, spec.site.latitude_uncertainty_deg)
 
 
-def _estimate_roots(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Estimates:
+def _estimate_roots(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> BothRoots:
     """Both roots of s of the stations of one sensor pair."""
     return root_choice.estimate_roots(
         stations.components[axis],
@@ -276,11 +273,7 @@ def _solve_stations(
     # How sensors and positions are mounted: an unknown turn of the gyros, of which the larger of
     # two counts, in full, but by the weight of its pair where that is small (a noisy gyro does not
     # tell its turn, nor carry the azimuth); and what [[type_b]] and [[errors.component]] state.
-    changes = []
-    for axis, solution in solutions.items():
-        moved = root_choice.moved(stations.components[axis])
-        changes.append(np.sum(solution.azimuth_slopes * moved, axis=2))
-    by_turn, by_index = np.moveaxis(np.array(changes), 0, 1)
+    by_turn, by_index = np.stack([pair.by_mounting for pair in solutions.values()], axis=1)
     weight = combined.azimuth_weight
     counted = np.where(weight < SMALL_WEIGHT, weight, 1.0) * np.abs(by_turn)
     sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
