@@ -375,6 +375,10 @@ def _ascend(now: MixedSolution) -> MixedSolution:
                 continue
             if reached.deviance <= now.deviance:
                 break
+            if score @ step < SETTLED:
+                # the whole step promises less than ends the search: it rose by rounding, as its
+                # half would
+                return now
         else:
             break
         fall, now = now.deviance - reached.deviance, reached
