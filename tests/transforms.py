@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibkit.numeric.wavelet import denoise
-from calibkit.numeric.wavelet.denoise import beyond, find_end
+from calibkit.numeric.wavelet.denoise import beyond, extend as extend_signal
 from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 
 
@@ -13,14 +12,12 @@ def extend(signal, name, levels, extension="symmetric"):
     """Signal with a margin at both ends, and the length of the margin."""
     period = 1 << levels
     margin = find_wavelet(name).length * period
-    return denoise._extend(signal, extension, margin, period), margin
+    return extend_signal(signal, extension, margin, period), margin
 
 
 def extend_by(signal, count, extension="symmetric", window=12):
     """Signal with so many samples more at both ends."""
-    ends = [
-        beyond(side, find_end(side, extension, window), count) for side in (signal, signal[::-1])
-    ]
+    ends = [beyond(side, extension, count, window) for side in (signal, signal[::-1])]
     return np.concatenate([ends[0], signal, ends[1][::-1]])
 
 
@@ -29,7 +26,7 @@ def forward(signal, name, levels, extension="symmetric"):
     approximations, _ = extend(signal, name, levels, extension)
     details = []
     for _ in range(levels):
-        approximations, detail = denoise._analyse(approximations, find_wavelet(name))
+        approximations, detail = find_wavelet(name).analyse(approximations)
         details.append(detail)
     return approximations, details
 
@@ -37,12 +34,8 @@ def forward(signal, name, levels, extension="symmetric"):
 def inverse(approximations, details, name, length, shrink=lambda _level, detail: detail):
     """The signal again."""
     for level in range(len(details) - 1, -1, -1):
-        approximations = denoise._synthesise(
-            approximations,
-            details[level],
-            find_wavelet(name),
-            lambda part, level=level: shrink(level, part),
-        )
+        shrunk = shrink(level, details[level])
+        approximations = find_wavelet(name).synthesise(approximations, shrunk)
     margin = find_wavelet(name).length << len(details)
     return approximations[margin : margin + length]
 

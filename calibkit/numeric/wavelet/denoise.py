@@ -1,13 +1,11 @@
 """Wavelet denoising of a signal in one piece.
 
-    s_0 = the signal, extended beyond its ends                            `find_end`, `beyond`
-    s_j, d_j from s_(j−1), j = 1 … L                                      `Lifting.analyse`
+    s_0 = the signal, extended beyond its ends                                      `beyond`
+    s_j, d_j from s_(j−1), j = 1 … L                                      `Wavelet.analyse`
     σ_j = median |d_j| / Φ⁻¹(3/4), threshold t_j from σ_j and the details   `shrinkage.THRESHOLDS`
-    s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `Lifting.synthesise`
+    s_(j−1) from s_j and the details shrunk by t_j, j = L … 1             `Wavelet.synthesise`
 
-The coarsest levels are averaged over all shifts (`_average_over_shifts`). A level is taken in
-blocks that overlap by what the filters reach: they stay in a processor's cache, and no coefficient
-depends on them.
+The coarsest levels are averaged over all shifts (`_average_over_shifts`).
 
 Beyond its ends a signal goes on in one of three ways: "symmetric" mirrors at the end samples,
 x(−k) = x(k); "antisymmetric" reflects in the end points, x(−k) = 2 x(0) − x(k), which keeps a
@@ -19,10 +17,10 @@ has no error of its own.
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
-from typing import Literal, NamedTuple, get_args
+from functools import lru_cache
+from typing import Literal, get_args
 
 import numpy as np
 import pywt
@@ -56,38 +54,24 @@ memory is bounded.
 """
 
 
-class End(NamedTuple):
-    """Value of a signal at an end [unit of the signal], and whether it is reflected in that point
-    rather than mirrored.
-    """
-
-    value: float
-    reflected: bool
-
-
-def find_end(signal: Array, extension: Extension, window: int) -> End:
-    """End of a signal [n] at its first sample; "trend" fits its line to at most `window` samples,
-    or twice as many.
-    """
-    if extension == "trend":
-        return _fit_end(signal, window)
-    return End(float(signal[0]), reflected=extension == "antisymmetric")
-
-
-def beyond(signal: Array, end: End, count: int) -> Array:
+def beyond(signal: Array, extension: Extension, count: int, window: int) -> Array:
     """The `count` samples before the first one of a signal [n]; of a signal that is shorter, the
-    reflection is repeated.
+    reflection is repeated. "trend" fits its line to at most `window` samples, or twice as many.
     """
-    kind: Literal["odd", "even"] = "odd" if end.reflected else "even"
+    value, is_reflected = float(signal[0]), extension == "antisymmetric"
+    if extension == "trend":
+        value, is_reflected = fit_end(signal, window)
+    kind: Literal["odd", "even"] = "odd" if is_reflected else "even"
     padded = np.pad(signal[: count + 1], (count, 0), "reflect", reflect_type=kind)
     # NumPy reflects in the first sample itself
-    shift = 2.0 * (end.value - float(signal[0])) if end.reflected else 0.0
+    shift = 2.0 * (value - float(signal[0])) if is_reflected else 0.0
     return np.asarray(padded[:count] + shift)
 
 
-def _fit_end(end: Array, window: int) -> End:
+def fit_end(end: Array, window: int) -> tuple[float, bool]:
     """Value at sample 0 of the straight line through the longest section from there that is still
-    straight; reflected if the line, if need be of twice the window, has a slope beyond its noise.
+    straight, and whether a signal is reflected in it: if the line, if need be of twice the window,
+    has a slope beyond its noise.
 
     Sections grow by halves up to the window for as long as the values at sample 0 of the lines
     fitted to all of them agree within two standard errors, each 2 σ/√m for m samples (intersection
@@ -96,7 +80,7 @@ def _fit_end(end: Array, window: int) -> End:
     """
     limit = min(2 * window, end.size)
     if limit < 3:
-        return End(float(end[0]), reflected=True)
+        return float(end[0]), True
     per_mean = -(-limit // MOST_VALUES)
     means = end[: limit // per_mean * per_mean].reshape(-1, per_mean).mean(axis=1) - end[0]
     window = min(window // per_mean, means.size)
@@ -117,15 +101,15 @@ def _fit_end(end: Array, window: int) -> End:
     low, high = np.maximum.accumulate(value - margin), np.minimum.accumulate(value + margin)
     straight = int(np.count_nonzero(low <= high)) - 1
     if straight < 0:
-        return End(float(end[0]), reflected=True)
+        return float(end[0]), True
     moves = abs(slope[straight]) > SIGNIFICANT * spread / math.sqrt(squares[straight])
     within_window = min(straight, sizes.index(window))
-    return End(float(end[0] + value[within_window]), bool(moves))
+    return float(end[0] + value[within_window]), bool(moves)
 
 
 BLOCK = 1 << 15
-"""Coefficients that go through all steps of a level at a time: they stay in a processor's
-second-level cache.
+"""Samples that are averaged over all shifts at a time: they stay in a processor's second-level
+cache.
 """
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise estimated from them (29 % standard
@@ -177,7 +161,7 @@ def denoise(
     wavelet : "haar", "cdf53", "cdf97", "db2", or any discrete one of PyWavelets.
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
-    extension : how the signal goes on beyond its ends (see `extension`).
+    extension : how the signal goes on beyond its ends.
     shifted : number of coarsest levels that are averaged over all shifts; 0 for the published
         scheme, which is decimated.
 
@@ -194,9 +178,27 @@ def denoise(
     where the threshold looks at details, the universal threshold.
     """
     samples = np.ascontiguousarray(signal, dtype=np.float64)
-    bank = find_wavelet(wavelet)
-    _require_usable(samples, threshold, rule, extension)
-    size = samples.size
+    bank, size = find_wavelet(wavelet), samples.size
+    finite = np.isfinite(samples)
+    if not finite.all():
+        raise FitError(
+            f"{size - np.count_nonzero(finite)} of {size} samples are not finite,"
+            f" the first is sample {int(np.argmin(finite))}",
+            hint=(
+                "exclude or split the segment there: a wavelet spreads one bad sample over its"
+                " whole filter"
+            ),
+        )
+    for name, names, kind in (
+        (threshold, THRESHOLDS, "threshold"),
+        (rule, RULES, "shrinkage rule"),
+        (extension, EXTENSIONS, "extension"),
+    ):
+        if name not in names:
+            raise FitError(
+                f"unknown {kind} {name!r}",
+                hint=did_you_mean(name, names, f"use one of {', '.join(names)}"),
+            )
     depth = _deepest(wavelet, size) if levels is None else levels
     if not _fits(wavelet, size, depth):
         raise FitError(
@@ -204,106 +206,55 @@ def denoise(
             f" needs {_shortest(wavelet, depth)}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
-    shifted = min(shifted, depth)
-    fine, period = depth - shifted, 1 << depth
-    # how far the filters of all levels reach from a sample, there and back
-    reach = (bank.length - 1) * (period - 1)
+    period = 1 << depth
+
     # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
     margin = -(-3 * bank.length // 4) * period
-    approximations, unshifted = _extend(samples, extension, margin, period), np.zeros(0)
-    details: list[Array] = []
+    approximations, unshifted = extend(samples, extension, margin, period), np.zeros(0)
+    details, fine = list[Array](), max(depth - shifted, 0)
     for level in range(depth):
         if level == fine:
             unshifted = approximations
-        approximations, detail = _analyse(approximations, bank)
+        approximations, detail = bank.analyse(approximations)
         details.append(detail)
+
     noise, thresholds = _find_thresholds(details, bank, threshold, size, margin)
 
-    def shrink(level: int, part: Array) -> Array:
-        return RULES[rule](part, float(thresholds[level]))
-
     if shifted:
-        approximations = _average_over_shifts(unshifted, bank.bank, fine, depth, shrink)
+        approximations = _average_over_shifts(unshifted, bank.bank, thresholds[fine:], rule)
     for level in range(fine - 1, -1, -1):
-        approximations = _synthesise(
-            approximations, details.pop(level), bank, partial(shrink, level)
-        )
+        shrunk = RULES[rule](details.pop(level), float(thresholds[level]))
+        approximations = bank.synthesise(approximations, shrunk)
+    # how far the filters of all levels reach from a sample, there and back
+    reach = (bank.length - 1) * (period - 1)
     inner = min(reach, size), max(size - reach, min(reach, size))
     # a copy, as a view would keep the margins
-    signal = approximations[margin : margin + size].copy()
-    return Denoised(signal, noise, thresholds, inner, depth)
+    return Denoised(approximations[margin : margin + size].copy(), noise, thresholds, inner, depth)
 
 
-def _extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
+def extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
     """Signal with a margin before its first sample and one or more behind its last, so many values
     that the coarsest period divides them.
     """
-    size = samples.size
-    extended = np.empty(-(-(size + 2 * margin) // period) * period)
-    extended[margin : margin + size] = samples
     # the lines at the ends are as long as one and a half times the coarsest details are apart
-    window, reversed_samples = 3 * period // 2, samples[::-1]
-    extended[:margin] = beyond(samples, find_end(samples, extension, window), margin)
-    reversed_margin = beyond(
-        reversed_samples,
-        find_end(reversed_samples, extension, window),
-        extended.size - margin - size,
-    )
-    extended[margin + size :] = reversed_margin[::-1]
-    return extended
+    window, behind = 3 * period // 2, margin - (samples.size + 2 * margin) % -period
+    after = beyond(samples[::-1], extension, behind, window)[::-1]
+    return np.concatenate([beyond(samples, extension, margin, window), samples, after])
 
 
-def _blocks(size: int, margin: int, multiple: int = 1) -> Iterator[tuple[int, int, int, int]]:
-    """First index and one past the last of each block, and of what it takes with the margin around
-    it; all are multiples of a number.
+def _average_over_shifts(unshifted: Array, bank: str, thresholds: Array, rule: Rule) -> Array:
+    """Approximations [n] with the details of further levels shrunk by thresholds [levels], averaged
+    over all shifts (stationary transform, cycle spinning), in blocks that overlap by what the
+    filters reach.
     """
-    for start, stop in ranges(size, -(-BLOCK // multiple) * multiple):
-        yield start, stop, max(start - margin, 0), min(stop + margin, size)
-
-
-def _analyse(values: Array, bank: Wavelet) -> tuple[Array, Array]:
-    """Approximations and details [n/2] of values [n]."""
-    approximations, details = np.empty(values.size // 2), np.empty(values.size // 2)
-    for start, stop, first, last in _blocks(details.size, bank.length):
-        inside = slice(start - first, stop - first)
-        coefficients = bank.analyse(values[2 * first : 2 * last])
-        approximations[start:stop], details[start:stop] = (
-            coefficients[0][inside],
-            coefficients[1][inside],
-        )
-    return approximations, details
-
-
-def _synthesise(
-    approximations: Array,
-    details: Array,
-    bank: Wavelet,
-    shrink: Callable[[Array], Array],
-) -> Array:
-    """Values [2 n] of approximations [n] and of what `shrink` makes of details [n]."""
-    values = np.empty(2 * details.size)
-    for start, stop, first, last in _blocks(details.size, bank.length):
-        rebuilt = bank.synthesise(approximations[first:last], shrink(details[first:last]))
-        values[2 * start : 2 * stop] = rebuilt[2 * (start - first) : 2 * (stop - first)]
-    return values
-
-
-def _average_over_shifts(
-    unshifted: Array,
-    bank: str,
-    fine: int,
-    depth: int,
-    shrink: Callable[[int, Array], Array],
-) -> Array:
-    """Approximations of level `fine` with the details of further levels shrunk, averaged over all
-    shifts (stationary transform, cycle spinning).
-    """
-    values, period = np.empty(unshifted.size), 1 << (depth - fine)
+    values, levels = np.empty(unshifted.size), len(thresholds)
+    period = 1 << levels
     margin = pywt.Wavelet(bank).dec_len * period
-    for start, stop, first, last in _blocks(unshifted.size, margin, period):
-        coefficients = pywt.swt(unshifted[first:last], bank, level=depth - fine, trim_approx=True)
-        for k in range(1, len(coefficients)):  # the coarsest details come first
-            coefficients[k] = shrink(depth - k, coefficients[k])
+    for start, stop in ranges(unshifted.size, -(-BLOCK // period) * period):
+        first, last = max(start - margin, 0), min(stop + margin, unshifted.size)
+        coefficients = pywt.swt(unshifted[first:last], bank, level=levels, trim_approx=True)
+        for k in range(1, levels + 1):  # the coarsest details come first
+            coefficients[k] = RULES[rule](coefficients[k], float(thresholds[-k]))
         values[start:stop] = pywt.iswt(coefficients, bank)[start - first : stop - first]
     return values
 
@@ -358,29 +309,3 @@ def _deepest(wavelet: str, length: int) -> int:
     while 16 << levels <= length and _fits(wavelet, length, levels + 1):
         levels += 1
     return levels
-
-
-def _require_usable(samples: Array, threshold: str, rule: str, extension: str) -> None:
-    """Refuse samples that are not finite, and the name of a threshold, a rule or an extension that
-    does not exist.
-    """
-    finite = np.isfinite(samples)
-    if not finite.all():
-        raise FitError(
-            f"{samples.size - np.count_nonzero(finite)} of {samples.size} samples are not finite,"
-            f" the first is sample {int(np.argmin(finite))}",
-            hint=(
-                "exclude or split the segment there: a wavelet spreads one bad sample over its"
-                " whole filter"
-            ),
-        )
-    for name, names, kind in (
-        (threshold, THRESHOLDS, "threshold"),
-        (rule, RULES, "shrinkage rule"),
-        (extension, EXTENSIONS, "extension"),
-    ):
-        if name not in names:
-            raise FitError(
-                f"unknown {kind} {name!r}",
-                hint=did_you_mean(name, names, f"use one of {', '.join(names)}"),
-            )

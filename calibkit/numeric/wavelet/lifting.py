@@ -5,11 +5,10 @@ A level parts its values into even ones s_i = x_(2i) and odd ones d_i = x_(2i+1)
 change one by the other in turn, so that d becomes details and s an approximation, which is the
 signal of the next level; subtracted in reverse order they give the values back (methods, lifting).
 
-A signal is extended beyond its ends (`extension`) before it is transformed. What a level does at
-the ends of its values is therefore of no interest, as long as it can be undone.
+A signal is extended beyond its ends (`denoise.beyond`) before it is transformed. What a level does
+at the ends of its values is therefore of no interest, as long as it can be undone.
 """
 
-import difflib
 import math
 from dataclasses import dataclass
 from functools import cache
@@ -18,7 +17,7 @@ import numpy as np
 import pywt
 
 from calibkit.arrays import Array
-from calibkit.errors import FitError
+from calibkit.errors import FitError, did_you_mean
 
 EVEN, ODD = 0, 1
 
@@ -31,17 +30,31 @@ class Step:
     tap: float
     offsets: tuple[int, ...]
 
+    def run(self, channels: tuple[Array, Array], sign: float) -> None:
+        """Add it in place, or with a sign of −1 undo it; not at the ends where a neighbour is
+        missing.
+        """
+        target, source = channels[self.updates], channels[1 - self.updates]
+        first, stop = max(-min(self.offsets), 0), target.size - max(*self.offsets, 0)
+        neighbours = source[first + self.offsets[0] : stop + self.offsets[0]].copy()
+        for k in self.offsets[1:]:
+            neighbours += source[first + k : stop + k]
+        neighbours *= sign * self.tap
+        target[first:stop] += neighbours
+
 
 @dataclass(frozen=True, slots=True)
-class Lifting:
-    """One level by lifting steps in the order of analysis, then s · gain and d / gain."""
+class Wavelet:
+    """One level by lifting steps in the order of analysis, then s · gain and d / gain; without
+    steps by the filters of a bank.
+    """
 
     bank: str
     """Filter bank of PyWavelets that it equals, up to a shift and the sign of the details."""
-    gain: float
     reads: tuple[int, int]
     """Coefficients i are made of the values 2i + reads[0] … 2i + reads[1]."""
-    steps: tuple[Step, ...]
+    gain: float = 1.0
+    steps: tuple[Step, ...] = ()
 
     @property
     def length(self) -> int:
@@ -50,66 +63,46 @@ class Lifting:
 
     def analyse(self, values: Array) -> tuple[Array, Array]:
         """Approximations and details [n/2] of values [n]."""
-        channels = values[EVEN::2].copy(), values[ODD::2].copy()
+        if not self.steps:
+            approximations, details = pywt.dwt(values.copy(), self.bank, mode="zero")
+            # the last ones are of zeros beyond the values
+            return approximations[: values.size // 2], details[: values.size // 2]
+        even, odd = values[EVEN::2].copy(), values[ODD::2].copy()
         for step in self.steps:
-            _add(step, channels, step.tap)
-        return channels[EVEN] * self.gain, channels[ODD] / self.gain
+            step.run((even, odd), 1.0)
+        even *= self.gain
+        odd /= self.gain
+        return even, odd
 
     def synthesise(self, approximations: Array, details: Array) -> Array:
         """Values [2 n] of approximations and details [n]."""
-        channels = approximations / self.gain, details * self.gain
-        for step in reversed(self.steps):
-            _add(step, channels, -step.tap)
+        if not self.steps:
+            inside = pywt.idwt(approximations, details, self.bank, mode="zero")
+            return np.pad(inside, (0, self.length - 2))
         values = np.empty(2 * details.size)
-        values[EVEN::2], values[ODD::2] = channels
+        even, odd = values[EVEN::2], values[ODD::2]
+        even[:], odd[:] = approximations, details
+        even /= self.gain
+        odd *= self.gain
+        for step in reversed(self.steps):
+            step.run((even, odd), -1.0)
         return values
 
 
-def _add(step: Step, channels: tuple[Array, Array], tap: float) -> None:
-    """Run a step in place, except at the ends where a neighbour is missing."""
-    target, source = channels[step.updates], channels[1 - step.updates]
-    first = max(-min(step.offsets), 0)
-    stop = target.size - max(*step.offsets, 0)
-    neighbours = source[first + step.offsets[0] : stop + step.offsets[0]]
-    for k in step.offsets[1:]:
-        neighbours = neighbours + source[first + k : stop + k]
-    target[first:stop] += tap * neighbours
-
-
-class Filters:
-    """As `Lifting`, by a filter bank of PyWavelets that has no lifting steps written out."""
-
-    def __init__(self, bank: str) -> None:
-        self.bank, self.length = bank, pywt.Wavelet(bank).dec_len
-        self.reads = 2 - self.length, 1
-
-    def analyse(self, values: Array) -> tuple[Array, Array]:
-        """As `Lifting.analyse`."""
-        approximations, details = pywt.dwt(values.copy(), self.bank, mode="zero")
-        # the last ones are of zeros beyond the values
-        return approximations[: values.size // 2], details[: values.size // 2]
-
-    def synthesise(self, approximations: Array, details: Array) -> Array:
-        """As `Lifting.synthesise`."""
-        values = pywt.idwt(approximations, details, self.bank, mode="zero")
-        return np.pad(values, (0, self.length - 2))
-
-
-Wavelet = Lifting | Filters
 ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
 LIFTING = {
     # d_i −= s_i;  s_i += d_i / 2
-    "haar": Lifting("haar", ROOT2, (0, 1), (Step(ODD, -1.0, (0,)), Step(EVEN, 0.5, (0,)))),
+    "haar": Wavelet("haar", (0, 1), ROOT2, (Step(ODD, -1.0, (0,)), Step(EVEN, 0.5, (0,)))),
     # d_i −= (s_i + s_(i+1)) / 2;  s_i += (d_(i−1) + d_i) / 4
-    "cdf53": Lifting(
-        "bior2.2", ROOT2, (-2, 2), (Step(ODD, -0.5, (0, 1)), Step(EVEN, 0.25, (-1, 0)))
+    "cdf53": Wavelet(
+        "bior2.2", (-2, 2), ROOT2, (Step(ODD, -0.5, (0, 1)), Step(EVEN, 0.25, (-1, 0)))
     ),
     # d_i += α (s_i + s_(i+1));  s_i += β (d_(i−1) + d_i);  the same with γ and δ; gain ζ
     # (Daubechies & Sweldens 1998, section 7.7; ISO/IEC 15444-1 annex F)
-    "cdf97": Lifting(
+    "cdf97": Wavelet(
         "bior4.4",
-        1.149604398860241,
         (-4, 4),
+        1.149604398860241,
         (
             Step(ODD, -1.586134342059924, (0, 1)),
             Step(EVEN, -0.052980118572961, (-1, 0)),
@@ -118,10 +111,10 @@ LIFTING = {
         ),
     ),
     # d_i −= √3 s_i;  s_i += √3/4 d_i + (√3 − 2)/4 d_(i+1);  d_i += s_(i−1)
-    "db2": Lifting(
+    "db2": Wavelet(
         "db2",
-        (ROOT3 + 1.0) / ROOT2,
         (-2, 3),
+        (ROOT3 + 1.0) / ROOT2,
         (
             Step(ODD, -ROOT3, (0,)),
             Step(EVEN, ROOT3 / 4.0, (0,)),
@@ -144,16 +137,12 @@ def find_wavelet(name: str) -> Wavelet:
     if name in LIFTING:
         return LIFTING[name]
     wavelet_names = [*LIFTING, *pywt.wavelist(kind="discrete")]
-    if name in wavelet_names:
-        return Filters(name)
-    plain_name = name.lower().replace("/", "").replace(" ", "")
-    nearest_names = difflib.get_close_matches(plain_name, wavelet_names, n=3, cutoff=0.5)
-    raise FitError(
-        f"unknown wavelet {name!r}",
-        hint=f"did you mean {' or '.join(nearest_names)}?"
-        if nearest_names
-        else "use haar, cdf53, cdf97, db4, sym8 or the like",
-    )
+    if name not in wavelet_names:
+        advice = "use haar, cdf53, cdf97, db4, sym8 or the like"
+        plain_name = name.lower().replace("/", "").replace(" ", "")
+        hint = did_you_mean(plain_name, wavelet_names, advice)
+        raise FitError(f"unknown wavelet {name!r}", hint=hint)
+    return Wavelet(name, (2 - pywt.Wavelet(name).dec_len, 1))
 
 
 def clean_spans(wavelet: Wavelet, length: int, levels: int) -> list[tuple[int, int]]:
