@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import held_means, held_rates, simulate
+from calibkit.instruments.gyro_scale import held_rates, simulate
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
 
 LEVEL_DPS = 15.041067 / 3600.0 * np.cos(np.radians(34.2))
@@ -31,7 +31,7 @@ def means(time, rate, indication, angle=None, temp_degc=None):
     """Means over the held rates of columns."""
     motion = held_rates.Motion.of(time, rate, angle)
     held = held_rates.find(motion, RULES)
-    return held_means.average(motion, indication.reshape(time.size, -1), held, temp_degc)
+    return held_rates.average(motion, indication.reshape(time.size, -1), held, temp_degc)
 
 
 def averaged(log, *, angle=True):

@@ -1,13 +1,19 @@
-"""Certificate blocks of gyros on a rate table: scale factors and figures of each gyro, K and F0
-over temperature; N, ε, γ and α of a pair; sensitivities, unit vectors of the input axes and the
-angles between them for three axes. Each block prints the equation that it is of, F = K Ω + F0 and
-those of `published`, (2), and `forms.TRIAD`.
+"""Results of a run of gyros on a rate table as quantities of `published`, (2), `equation`, (1), and
+`forms`, which comparisons and `evaluate` read; and the blocks that a certificate states them in.
+
+    F = K(T) Ω + … + F0(T)            scale factors and figures of each gyro, over temperature
+    N, ε, γ = cos α                   of a pair;  dγ/dα = −sin α, dε/dα = −N sin α
+    F = S Ω + B                       of a triad, unit vectors and the angles between them
+
+The derivatives by α are how type B terms on α enter γ and ε. Each block prints its equation.
 """
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
@@ -18,7 +24,18 @@ from calibkit.certificate.blocks import (
     tabulate,
 )
 from calibkit.certificate.names import name_model, name_subject, show_symbol
-from calibkit.certificate.quantities import coefficient, of_figure, state
+from calibkit.certificate.quantities import (
+    Quantity,
+    QuantityInput,
+    ResultLimit,
+    coefficient,
+    numbered,
+    of_figure,
+    of_form,
+    polynomial,
+    ranged,
+    state,
+)
 from calibkit.certificate.results import (
     Block,
     CertificateFigure,
@@ -31,56 +48,61 @@ from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale import forms, quantities
+from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
+from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
 MOST_NOTES = 8
 """Largest number of models with a note for each; more share one note."""
 
-LINE_EQUATION = Equation(
-    forms.LINE.name,
-    r"F = K\,\Omega + F_0",
-    Words(
-        "F indication [1/s], Ω table rate [°/s], K scale factor [1/°]; "
-        "F₀ holds the bias and the earth's rate about the table axis.",
-        "F 为示值 [1/s]，Ω 为转台角速率 [°/s]，K 为标度因数 [1/°]；"
-        "F₀ 含零偏与地球自转在转台轴上的分量。",
+EQUATIONS = (
+    Equation(
+        forms.LINE.name,
+        r"F = K\,\Omega + F_0",
+        Words(
+            "F indication [1/s], Ω table rate [°/s], K scale factor [1/°]; "
+            "F₀ holds the bias and the earth's rate about the table axis.",
+            "F 为示值 [1/s]，Ω 为转台角速率 [°/s]，K 为标度因数 [1/°]；"
+            "F₀ 含零偏与地球自转在转台轴上的分量。",
+        ),
+    ),
+    Equation(
+        POLYNOMIAL.name,
+        r"p(T) = \sum_k p_k T^k",
+        Words("T case temperature [°C].", "T 为壳温 [°C]。"),
+    ),
+    Equation(
+        forms.RESPONSE.name,
+        r"F = K(T)\,\Omega + \sum_k (c_k + d_k x + e_k x^2) (\Omega/\Omega_{\max})^k + F_0(T)",
+        Words(
+            "x case temperature mapped to −1 … 1, Ω_max largest rate that was fitted.",
+            "x 为映射到 −1 … 1 的壳温，Ω_max 为拟合的最大角速率。",
+        ),
+    ),
+    Equation(
+        forms.PAIR.name,
+        r"N = \frac{K_B}{K_A}, \quad \varepsilon = \frac{K_{Ba}}{K_A}, \quad \gamma ="
+        r" \frac{\varepsilon}{N} = \cos\alpha",
+        Words(
+            "K_A, K_B scale factors about the gyros' own axes, K_Ba that of B about A's axis, α the"
+            " angle between the two axes.",
+            "K_A、K_B 为各陀螺绕自身轴的标度因数，K_Ba 为 B 绕 A 轴的标度因数，α 为两轴夹角。",
+        ),
+    ),
+    Equation(
+        forms.TRIAD.name,
+        r"\mathbf{F} = \mathbf{S}\,\boldsymbol{\Omega} + \mathbf{F}_0, \quad \mathbf{u}_g ="
+        r" \mathbf{s}_g / |\mathbf{s}_g|, "
+        r"\quad \cos\alpha_{gh} = \mathbf{u}_g \cdot \mathbf{u}_h",
+        Words(
+            "F indications [1/s], Ω rate about the axes of the base [°/s]; the rows of S are the"
+            " sensitivities of the gyros.",
+            "F 为示值 [1/s]，Ω 为绕基准轴的角速率 [°/s]，S 的各行为各陀螺的灵敏度。",
+        ),
     ),
 )
-RESPONSE_EQUATION = Equation(
-    forms.RESPONSE.name,
-    r"F = K(T)\,\Omega + \sum_k (c_k + d_k x + e_k x^2) (\Omega/\Omega_{\max})^k + F_0(T)",
-    Words(
-        "x case temperature mapped to −1 … 1, Ω_max largest rate that was fitted.",
-        "x 为映射到 −1 … 1 的壳温，Ω_max 为拟合的最大角速率。",
-    ),
-)
-PAIR_EQUATION = Equation(
-    forms.PAIR.name,
-    r"N = \frac{K_B}{K_A}, \quad \varepsilon = \frac{K_{Ba}}{K_A}, \quad \gamma ="
-    r" \frac{\varepsilon}{N} = \cos\alpha",
-    Words(
-        "K_A, K_B scale factors about the gyros' own axes, K_Ba that of B about A's axis, α the"
-        " angle between the two axes.",
-        "K_A、K_B 为各陀螺绕自身轴的标度因数，K_Ba 为 B 绕 A 轴的标度因数，α 为两轴夹角。",
-    ),
-)
-TRIAD_EQUATION = Equation(
-    forms.TRIAD.name,
-    r"\mathbf{F} = \mathbf{S}\,\boldsymbol{\Omega} + \mathbf{F}_0, \quad \mathbf{u}_g ="
-    r" \mathbf{s}_g / |\mathbf{s}_g|, "
-    r"\quad \cos\alpha_{gh} = \mathbf{u}_g \cdot \mathbf{u}_h",
-    Words(
-        "F indications [1/s], Ω rate about the axes of the base [°/s]; the rows of S are the"
-        " sensitivities of the gyros.",
-        "F 为示值 [1/s]，Ω 为绕基准轴的角速率 [°/s]，S 的各行为各陀螺的灵敏度。",
-    ),
-)
-CURVE_EQUATION = Equation(
-    POLYNOMIAL.name,
-    r"p(T) = \sum_k p_k T^k",
-    Words("T case temperature [°C].", "T 为壳温 [°C]。"),
-)
+"""What a block prints of the model forms that it states."""
 NAMES = {
     "scale_factor": Words("scale factor", "标度因数"),
     "nonlinearity_full_scale": Words("nonlinearity, of full scale", "非线性度（满量程）"),
@@ -118,6 +140,198 @@ MAGNITUDES = {
 ONE_TEMPERATURE_DEGC = 1.0
 """Span of the runs' case temperatures [°C] above which both ends are printed instead of the mean.
 """
+OF_THESE_RUNS = Words(
+    "U leaves out how the scale factor repeats from run to run", "U 未包含各测次间标度因数的重复性"
+)
+PAIR_WORDS = {
+    "N": ("N", Words("ratio of the scale factors", "标度因数比")),
+    "epsilon": ("ε", Words("projection ratio", "投影比")),
+    "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
+    "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
+}
+"""Coefficient of a pair → its symbol and its name."""
+
+
+def is_cross(name: str) -> bool:
+    """Whether a line, or the curve of a line, is of a gyro about another gyro's axis."""
+    gyro, separator, axis = name.partition(".")[0].partition("_about_")
+    return bool(separator) and gyro != axis
+
+
+def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
+    """K or F0 of a line, or a bias, over temperature."""
+    point = polynomial(model, numbered("p", model), forms.TEMPERATURE)
+    inputs, unit = (ranged(model, forms.TEMPERATURE),), model.coefficients[0].unit
+    return Quantity(
+        *("value", record.stage, model.name, Words(letter), unit, inputs, point),
+        symbol=letter,
+        principal=not is_cross(model.name),
+    )
+
+
+def temperature_of_line(line: Model) -> float:
+    """Mean case temperature [°C] of the runs of a line."""
+    values = {parameter.name: parameter.value for parameter in line.parameters}
+    return values.get("temp_case", sum(line.valid[forms.TEMPERATURE]) / 2.0)
+
+
+def of_line(record: Record, line: Model, letter: str, words: Words) -> Quantity:
+    """K or F0 of a line at the mean temperature of its runs: an error of the thermometer moves it
+    by the slope of its curve, where one was fitted. Principal is the mean over the runs of a gyro
+    about its own axis.
+    """
+    quantity, gyro = coefficient(record, line, letter, words), line.name.partition(".")[0]
+    for model in record.models:
+        if model.name == forms.curve_name(gyro, letter) and forms.TEMPERATURE in line.valid:
+            degc = temperature_of_line(line)
+            curve = np.polynomial.Polynomial([c.value for c in model.coefficients])
+            slopes = {forms.TEMPERATURE: (degc, -float(curve.deriv()(degc)))}
+            quantity = coefficient(record, line, letter, words, slopes)
+    if letter == "F0" or is_cross(line.name):
+        return quantity
+    return replace(quantity, undecided=undecided_scale(record), principal="." not in line.name)
+
+
+def list_pair(record: Record, model: Model) -> list[Quantity]:
+    """N, ε, γ and α of a pair; errors of table rate and time base cancel in these ratios, an error
+    of α enters ε and γ.
+    """
+    quantities = []
+    for c in model.coefficients:
+        symbol, words = PAIR_WORDS[c.name]
+        ratio = coefficient(record, model, c.name, words, by_angle(model, c.name))
+        undecided = undecided_scale(record) if c.name in {"N", "epsilon"} else None
+        quantities.append(replace(ratio, symbol=symbol, principal=True, undecided=undecided))
+    return quantities
+
+
+def undecided_scale(record: Record) -> Words | None:
+    """Why no limit on a scale factor, or on the ratio of two, is decided: scale factors hold within
+    their runs, where nothing tells how they repeat; None where one is.
+    """
+    within_runs = any(figure.name == forms.WITHIN_RUNS for figure in record.figures)
+    return OF_THESE_RUNS if within_runs else None
+
+
+def sensitivity_name(gyro: str, axis: str) -> str:
+    """Name of the scale factor of a gyro about an axis of the base, or about its own."""
+    return "K_" + "_about_".join(filter(None, (gyro, axis)))
+
+
+def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+    """Value of α, and derivative of γ = cos α, ε = N γ or 90° − α by it, through which type B terms
+    on alpha_deg enter them.
+    """
+    alpha = model.value("alpha_deg")
+    slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
+    slopes = {
+        "gamma": slope,
+        "epsilon": model.value("N") * slope,
+        "orthogonality_error_deg": -1.0,
+    }
+    return {"alpha_deg": (alpha, slopes[name])} if name in slopes else {}
+
+
+def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Quantity]:
+    """Scale factor of each gyro about its own axis, for a triad about all three axes: over
+    temperature where that was fitted, else near the temperature of the runs. They are compared,
+    under names that runs with and without temperature share.
+    """
+    record = records[forms.SCALE_FILE]
+    triad = isinstance(spec, GyroTriadRecipe)
+    for matrix in forms.read_matrices(spec, records):
+        reference = matrix.reference[0]
+        file = records[forms.ORTHOGONALITY_FILE] if triad else record
+        for k, name in enumerate(matrix.names[: reference.size]):
+            g, a = divmod(k, len(matrix.outputs))
+            gyro, axis = matrix.gyros[g], forms.AXES[a] if triad else ""
+            if matrix.curves:
+                K = over_temperature(record, matrix.curves[k], "K")
+            else:
+                temperature_input = ranged(matrix.model, forms.TEMPERATURE)
+                low = temperature_input.low - TEMPERATURE_SLACK
+                high = temperature_input.high + TEMPERATURE_SLACK
+                temperature_logged = forms.TEMPERATURE in matrix.model.valid
+                K = replace(
+                    coefficient(file, matrix.model, name, Words(name)),
+                    inputs=(QuantityInput(temperature_input.column, low, high),)
+                    * temperature_logged,
+                )
+            if axis in ("", gyro):
+                K = replace(K, undecided=undecided_scale(record))
+            key = "max_scale_factor_error_ppm"
+            if triad:
+                key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
+            ppm, limit = getattr(spec.acceptance, key, None), None
+            if ppm is not None:
+                # the largest change, of the own scale factor
+                limit = ResultLimit(f"acceptance.{key}", ppm / PPM * float(abs(reference[g]).max()))
+            yield replace(
+                K,
+                name=sensitivity_name(gyro, axis),
+                model="",
+                words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
+                compared=(({},),),
+                limit=limit,
+                relative=not triad or gyro == axis,
+                called=(
+                    K.key,
+                    f"{K.model}.{K.name}",
+                    K.name,
+                ),
+            )
+
+
+def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, ...]:
+    """Sensitivities, then what each model gives by itself: indication over rate of each line (of a
+    gyro in several runs, of their mean), response and triad, zero-rate indication over temperature,
+    N, ε, γ and α of a pair, and angles between the axes of a triad.
+    """
+    quantities = [*list_sensitivities(records, spec)]
+    scales, angles = records[forms.SCALE_FILE], records.get(forms.ORTHOGONALITY_FILE)
+    over_rate = {form.name: form for form in (forms.LINE, forms.RESPONSE, forms.RESPONSE_1)}
+    for model in scales.models:
+        if model.form == POLYNOMIAL.name and ".K_" not in model.name:
+            quantities.append(over_temperature(scales, model, "F0"))
+        is_line = model.form == forms.LINE.name
+        if model.form not in over_rate or (is_line and "." in model.name):
+            continue
+        columns = (forms.RATE,) if is_line else tuple(model.valid)
+        inputs = tuple(ranged(model, column) for column in columns)
+        point = of_form(over_rate[model.form], model, inputs)
+        words = Words("indication", "示值")
+        quantity = Quantity("F", scales.stage, model.name, words, "1/s", inputs, point)
+        if model.form == forms.RESPONSE_1.name:
+            words = Words("indicated rate", "示值角速率")
+            quantity = replace(quantity, name="rate", words=words, unit="deg/s", compared=(({},),))
+        quantities.append(quantity)
+    if angles is None:
+        return tuple(quantities)
+    key, limit = "max_orthogonality_error_deg", None
+    largest = getattr(spec.acceptance, key, None)
+    if largest is not None:
+        limit = ResultLimit(f"acceptance.{key}", None, 90.0 - largest, 90.0 + largest)
+    for model in angles.models:
+        if model.form == forms.PAIR.name:
+            *ratios, angle = list_pair(angles, model)
+            quantities += [*ratios, replace(angle, compared=(({},),), limit=limit)]
+        elif model.name == "triad":
+            rate = ranged(model, forms.RATE)
+            inputs = tuple(replace(rate, column=f"rate_{axis}_dps") for axis in forms.AXES)
+            about_x = [c.name for c in model.coefficients if c.name.endswith(forms.AXES[0])]
+            gyros = [name[2:-1] for name in about_x if name.startswith("S_")]
+            for row, gyro in enumerate(gyros):
+                point, words = of_form(forms.TRIAD, model, inputs, row), Words(f"indication {gyro}")
+                indication = (f"F_{gyro}", angles.stage, model.name, words, "1/s", inputs, point)
+                quantities.append(Quantity(*indication))
+    dof = min((float(model.dof) for model in angles.models), default=1.0)
+    for figure in angles.figures:
+        kind, _, pair = figure.name.partition(".")
+        if kind == ANGLE and "." not in pair:
+            words = Words(f"angle between the axes of gyros {pair.replace('_', ' and ')}")
+            angle = of_figure(angles, figure, words, dof=dof)
+            quantities.append(replace(angle, compared=(({},),), limit=limit))
+    return tuple(quantities)
 
 
 def blocks(basis: Stated) -> tuple[Block, ...]:
@@ -140,10 +354,10 @@ def _state_scale(basis: Stated, record: Record) -> Block:
     for line in lines:
         results = []
         for letter, words in LETTERS.items():
-            quantity = quantities.of_line(record, line, letter, words)
+            quantity = of_line(record, line, letter, words)
             result = state(basis, quantity, {})
             if forms.TEMPERATURE in line.valid:
-                degc = quantities.temperature_of_line(line)
+                degc = temperature_of_line(line)
                 result = replace(result, at=((forms.TEMPERATURE, degc, "degC"),))
             results.append(result)
         cells.append(tuple(results))
@@ -178,13 +392,13 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         values = []
         if model.form == POLYNOMIAL.name:
             curves.append(model)
-            values.append(quantities.over_temperature(record, model, "p"))
+            values.append(over_temperature(record, model, "p"))
         title = name_model(model.name) + Words(": coefficients", "：系数")
         tables.append(list_coefficients(basis, record, model, title, values))
         notes += [range_words(model), *basis.left_out(model)]
     for letter in LETTERS:
         columns = [
-            (name_subject(f".{model.name}"), quantities.over_temperature(record, model, letter))
+            (name_subject(f".{model.name}"), over_temperature(record, model, letter))
             for model in curves
             if f".{letter}_" in model.name
         ]
@@ -194,27 +408,31 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         if table is None:
             continue
         tables.append(table)
-        figures.append(_plot_change(table) if letter == "K" else plot(table, Words("F₀ [1/s]")))
+        if letter == "F0":
+            figures.append(plot(table, Words("F₀ [1/s]")))
+            continue
+        # K from the middle point of each column, in ppm of the largest K
+        K = [[result.value for _, result in column_results(table, k)] for k in range(len(columns))]
+        middles = [values[len(values) // 2] if values else 0.0 for values in K]
+        largest = max((abs(value) for values in K for value in values), default=1.0)
+        label = Words("change of K [ppm]", "K 的变化 [ppm]")
+        figures.append(plot(table, label, origins=middles, scale=PPM / largest))
     tables += _tabulate_figures(basis, record, labels)
-    model_forms = {model.form for model in record.models}
-    equations = [
-        equation
-        for equation in (LINE_EQUATION, CURVE_EQUATION, RESPONSE_EQUATION)
-        if equation.form in model_forms
-    ]
     title = Words("Scale factors on the rate table", "转台标度因数")
+    return _block(record, title, tables, notes, figures)
+
+
+def _block(
+    record: Record,
+    title: Words,
+    tables: Sequence[ListTable | GridTable],
+    notes: Sequence[Words],
+    figures: Sequence[CertificateFigure] = (),
+) -> Block:
+    """Block of a file with the equations of its models."""
+    of_record = {model.form for model in record.models}
+    equations = [equation for equation in EQUATIONS if equation.form in of_record]
     return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
-
-
-def _plot_change(table: GridTable) -> CertificateFigure:
-    """K over temperature from the middle point of each column, in ppm of the largest K."""
-    columns = [
-        [result.value for _, result in column_results(table, k)] for k in range(len(table.heads))
-    ]
-    largest = max((abs(K) for column in columns for K in column), default=1.0)
-    middles = [column[len(column) // 2] if column else 0.0 for column in columns]
-    label = Words("change of K [ppm]", "K 的变化 [ppm]")
-    return plot(table, label, origins=middles, scale=PPM / largest)
 
 
 def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
@@ -227,7 +445,7 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
         subject, temperature_label, source = name_subject(f".{line.name}"), Words(""), Words("")
         if forms.TEMPERATURE in line.valid:
             low, high = line.valid[forms.TEMPERATURE]
-            text = f"{quantities.temperature_of_line(line):.1f}"
+            text = f"{temperature_of_line(line):.1f}"
             if high - low > ONE_TEMPERATURE_DEGC:
                 text = f"{low:.1f} … {high:.1f}"
             temperature_label = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
@@ -311,7 +529,7 @@ def _state_triad(basis: Stated, record: Record) -> Block:
                 continue
             sensitivity = coefficient(record, triad, c.name, Words("sensitivity", "灵敏度"))
             if gyro == axis:
-                undecided = quantities.undecided_scale(record)
+                undecided = undecided_scale(record)
                 sensitivity = replace(sensitivity, undecided=undecided)
             principal = triad.name == "triad" and gyro == axis
             place = f"{gyro} ({set_label})", Words(f"about {axis}", f"绕 {axis} 轴")
@@ -343,14 +561,14 @@ def _state_triad(basis: Stated, record: Record) -> Block:
         of_heads = (units[kind],) * len(heads)
         tables.append(GridTable(kinds[kind], GYRO, heads, of_heads, rows, grid, note))
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
-    return make_block(record, title, (TRIAD_EQUATION,), tables, notes=notes)
+    return _block(record, title, tables, notes)
 
 
 def _state_pair(basis: Stated, record: Record) -> Block:
     """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
     pair = record.model("pair")
     figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (state(basis, quantity, {}) for quantity in quantities.list_pair(record, pair))
+    *ratios, alpha = (state(basis, quantity, {}) for quantity in list_pair(record, pair))
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
         if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
@@ -359,7 +577,7 @@ def _state_pair(basis: Stated, record: Record) -> Block:
             alpha = replace(alpha, interval=(low, high))
     error = figures["orthogonality_error_deg"]
     words = Words("orthogonality error 90° − α", "正交误差 90° − α")
-    slopes = quantities.by_angle(pair, error.name)
+    slopes = by_angle(pair, error.name)
     orthogonality_error = state(
         basis, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {}
     )
@@ -375,4 +593,4 @@ def _state_pair(basis: Stated, record: Record) -> Block:
         notes.append(
             Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
         )
-    return make_block(record, title, (PAIR_EQUATION,), (table,), notes=notes)
+    return _block(record, title, (table,), notes)

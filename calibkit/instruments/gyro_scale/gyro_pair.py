@@ -6,10 +6,12 @@ work.
 from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.instrument import (
     FORMS,
+    blocks,
     correct,
     faults,
     fit,
     read,
+    results,
     validate,
 )
 from calibkit.instruments.gyro_scale.propose import propose_pair as propose
@@ -19,11 +21,13 @@ __all__ = [
     "FORMS",
     "KEY_FIGURES",
     "Recipe",
+    "blocks",
     "correct",
     "faults",
     "fit",
     "propose",
     "read",
+    "results",
     "validate",
 ]
 

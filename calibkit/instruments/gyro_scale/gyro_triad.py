@@ -7,10 +7,12 @@ from __future__ import annotations
 
 from calibkit.instruments.gyro_scale.instrument import (
     FORMS,
+    blocks,
     correct,
     faults,
     fit,
     read,
+    results,
     validate,
 )
 from calibkit.instruments.gyro_scale.propose import propose_triad as propose
@@ -20,11 +22,13 @@ __all__ = [
     "FORMS",
     "KEY_FIGURES",
     "Recipe",
+    "blocks",
     "correct",
     "faults",
     "fit",
     "propose",
     "read",
+    "results",
     "validate",
 ]
 

@@ -18,13 +18,13 @@ from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_scale import (
     acceptance,
-    certificate,
     coefficient_files,
     flags,
     forms,
     published,
     table_runs,
 )
+from calibkit.instruments.gyro_scale.certificate import blocks, results
 from calibkit.instruments.gyro_scale.compensate import correct
 from calibkit.instruments.gyro_scale.fit import fit_campaign
 from calibkit.instruments.gyro_scale.forms import FORMS
@@ -58,7 +58,7 @@ SHARE, RATE_STEP_DPS, LATITUDE_STEP_DEG = 1e-5, 1e-6, 1e-3
 large as such errors are: steps of the differences by which results follow them.
 """
 
-__all__ = ["FORMS", "correct", "faults", "fit", "read", "validate"]
+__all__ = ["FORMS", "blocks", "correct", "faults", "fit", "read", "results", "validate"]
 
 
 def fit(
@@ -80,26 +80,26 @@ def fit(
     for log in copies.refuse_copies(logs):
         runs[axes[log.file]] += (table_runs.fit_run(spec, log),)
     campaign = fit_campaign(spec, runs)
-    results = coefficient_files.list_results(campaign, spec)
+    stages = coefficient_files.list_results(campaign, spec)
 
-    influences = _find_sensitivities(spec, runs, campaign, results)
+    influences = _find_sensitivities(spec, runs, campaign, stages)
     # the first screen shows the first table of the last file: lines of one gyro, what is between
     # several
-    of_files = [tabulate_fit([result], spec, influences, certificate.blocks) for result in results]
+    of_files = [tabulate_fit([result], spec, influences, blocks) for result in stages]
     tables: list[Table] = [table for of_file in of_files for table in of_file]
-    shared = list_components("Errors that held rates share", results[0].models)
+    shared = list_components("Errors that held rates share", stages[0].models)
     tables += [shared] if shared.rows else []
-    first = replace(_summarize(campaign, results[0]), table=of_files[-1][0])
+    first = replace(_summarize(campaign, stages[0]), table=of_files[-1][0])
     straight = campaign.run_lines.straightened(
         {channel.gyro: channel.response for channel in campaign.own_channels}
     )
-    figures = [figure for result in results for figure in result.figures]
+    figures = [figure for result in stages for figure in result.figures]
     criteria = acceptance.judge_figures(figures, spec.acceptance)
     criteria += acceptance.judge_noise(straight, spec.acceptance)
     criteria += flags.judge_contradictions(campaign.flags)
     single = not (campaign.pair or campaign.sets)
     return Fitted(
-        results,
+        stages,
         tuple(Input.of(run.log) for group in runs.values() for run in group),
         Summary(spec.title, tuple(tables), campaign.flags, criteria, overview=first),
         campaign,
@@ -109,7 +109,7 @@ def fit(
 
 
 def _find_sensitivities(
-    spec: AnyRecipe, runs: Runs, campaign: CampaignFit, results: Sequence[StageResult]
+    spec: AnyRecipe, runs: Runs, campaign: CampaignFit, stages: Sequence[StageResult]
 ) -> tuple[Sensitivity, ...]:
     """How the results move with errors of the table's rate, the time base, the thermometer and the
     latitude.
@@ -146,7 +146,7 @@ def _find_sensitivities(
             fit_campaign(moved_spec, shifted, campaign), moved_spec
         )
 
-    return differentiate(errors, results, refit)
+    return differentiate(errors, stages, refit)
 
 
 def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:

@@ -1,6 +1,13 @@
-"""Logs of a rate table → held rates Ω of the table and means F of every gyro over them, the rows of
-`equation`, (1), in every run (`held_rates`, `held_means`); and what is wrong with a log: columns,
-units and signs, too few rates, lost pulses (`dropouts`).
+"""Logs of a rate table → held rates Ω of the table and means F of every gyro over them.
+
+They are the rows of `equation`, (1), in every run (`held_rates`). What is wrong with a log is found
+here too: columns, units and signs, too few rates, and held rates in which a gyro does not follow:
+
+    F < F0 + ½ K Ω (towards rest), between rows that respond: pulses were lost               (1)
+    F passes halfway between two held rates later, or earlier, than the table's rate does    (2)
+
+K and F0 are medians over the held rates; (2) means that rows of the gyro are stamped late or
+early, or that it is filtered.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -11,14 +18,17 @@ from typing import Literal
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
+from calibkit.check.content import finding_of_column
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
-from calibkit.instruments.gyro_scale import dropouts, forms, held_means, held_rates
+from calibkit.instruments.gyro_scale import forms, held_rates
+from calibkit.instruments.gyro_scale.held_rates import HeldMeans
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
-from calibkit.numeric import anomalies, chunks, earth
+from calibkit.numeric import anomalies, chunks, earth, order_statistics
+from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -40,6 +50,16 @@ LEAST_TRIAD = 3
 """Fewest gyros over three axes with which at least one is assumed to be along the table axis of
 every log.
 """
+SHARE = 0.5
+"""Share of the expected indication below which a row is a dropout."""
+CLEAR = 8.0
+"""Standard deviations of single rows that a dropout is below what is expected."""
+RESOLVED = 1e-6
+"""Share of the largest indication below which a response is no rotation: a gyro across the axis."""
+BETWEEN, LEAST_CHANGES = 0.05, 3
+"""Share of the change from one held rate to the next by which a row lies between both, and changes
+from which a delay is measured, at least.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,7 +68,7 @@ class TableRun:
 
     log: Log
     gyros: tuple[str, ...]
-    plateaus: held_means.HeldMeans
+    plateaus: HeldMeans
     reference: Literal["rate", "angle"]
     """Logged table rate, or the rate that the logged table angle turned by: the better one where
     the rate is noisy or only commanded.
@@ -175,7 +195,7 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     return TableRun(log, spec.gyros, means, spec.table.reference, flags, (low, high))
 
 
-def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.HeldMeans | None]:
+def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | None]:
     """Findings of a log, and its held rates unless a finding prevents them."""
     one_row, logged = spec.plateaus.one_row, list(log.frame.columns)
     findings = [
@@ -215,7 +235,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], held_means.H
     findings += _find_wrong_rates(spec, log, means)
     if not one_row and not any(finding.refused for finding in findings):
         findings += _find_suspicious(spec, log)
-    findings += dropouts.find(log, means, gyros)
+    findings += _find_dropouts(log, means, gyros)
     return findings, means
 
 
@@ -241,23 +261,23 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
     yield from check.magnitude.find_compensated_names(log, spec, columns)
 
 
-def _average_held_rates(spec: AnyRecipe, log: Log) -> held_means.HeldMeans:
+def _average_held_rates(spec: AnyRecipe, log: Log) -> HeldMeans:
     """Means over the held rates of a log."""
     columns = {name: values(log.frame, name) for name in log.frame.columns if name != "run"}
     rate, temp_degc = columns[forms.RATE], columns.get(forms.TEMPERATURE)
     counts = [columns[forms.gyro_column(gyro)] for gyro in spec.gyros]
     signals = np.column_stack(counts)
     if spec.plateaus.one_row:
-        return held_means.of_rows(columns.get("time_s"), rate, signals, temp_degc)
+        return held_rates.of_rows(columns.get("time_s"), rate, signals, temp_degc)
     motion = held_rates.Motion.of(columns["time_s"], rate, columns.get(ANGLE))
     spans = stated_segments.stated_rows(log, spec, ["rate"])
     if spans is None:
         spans = held_rates.find(motion, spec.plateaus)
     along_axis = spec.procedure == "rate_table"
-    return held_means.average(motion, signals, spans, temp_degc, along_axis=along_axis)
+    return held_rates.average(motion, signals, spans, temp_degc, along_axis=along_axis)
 
 
-def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -> Iterator[Finding]:
+def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[Finding]:
     """Findings on fewer distinct held rates than a line and its range need, where rates closer than
     a held rate may vary count as one; and on table angle and table rate that differ by more than a
     table can: one is in another unit or sign.
@@ -304,3 +324,118 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: held_means.HeldMeans) -
         advice = f"{sign if ratio < 0.0 else 'state the unit'} in [columns.{ANGLE}] or"
         advice = f"{advice} [columns.{forms.RATE}]"
         yield Finding(place, text, "the same rate from both", advice, name="unit", figure=ratio)
+
+
+def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
+    """A gyro that still indicates the last held rate, or already the next one, while the table
+    holds: its rows are stamped late or early, or it is filtered.
+
+    Changes between held rates that stand out of the noise are judged; most of them must say so,
+    which lost pulses at some rates do not.
+    """
+    time, data, rate_dps = (values(log.frame, name) for name in ("time_s", column, forms.RATE))
+    # a filter has settled in the second half of a held rate, if it does at all
+    halves = [(first, (first + stop) // 2, stop) for first, stop in means.span.tolist()]
+    levels = [order_statistics.median(data[middle:stop]) for _, middle, stop in halves]
+    noise = [
+        MAD_TO_SIGMA * order_statistics.median_magnitude(data[middle:stop], level)
+        for (_, middle, stop), level in zip(halves, levels, strict=True)
+    ]
+    delays, rows_between = [], []
+    for k in range(len(levels) - 1):
+        (_, start, stop), (first, end, _) = halves[k : k + 2]
+        change = levels[k + 1] - levels[k]
+        clear = CLEAR * max(noise[k : k + 2])
+        if abs(change) <= 2.0 * clear or end == first:
+            continue
+        # the last row of one held rate, and the first row of the next
+        departures = np.array([data[stop - 1] - levels[k], levels[k + 1] - data[first]])
+        rows_between.append(bool(np.max(departures / change) > max(BETWEEN, clear / abs(change))))
+        sides = ((data, levels[k : k + 2]), (rate_dps, means.rate_dps[k : k + 2]))
+        rows_after = [
+            int(np.sum(_is_beyond(of_side[start:end], 0.5 * (x + y), y - x)))
+            for of_side, (x, y) in sides
+        ]
+        gyro_passed_s, table_passed_s = (time[max(end - 1 - count, 0)] for count in rows_after)
+        delays.append(float(gyro_passed_s - table_passed_s))
+    if len(delays) < LEAST_CHANGES or not any(rows_between):
+        return []
+    delay = float(np.median(delays))
+    # a table's rate at the end of a row, beside a mean over the row, is a row off by itself
+    least_rows = 0.9 if np.median(rows_between) >= 1.0 else 1.5
+    if abs(delay) < least_rows * log.steps.usual:
+        return []
+    return [
+        finding_of_column(
+            log,
+            column,
+            f"it comes to the next held rate {abs(delay):.3g} s"
+            f" {'after' if delay > 0.0 else 'before'} the table, at most changes of the rate",
+            expected="a gyro that turns with the table",
+            advice=(
+                "correct the times of the gyro or of the table; where the gyro is filtered, leave"
+                f" out what it takes to settle: plateaus.settle_s = {10.0 * abs(delay):.2g}"
+            ),
+            name="late",
+            figure=delay,
+            severity="refuse",
+        )
+    ]
+
+
+def _is_beyond(data: Array, level: float, change: float) -> Mask:
+    """Which values [n] lie beyond a level in the direction of a change."""
+    return np.asarray((data - level) * np.sign(change) > 0.0, dtype=np.bool_)
+
+
+def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterator[Finding]:
+    """Findings by (2), else on the first dropout by (1), of each gyro's column, with the number of
+    rows and what the other held rates let expect there.
+
+    A held rate without any response is a dead zone or a gyro across the table axis, no dropout; nor
+    is one whose rows differ by less than pulses that are lost: the earth's rate moves all of them
+    where the table turns by a part of a revolution.
+    """
+    for column in columns:
+        data = values(log.frame, column)
+        medians = np.array([order_statistics.median(data[a:b]) for a, b in means.span.tolist()])
+        late = _find_late(log, means, column) if "time_s" in log.frame.columns else []
+        if late:
+            yield from late
+            continue
+        fast = np.abs(means.rate_dps) >= np.median(np.abs(means.rate_dps))
+        # a gyro across the axis may respond less than it indicates at rest
+        F0 = 0.0
+        if np.ptp(means.rate_dps) > 0.0:
+            F0 = float(np.polyfit(means.rate_dps, medians, 1)[1])
+        K = float(np.median((medians[fast] - F0) / means.rate_dps[fast]))
+        least_response = RESOLVED * max(map(abs, log.extremes(column)))
+        lost, first, expected = 0, -1, 0.0
+        for (a, b), rate, median in zip(
+            means.span.tolist(), means.rate_dps.tolist(), medians.tolist(), strict=True
+        ):
+            deficit = SHARE * abs(K * rate)
+            if deficit <= least_response or np.ptp(data[a:b]) < deficit:
+                continue
+            noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
+            if deficit <= CLEAR * noise:
+                continue
+            # not even a share of the expected response
+            level = F0 + SHARE * K * rate
+            low = np.flatnonzero(_is_beyond(data[a:b], level, -K * rate))
+            if 0 < low.size < b - a:
+                first, expected = (first, expected) if lost else (a + int(low[0]), F0 + K * rate)
+                lost += low.size
+        if lost:
+            yield check.finding_at_row(
+                log,
+                first,
+                column,
+                f"{data[first]:.4g} 1/s while the table turns ({lost} such"
+                f" row{'s' if lost > 1 else ''})",
+                f"about {expected:.4g} 1/s, as the other held rates let expect",
+                "pulses were lost: repair the logger, or leave the rows out:"
+                f" {log.advise_exclude([first])}",
+                "dropout",
+                figure=float(data[first]),
+            )

@@ -21,11 +21,11 @@ from calibkit.fit.value import Value
 from calibkit.frame import Log, require
 from calibkit.instruments.gyro_scale import (
     acceptance,
+    certificate,
     compensate,
     fit,
     forms,
     published,
-    quantities,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
@@ -65,9 +65,9 @@ def validate(
     """
     matrices = compensate.read_invertible(spec, records)
     sensitivities = {
-        quantity.name: quantity for quantity in quantities.list_sensitivities(records, spec)
+        quantity.name: quantity for quantity in certificate.list_sensitivities(records, spec)
     }
-    within_runs = quantities.hold_within_runs(records.values())
+    within_runs = any(certificate.undecided_scale(record) for record in records.values())
     triad = isinstance(spec, GyroTriadRecipe)
     runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
     entries: list[Entry] = []
@@ -89,7 +89,7 @@ def validate(
             if not isinstance(spec, GyroTriadRecipe) and spec.own_axis(matrix.gyros[0]) != axis:
                 continue
             for gyro in matrix.gyros:
-                quantity = sensitivities[quantities.sensitivity_name(gyro, axis if triad else "")]
+                quantity = sensitivities[certificate.sensitivity_name(gyro, axis if triad else "")]
                 scale_factors.append(_scale_factors(spec, run_lines, run, matrix, gyro, quantity))
             if isinstance(spec, GyroTriadRecipe):
                 entry |= _compare_base(run, axis, matrix, table_runs.vertical_rate_dps(spec) or 0.0)
@@ -302,7 +302,7 @@ def _compare_pair(
     now = {c.name: c for c in unseen_campaign.pair.coefficients}
     for c in frozen.coefficients:
         # terms on the ratio itself, or on α
-        slopes, names = quantities.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
+        slopes, names = certificate.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
         u_B = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
         parts = (
             (now[c.name].standard_uncertainty, unseen_campaign.pair.dof_of(now[c.name])),
