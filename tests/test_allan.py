@@ -826,14 +826,10 @@ def test_the_wavelet_deviation_is_that_of_the_stationary_transform(wavelet):
 
 
 @pytest.mark.parametrize("missing", [0, 40])
-def test_a_straight_line_is_taken_out_of_means_as_by_polyfit(missing):
-    """Ramps of means with and without gaps leave what a fit of numpy leaves, in a tenth of its
-    time.
-    """
+def test_a_straight_line_does_not_hide_the_noise_type_of_means(missing):
+    """White means with and without gaps are angle random walk, on a ramp too."""
     rng = np.random.default_rng(5)
-    means = rng.normal(size=1000) + 0.3 * np.arange(1000.0)
+    means = rng.normal(size=1000)
     means[rng.choice(1000, missing, replace=False)] = np.nan
-    there = ~np.isnan(means)
-    at = np.arange(1000.0)
-    line = np.polynomial.Polynomial.fit(at[there], means[there], 1)
-    np.testing.assert_allclose(confidence._without_line(means), means - line(at), atol=1e-9)
+    for ramp in (0.0, 0.3, -30.0):
+        assert confidence._lag_one_type(means + ramp * np.arange(1000.0)) == "angle_random_walk"

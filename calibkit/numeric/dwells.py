@@ -132,21 +132,18 @@ def average_dwells(columns: Array, intervals: Integers) -> tuple[Array, Array]:
         raise FitError(
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
-    means_and_errors = [average_rows(columns[start:stop]) for start, stop in intervals.tolist()]
-    mean, error = zip(*means_and_errors, strict=True)
-    return np.array(mean), np.array(error)
-
-
-def average_rows(rows: Array) -> tuple[Array, Array]:
-    """Mean and standard error of the mean [c] of rows [k, c]."""
-    count = len(rows)
-    mean = rows.mean(axis=0)
-    centred = rows - mean
-    error = centred.std(axis=0, ddof=1) / np.sqrt(count)
-    if count >= 4 * BATCHES:
-        # the larger of independent rows' and of batch means'
-        error = np.maximum(error, batch_means(centred, BATCHES).std(axis=0, ddof=1) / BATCHES**0.5)
-    return mean, error
+    means, errors = [], []
+    for start, stop in intervals.tolist():
+        mean = columns[start:stop].mean(axis=0)
+        centred = columns[start:stop] - mean
+        error = centred.std(axis=0, ddof=1) / np.sqrt(stop - start)
+        if stop - start >= 4 * BATCHES:
+            # the larger of independent rows' and of batch means'
+            of_batches = batch_means(centred, BATCHES).std(axis=0, ddof=1) / BATCHES**0.5
+            error = np.maximum(error, of_batches)
+        means.append(mean)
+        errors.append(error)
+    return np.array(means), np.array(errors)
 
 
 def batch_means(rows: Array, batches: int) -> Array:

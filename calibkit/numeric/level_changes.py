@@ -65,44 +65,37 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     )
     sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
     sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * span(values))
+
+    # of each group of rows nearer than two windows the one with the largest change
+    row, change = row[sure], change[sure]
+    groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
+    tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
+    peaks = list[int]()
+    for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
+        if all(abs(int(row[k] - row[j])) >= 2 * window for j in peaks):
+            peaks.append(k)
+
+    # the settled levels on both sides: of straight lines through the outer halves of `reach` rows
     reach = max(SETTLED_WINDOWS * window, SETTLED_ROWS)
-    return _keep_settled(values, *_peaks(row[sure], change[sure], 2 * window), reach, noise)
-
-
-def _keep_settled(
-    values: Array, rows: Integers, change: Array, reach: int, noise: float
-) -> tuple[Integers, Array]:
-    """Those rows [m], and changes [m], at which the settled levels of a series [n] differ too: of
-    straight lines through the outer halves of `reach` rows on each side.
-
-    Within 300 rows of an end nobody can say whether a change stays.
-    """
-    stays = np.zeros(rows.size, dtype=np.bool_)
-    for k, (row, sudden) in enumerate(zip(rows.tolist(), change.tolist(), strict=True)):
-        if not SETTLED_ROWS <= row <= values.size - SETTLED_ROWS:
+    staying = list[int]()
+    for k in sorted(peaks):
+        middle = int(row[k])
+        if not SETTLED_ROWS <= middle <= values.size - SETTLED_ROWS:
             continue
         level, variance = [], 0.0
-        for side in (values[max(row - reach, 0) : row][::-1], values[row : row + reach]):
+        for side in (
+            values[max(middle - reach, 0) : middle][::-1],
+            values[middle : middle + reach],
+        ):
             inner, outer = np.array_split(side[side.size // 2 :], 2)
             # the quarters' middles lie 5/8 and 7/8 of the side away; a median has π/2 of the
             # variance
             level.append(3.5 * float(np.median(inner)) - 2.5 * float(np.median(outer)))
             variance += (3.5**2 + 2.5**2) * np.pi / 2.0 * noise**2 / inner.size
-        least_change = max(STAYS * abs(sudden), STAYS_SIGMA * float(np.sqrt(variance)))
-        stays[k] = (level[1] - level[0]) * np.sign(sudden) > least_change
-    return rows[stays], change[stays]
-
-
-def _peaks(row: Integers, change: Array, spacing: int) -> tuple[Integers, Array]:
-    """Rows and changes of the largest change in each group of rows nearer than `spacing`."""
-    groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
-    tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
-    change_rows: list[int] = []
-    for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
-        if all(abs(int(row[k] - row[j])) >= spacing for j in change_rows):
-            change_rows.append(k)
-    change_rows.sort(key=lambda k: int(row[k]))
-    return row[change_rows], change[change_rows]
+        least_change = max(STAYS * abs(float(change[k])), STAYS_SIGMA * float(np.sqrt(variance)))
+        if (level[1] - level[0]) * np.sign(change[k]) > least_change:
+            staying.append(k)
+    return row[staying], change[staying]
 
 
 def start_up(values: Array) -> int:

@@ -33,7 +33,14 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
         # the SIZE smallest hashes so far, ascending, and how often each is there
         smallest, counts = np.zeros(0, np.uint64), np.zeros(0, np.intp)
         for start, stop in chunks.ranges(columns[0].size):
-            hashes = _hash_rows([x[start : stop + 2**doublings - 1] for x in columns], doublings)
+            # of each row with the 2^doublings − 1 rows behind it
+            end = min(stop + 2**doublings - 1, columns[0].size)
+            hashes = np.zeros(end - start, np.uint64)
+            for column in columns:
+                # adding 0 turns −0 into 0
+                hashes = _mix(hashes + (column[start:end] + 0.0).view(np.uint64))
+            for step in (2 ** np.arange(doublings)).tolist():
+                hashes = _mix(_mix(hashes[:-step]) + hashes[step:])
             largest = smallest[-1] if smallest.size == SIZE else np.iinfo(np.uint64).max
             different, times = np.unique(hashes[hashes <= largest], return_counts=True)
             merged, inverse = np.unique(np.concatenate([smallest, different]), return_inverse=True)
@@ -44,17 +51,6 @@ def sample_rows(columns: Sequence[Array]) -> frozenset[int]:
         if once.sum() >= DIFFERENT * max(counts.sum(), 1):
             return frozenset(smallest[once].tolist())
     return frozenset()
-
-
-def _hash_rows(columns: Sequence[Array], doublings: int) -> NDArray[np.uint64]:
-    """Hash of each row of columns [n] with the 2^doublings − 1 rows behind it."""
-    hashes = np.zeros(columns[0].size, np.uint64)
-    for column in columns:
-        # adding 0 turns −0 into 0
-        hashes = _mix(hashes + (column + 0.0).view(np.uint64))
-    for step in (2 ** np.arange(doublings)).tolist():
-        hashes = _mix(_mix(hashes[:-step]) + hashes[step:])
-    return hashes
 
 
 def _mix(values: NDArray[np.uint64]) -> NDArray[np.uint64]:

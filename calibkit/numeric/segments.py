@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.numeric import chunks, order_statistics
 
@@ -55,7 +55,12 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
         v = temperature[begin:b] - temperature[middle]
         first = np.searchsorted(time[begin:b], starts, side="left")
         count = np.arange(a - begin + 1, b - begin + 1) - first
-        st, sv, stt, stv = (_window_sums(x, first, a - begin) for x in (t, v, t * t, t * v))
+        sums = []
+        for x in (t, v, t * t, t * v):
+            total = np.zeros(x.size + 1)
+            np.cumsum(x, out=total[1:])
+            sums.append(total[a - begin + 1 :] - total[first])
+        st, sv, stt, stv = sums
         spread = count * stt - st * st
         lasts_s = time[a:b] - time[begin:b][first]
         started = (count >= 3) & (lasts_s >= window_s / 2.0) & (spread > 0.0)
@@ -105,14 +110,6 @@ def measured_slope(time: Array, temperature: Array, window_s: float) -> Array:
     return np.where(unseen, 0.0, slope)
 
 
-def _window_sums(x: Array, first: Integers, skipped: int) -> Array:
-    """Sums [m] of x [n] over windows; window k has the rows from first[k] to sample skipped + k."""
-    total = np.empty(x.size + 1)
-    total[0] = 0.0
-    np.cumsum(x, out=total[1:])
-    return np.asarray(total[skipped + 1 :] - total[first], dtype=np.float64)
-
-
 def segments(
     slope: Array, temperature: Array, *, ramp_min: float, min_span: float, merge: int
 ) -> list[Segment]:
@@ -122,7 +119,16 @@ def segments(
     temperature changes by at least min_span [°C]; runs of the same sign are merged if at most
     `merge` rows lie between. All else is soak.
     """
-    runs = _ramps(slope, ramp_min, merge)
+    # start, stop and direction of each run of one sign
+    direction = (slope >= ramp_min).astype(np.int8) - (slope <= -ramp_min)
+    bounds = chunks.changed_rows(direction, 2.0)  # no direction: the first row begins a run
+    runs: list[tuple[int, int, float]] = []
+    for start, stop in pairwise([*bounds.tolist(), slope.size]):
+        way = float(direction[start])
+        if runs and runs[-1][2] == way and start - runs[-1][1] <= merge:
+            runs[-1] = (runs[-1][0], stop, way)
+        elif way:
+            runs.append((start, stop, way))
     ends = np.array([(start, stop - 1) for start, stop, _ in runs], dtype=np.int64).reshape(-1, 2)
     spans = np.ptp(temperature[ends], axis=1).tolist()
     ramps = [
@@ -149,22 +155,6 @@ def straight_slope(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
     t = time - time.mean()
     return SECONDS_PER_MINUTE * float(t @ (temperature - temperature.mean())) / float(t @ t)
-
-
-def _ramps(slope: Array, ramp_min: float, merge: int) -> list[tuple[int, int, float]]:
-    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min;
-    two of the same direction are one if at most `merge` rows lie between.
-    """
-    direction = (slope >= ramp_min).astype(np.int8) - (slope <= -ramp_min)
-    bounds = chunks.changed_rows(direction, 2.0)  # no direction: the first row begins a run
-    ramps: list[tuple[int, int, float]] = []
-    for start, stop in pairwise([*bounds.tolist(), slope.size]):
-        way = float(direction[start])
-        if ramps and ramps[-1][2] == way and start - ramps[-1][1] <= merge:
-            ramps[-1] = (ramps[-1][0], stop, way)
-        elif way:
-            ramps.append((start, stop, way))
-    return ramps
 
 
 def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:

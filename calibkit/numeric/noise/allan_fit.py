@@ -292,7 +292,25 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
     observable = (attempt.coefficients > 0.0) & (not failed)
     for j in np.flatnonzero(observable).tolist():
         observable[j] = attempt.chance(j, np.arange(len(LAWS)) != j) < SIGNIFICANCE
-    reasons = _reasons(attempt, observable, failed=failed)
+
+    # why each of the five terms would not be observable, given which are
+    reasons = ["beside the reported terms the curve shows none of it above the noise"] * len(LAWS)
+    if failed:
+        reasons = ["the five noise terms do not describe the curve"] * len(LAWS)
+    elif attempt.surprising or not observable.any():
+        reasons = ["the other terms can stand in for it within the noise"] * len(LAWS)
+    else:
+        # each of these explains alone what the reported terms leave
+        absent_terms = np.flatnonzero(~observable).tolist()
+        candidates = [j for j in absent_terms if attempt.chance(j, observable) < SIGNIFICANCE]
+        names = " or ".join(LAWS[j].symbol for j in candidates)
+        undecided = "which" if len(candidates) > 1 else "it from others together"
+        for j in candidates:
+            reasons[j] = (
+                f"beside the reported terms the curve shows {names}; the record cannot tell"
+                f" {undecided}"
+            )
+
     terms: list[NoiseTerm] = []
     absent: list[NotObservable] = []
     for j, law in enumerate(laws):
@@ -306,25 +324,6 @@ def fit_noise(curve: DeviationCurve, laws: tuple[PowerLaw, ...] = LAWS) -> Noise
         terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
     model = np.sqrt(_powers(curve.tau_s) @ attempt.coefficients)
     return NoiseFit(tuple(terms), tuple(absent), model, attempt.misfit, tuple(flags))
-
-
-def _reasons(attempt: _Attempt, observable: Mask, *, failed: bool) -> list[str]:
-    """Why each of the five terms would not be observable, given which are."""
-    if failed:
-        return ["the five noise terms do not describe the curve"] * len(LAWS)
-    if attempt.surprising or not observable.any():
-        return ["the other terms can stand in for it within the noise"] * len(LAWS)
-    # each of these explains alone what the reported terms leave
-    absent = np.flatnonzero(~observable).tolist()
-    candidates = [j for j in absent if attempt.chance(j, observable) < SIGNIFICANCE]
-    names = " or ".join(LAWS[j].symbol for j in candidates)
-    undecided = "which" if len(candidates) > 1 else "it from others together"
-    reasons = ["beside the reported terms the curve shows none of it above the noise"] * len(LAWS)
-    for j in candidates:
-        reasons[j] = (
-            f"beside the reported terms the curve shows {names}; the record cannot tell {undecided}"
-        )
-    return reasons
 
 
 def predict_terms(

@@ -73,22 +73,17 @@ def _lag_one_type(means: Array) -> Noise:
     rounded, as Stable32 rounds it. Means of flicker, −0.217 after differencing, lie near the limit
     of −0.2 to a random walk.
     """
-    level = _without_line(means)
-    order, differenced = _fraction(level), 0
-    if order >= 0.25:
-        order, differenced = _fraction(np.diff(level)), 1
-    exponent = -round(2.0 * order) - 2 * differenced
-    return TYPES[2 - min(max(exponent, -2), 2)]
-
-
-def _without_line(means: Array) -> Array:
-    """Block means [k], NaN where not whole, less the straight line through them."""
     present = ~np.isnan(means)
     place = np.arange(means.size, dtype=np.float64)
     place -= place.mean(where=present)
     level = means - means.mean(where=present)
     slope = np.sum(place * level, where=present) / np.sum(place**2, where=present)
-    return np.asarray(level - slope * place, dtype=np.float64)
+    level -= slope * place
+    order, differenced = _fraction(level), 0
+    if order >= 0.25:
+        order, differenced = _fraction(np.diff(level)), 1
+    exponent = -round(2.0 * order) - 2 * differenced
+    return TYPES[2 - min(max(exponent, -2), 2)]
 
 
 def _fraction(series: Array) -> float:
@@ -157,7 +152,16 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
     shared = np.maximum(lengths - lags[:, None], 0.0) @ runs_of_length
-    correlation = _pair_covariance(lags / factor, noise) / _pair_covariance(np.zeros(1), noise)
+    # covariance, up to a factor, of two pairs so many averaging times apart (eq. 9)
+    arms = np.abs(lags[:, None] / factor + np.array([-2.0, -1.0, 0.0, 1.0, 2.0]))
+    if noise == "angle_random_walk":
+        generalised = -arms
+    elif noise == "bias_instability":
+        generalised = arms**2 * np.log(np.where(arms > 0.0, arms, 1.0))
+    else:
+        generalised = arms**3
+    covariance = generalised @ np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    correlation = covariance / covariance[0]
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
 
 
@@ -208,17 +212,3 @@ def chi_square_limits(deviation: Array, dof: Array, probability: float) -> tuple
         deviation * np.sqrt(dof / chdtri(dof, tail)),
         deviation * np.sqrt(dof / chdtri(dof, 1.0 - tail)),
     )
-
-
-def _pair_covariance(shift: Array, noise: Noise) -> Array:
-    """Covariance, up to a factor, of two pairs `shift` [k] averaging times apart (Greenhall & Riley
-    2003 eq. 9).
-    """
-    arms = np.abs(shift[:, None] + np.array([-2.0, -1.0, 0.0, 1.0, 2.0]))
-    if noise == "angle_random_walk":
-        generalised = -arms
-    elif noise == "bias_instability":
-        generalised = arms**2 * np.log(np.where(arms > 0.0, arms, 1.0))
-    else:
-        generalised = arms**3
-    return np.asarray(generalised @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]), dtype=np.float64)
