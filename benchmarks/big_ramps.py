@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate_gyro
+from calibkit.instruments.bias import simulate_fog as simulate_gyro
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.recipe import Denoise
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias.recipe import Denoise
 from calibkit.numeric.wavelet import denoise
 from calibkit.simulate.chamber import Chamber
 

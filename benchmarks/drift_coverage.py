@@ -18,8 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import coil, fits, pooled_fit, uncertainty
 from calibkit.numeric.thermal.terms import (

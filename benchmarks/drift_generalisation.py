@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.simulate.chamber import Chamber

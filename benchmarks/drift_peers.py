@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import bank, choice
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias.numeric import bank, choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import fits, pooled_fit
 from calibkit.numeric.thermal.terms import TERMS

@@ -32,15 +32,15 @@ import drift_generalisation as lumped
 import numpy as np
 
 from calibkit import thermal_forms
-from calibkit.instruments.fog_thermal import decision, simulate as fog
-from calibkit.instruments.fog_thermal.numeric import bank, choice
+from calibkit.instruments.bias import drift_choice as decision, simulate_fog as fog
+from calibkit.instruments.bias.numeric import bank, choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import uncertainty
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
-    from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
+    from calibkit.instruments.bias.numeric.bank import OnLevels
     from calibkit.numeric.thermal.evaluate import Evaluation
     from calibkit.numeric.thermal.pooled_fit import ThermalLog
 

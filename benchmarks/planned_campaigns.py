@@ -28,8 +28,8 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.fog_thermal import plan as fog_plan
-from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit
+from calibkit.instruments.bias import plan_ramps as fog_plan
+from calibkit.instruments.bias.numeric import bank as forward, bank_fit
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.numeric import flicker, gum
 from calibkit.numeric.least_squares import polynomial

@@ -18,8 +18,8 @@ from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate import certify
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import silent
-from calibkit.instruments.fog_thermal import compensate, ramps
-from calibkit.instruments.fog_thermal.figures import DriftReport, before_after_page
+from calibkit.instruments.bias import compensate, ramps
+from calibkit.instruments.bias.figures import DriftReport, before_after_page
 from calibkit.report import documents, pdf
 from calibkit.report.figures import png
 

@@ -103,7 +103,7 @@ def log_writer():
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
     """Return a folder with a simulated gyro whose drift the published model improves (seed 7)."""
-    from calibkit.instruments.fog_thermal import simulate
+    from calibkit.instruments.bias import simulate_fog as simulate
 
     folder = tmp_path_factory.mktemp("campaign")
     for name, content in simulate.campaign(7).files().items():

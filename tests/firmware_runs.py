@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.instruments.fog_thermal import forms
+from calibkit.instruments.bias import forms
 from conftest import ROOT
 
 HOWEVER_WELL = ("acceptance.max_residual_over_noise=100",)

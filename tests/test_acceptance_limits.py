@@ -13,10 +13,10 @@ from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import corrections as triad_errors, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
-from calibkit.instruments.fog_thermal import instrument as fog
-from calibkit.instruments.fog_thermal.compensate import LogFigures
-from calibkit.instruments.fog_thermal.numeric.drift_figures import NoiseSplit
-from calibkit.instruments.fog_thermal.recipe import _FogAcceptance
+from calibkit.instruments.bias import fog_thermal as fog
+from calibkit.instruments.bias.compensate import LogFigures
+from calibkit.instruments.bias.numeric.drift_figures import NoiseSplit
+from calibkit.instruments.bias.recipe import _FogAcceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, NoiseAcceptance
 from calibkit.instruments.gyro_scale import acceptance
@@ -27,7 +27,6 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
-from calibkit.numeric.thermal.left_out import LeftOutErrors
 from calibkit.recipe.type_b import TypeB
 
 RECIPES = Path(__file__).parents[1] / "recipes"
@@ -63,20 +62,20 @@ def fog_gain(value, **limits):
 
 def fog_fit(figures, share=0.25, **limits):
     """Criteria of a fit in recursive mode."""
+    model = SimpleNamespace(mode="recursive", exported=True)
+    return fog_judged(figures, limits, model=model, reduction=("drift reduction", 1.0 / share))
+
+
+def fog_judged(figures, limits, *, model=None, reduction=None, **logs):
+    """Criteria within limits; without a model no gain is judged."""
     spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
-    errors = LeftOutErrors("level T", (np.full(4, share),), (np.ones(4),))
-    export = SimpleNamespace(
-        errors=(errors,),
-        left_out_noise=1.0,
-        model=SimpleNamespace(mode="recursive", exported=True),
-    )
-    return fog._fit_criteria(spec, export, figures)
+    model = model or SimpleNamespace(mode="recursive", exported=False)
+    return fog.judge(spec, model, figures, reduction, **logs)
 
 
 def fog_over_noise(value, **limits):
     """Criteria of two logs whose drift rms is this many times the noise in both together."""
-    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
-    return fog._over_noise(spec, [(5.0 * value, 3.0), (0.0, 4.0)])
+    return fog_judged([fog_log()], limits, over_noise=[(5.0 * value, 3.0), (0.0, 4.0)])
 
 
 def fog_withheld(value, **limits):
@@ -86,27 +85,23 @@ def fog_withheld(value, **limits):
 
 def fog_unseen(value, **limits):
     """Validation of two logs with a drift rms of 1 before and this after."""
-    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
-    return fog._judge_reduction(spec, "drift reduction", 1.0 / value)
+    return fog_judged([fog_log()], limits, reduction=("drift reduction", 1.0 / value))
 
 
 def fog_covered(value, **limits):
     """Validation of two logs, of whose 300 and 100 means this share lies within the uncertainty."""
-    spec = SimpleNamespace(acceptance=_FogAcceptance(**limits))
     shares = ((300, value + 0.1), (100, value - 0.3))
-    logs = [
-        {
-            "name": "x.csv",
-            "uncertainty": {
-                "means_of_100_s": count,
-                "share_within_expanded_uncertainty": share,
-                "rms_error_over_uncertainty": 1.0,
-                "largest_rms_error_over_uncertainty": 1.25,
-            },
+    covered = {
+        f"{count}.csv": {
+            "means_of_100_s": count,
+            "share_within_expanded_uncertainty": share,
+            "rms_error_over_uncertainty": 1.0,
+            "largest_rms_error_over_uncertainty": 1.25,
         }
         for count, share in shares
-    ]
-    return [one for one in fog._covered(spec, logs) if one.set_by == "recipe"]
+    }
+    criteria = fog_judged([fog_log()], limits, covered=covered)
+    return [one for one in criteria if one.set_by == "recipe"]
 
 
 def triad_stand(**limits):

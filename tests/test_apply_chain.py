@@ -19,10 +19,10 @@ CHAIN = [
     "cli.logs.apply",
     "pipeline.apply",
     "pipeline.compensate",
-    "instruments.fog_thermal.instrument.correct",
-    "instruments.fog_thermal.compensate.compensate_log",
-    "instruments.fog_thermal.compensate.DriftModel.drift_along",
-    "instruments.fog_thermal.numeric.bank.evaluate",
+    "instruments.bias.fog_thermal.correct",
+    "instruments.bias.compensate.compensate_log",
+    "instruments.bias.compensate.DriftModel.drift_along",
+    "instruments.bias.numeric.bank.evaluate",
 ]
 """From the command to the drift along a log."""
 STOPS = [
@@ -34,11 +34,11 @@ STOPS = [
     "pipeline.run_recipe",
     "instruments.find",
     "instruments.fitted_recipe",
-    "instruments.fog_thermal.instrument.correct",
-    "instruments.fog_thermal.forms.read_thermal",
-    "instruments.fog_thermal.ramps.find_unusable",
-    "instruments.fog_thermal.compensate.compensate_log",
-    "instruments.fog_thermal.ramps.block_means",
+    "instruments.bias.fog_thermal.correct",
+    "instruments.bias.forms.read_thermal",
+    "instruments.bias.ramps.find_unusable",
+    "instruments.bias.compensate.compensate_log",
+    "instruments.bias.ramps.block_means",
 ]
 """What a reader who follows one log from the command on walks through, whether it has returned or
 not, before the first array function of the instrument. Files, recipes and records are read, and the
@@ -125,7 +125,7 @@ def test_few_functions_are_walked_through_before_the_arithmetic(chains):
     """Every function of a module (methods belong to their records) before the first array function
     of the instrument, listed: those that have returned count as well.
     """
-    start = next(k for k, c in enumerate(chains) if "fog_thermal.numeric" in c[-1])
+    start = next(k for k, c in enumerate(chains) if "bias.numeric" in c[-1])
     walked = dict.fromkeys(
         chain[-1]
         for chain in chains[:start]

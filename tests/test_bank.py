@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit.instruments.fog_thermal import compensate, decision
-from calibkit.instruments.fog_thermal.numeric import bank, bank_fit, choice, drift_figures, evidence
+from calibkit.instruments.bias import compensate, drift_choice as decision
+from calibkit.instruments.bias.numeric import bank, bank_fit, choice, drift_figures, evidence
 from calibkit.numeric.thermal import fits
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid

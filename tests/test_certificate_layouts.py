@@ -16,8 +16,8 @@ from calibkit.certificate import content, pdf, profile, results, run_files, shee
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
-from calibkit.instruments.fog_thermal import forms as fog_forms
-from calibkit.instruments.fog_thermal.numeric import bank
+from calibkit.instruments.bias import forms as fog_forms
+from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log

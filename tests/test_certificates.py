@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.instruments.fog_thermal import simulate
+from calibkit.instruments.bias import simulate_fog as simulate
 
 TABLE = """
 [[correction]]

@@ -8,7 +8,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import FrameError
-from calibkit.instruments.fog_thermal import simulate
+from calibkit.instruments.bias import simulate_fog as simulate
 
 DAY = pd.Timestamp("2026-03-05 08:00:00")
 BEGINS = {"ramp_heating_05": 0.0, "ramp_cooling_05": 6 * 3600.0}

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from calibkit.instruments.fog_thermal import simulate as simulator
+from calibkit.instruments.bias import simulate_fog as simulator
 
 
 @pytest.fixture(scope="module")

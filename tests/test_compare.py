@@ -10,7 +10,7 @@ import pytest
 from calibkit import store, units
 from calibkit.certificate.quantities import Point
 from calibkit.errors import RecipeError, UsageError
-from calibkit.instruments.fog_thermal import forms
+from calibkit.instruments.bias import forms
 from calibkit.numeric.thermal.terms import TERMS
 from calibkit.recipe import TypeB
 from calibkit.results import comparison, key_values, still_good

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import gradient_choice
-from calibkit.instruments.fog_thermal.numeric import drift_figures, published as drift
+from calibkit.instruments.bias import drift_choice as gradient_choice
+from calibkit.instruments.bias.numeric import drift_figures, published as drift
 from calibkit.numeric import intervals
 from conftest import AUTHORITIES
 from naive import block_means, compensate

@@ -11,8 +11,8 @@ import pytest
 from calibkit import instruments, store
 from calibkit.certificate.content import Layout
 from calibkit.errors import RecipeError, UsageError
-from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import bank
+from calibkit.instruments.bias import forms
+from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
 from calibkit.results import evaluation
 from kept import keep, model

@@ -7,8 +7,8 @@ import pytest
 
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import corrections as triad_correction, firmware
-from calibkit.instruments.fog_thermal import compensate, forms
-from calibkit.instruments.fog_thermal.numeric import bank, published as drift
+from calibkit.instruments.bias import compensate, forms
+from calibkit.instruments.bias.numeric import bank, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms
 from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_log import words

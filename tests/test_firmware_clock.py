@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calibkit.firmware import bounds, formats, program, twin
-from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import bank
+from calibkit.instruments.bias import forms
+from calibkit.instruments.bias.numeric import bank
 from firmware_log import run_by_the_clock, words
 from firmware_runs import cached
 

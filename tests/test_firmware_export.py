@@ -15,7 +15,7 @@ import pytest
 from calibkit import instruments, pipeline, recipe
 from calibkit.errors import OutputError
 from calibkit.firmware import c_text, export as firmware_export, formats
-from calibkit.instruments.fog_thermal import firmware
+from calibkit.instruments.bias import firmware
 from conftest import ROOT
 from firmware_log import correct
 from firmware_runs import cached

@@ -11,9 +11,9 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
 from calibkit.firmware.chain import ChainCorrection
-from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.firmware import chain as drift_chain
-from calibkit.instruments.fog_thermal.forms import FILE
+from calibkit.instruments.bias import forms
+from calibkit.instruments.bias.firmware import chain as drift_chain
+from calibkit.instruments.bias.forms import FILE
 from firmware_runs import cached
 
 NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"

@@ -11,7 +11,7 @@ import pytest
 
 from calibkit import instruments, recipe, store
 from calibkit.errors import RecipeError
-from calibkit.instruments.fog_thermal import bias, certificate
+from calibkit.instruments.bias import at_rest as bias, certificate
 from calibkit.numeric import earth
 from calibkit.results.evaluation import RunResults
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from calibkit.errors import CoefficientError
-from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.numeric import bank, published
-from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
+from calibkit.instruments.bias import forms
+from calibkit.instruments.bias.numeric import bank, published
+from calibkit.instruments.bias.numeric.bank import Bank, BankModel
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities

@@ -3,13 +3,14 @@
 import csv
 import json
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibkit import coefficients, instruments, pipeline, recipe, store
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import instrument, simulate as simulator
+from calibkit.instruments.bias import fog_thermal as instrument, simulate_fog as simulator
 from calibkit.numeric import chunks
 from conftest import AUTHORITIES
 
@@ -687,8 +688,19 @@ def test_noise_that_cannot_be_separated_from_drift_judges_no_limit():
     JSON holds no infinity; where nothing is left, the ratio is 0.
     """
     spec = instruments.parse_recipe(recipe.find("fog_thermal", ()))
+    limits = spec.acceptance.model_copy(
+        update={"min_reduction": None, "max_drift_rms_dph": None, "max_residual_over_noise": 5.0}
+    )
+    spec = spec.model_copy(update={"acceptance": limits})
+
+    def judged(left, noise):
+        """Criteria of one log without a drift term."""
+        log = SimpleNamespace(after=left, split=SimpleNamespace(noise=noise))
+        model = SimpleNamespace(mode="recursive", exported=False)
+        return instrument.judge(spec, model, [log], None)
+
     with pytest.raises(FitError, match=r"that is left, 0.3 deg/h rms, expected .* = 5"):
-        instrument._over_noise(spec, [(0.3, 0.0)])
-    (criterion,) = instrument._over_noise(spec, [(0.0, 0.0)])
+        judged(0.3, 0.0)
+    (criterion,) = judged(0.0, 0.0)
     assert criterion.value == 0.0
     assert criterion.passed

@@ -13,9 +13,9 @@ import pytest
 from calibkit import instruments, pipeline, recipe, store, thermal_forms
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import compensate, forms, uncertainty
-from calibkit.instruments.fog_thermal.numeric import bank
-from calibkit.instruments.fog_thermal.numeric.published import DriftBlocks
+from calibkit.instruments.bias import compensate, compensate as uncertainty, forms
+from calibkit.instruments.bias.numeric import bank
+from calibkit.instruments.bias.numeric.published import DriftBlocks
 from calibkit.numeric import gum
 from calibkit.numeric.thermal import uncertainty as uncertainty_of_thermal
 from calibkit.recipe import TypeB
@@ -92,7 +92,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     """The expanded uncertainty that it holds against the log stands on an assumption, and the
     summary says so.
     """
-    from calibkit.instruments.fog_thermal import instrument
+    from calibkit.instruments.bias import fog_thermal as instrument
 
     spec = pipeline.run_recipe(run[0], ())
     record = run[0].records["drift_rate.json"]

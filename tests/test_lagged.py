@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.linalg import expm
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import bank
+from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric.thermal import coil, fits, left_out, pooled_fit
 from calibkit.numeric.thermal.evaluate import _drivers
 from calibkit.numeric.thermal.pooled_fit import ThermalLog

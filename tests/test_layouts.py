@@ -9,9 +9,9 @@ import pytest
 
 from calibkit import instruments, pipeline, recipe
 from calibkit.firmware import blob, formats, program
-from calibkit.instruments.fog_thermal import forms
-from calibkit.instruments.fog_thermal.forms import FILE
-from calibkit.instruments.fog_thermal.numeric import bank_fit
+from calibkit.instruments.bias import forms
+from calibkit.instruments.bias.forms import FILE
+from calibkit.instruments.bias.numeric import bank_fit
 from conftest import ROOT
 from firmware_runs import cached
 

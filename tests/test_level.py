@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import bank
+from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import flicker
 from calibkit.numeric.thermal import coil, fits, pooled_fit, terms as thermal_terms
 from calibkit.numeric.thermal.pooled_fit import ThermalLog

@@ -15,7 +15,7 @@ from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.frame import Log
 from calibkit.ingest import logs, logs_on_disk
-from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.bias import ramps
 from calibkit.numeric import anomalies
 from conftest import ROOT
 

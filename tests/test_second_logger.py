@@ -11,7 +11,7 @@ import pytest
 import calibkit as calibkit_api
 from calibkit import coefficients, instruments, recipe
 from calibkit.fleet import device
-from calibkit.instruments.fog_thermal import simulate
+from calibkit.instruments.bias import simulate_fog as simulate
 
 OFFSET_S = 17.3
 CHAMBER = """

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
     Chamber,

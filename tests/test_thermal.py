@@ -16,7 +16,7 @@ from calibkit import store
 from calibkit.ingest import logs_on_disk
 from calibkit.instruments.bias import channels, power_ons, simulate
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, pooled_fit, uncertainty
+from calibkit.numeric.thermal import coil, evaluate, pooled_fit, uncertainty
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
@@ -124,7 +124,7 @@ def test_a_left_out_quarter_is_left_as_by_the_true_family(plant, seed):
     out = (log.time >= edges[0]) & (log.time < edges[1])
     one = power_on(log, ~out)
     found = channels.choose(pooled_fit.Stack.of_logs([one.of_channel("y")]), figure_blocks=10)
-    left = log.indication - channels.evaluate_wide(found.model, one.blocks, 25.0).drift
+    left = log.indication - evaluate.evaluate_wide(found.model, one.blocks, 25.0).drift
     rms = float(np.sqrt(np.mean((left[out] - left[~out].mean()) ** 2)))
     assert rms <= 1.2 * true_family_rms(plant, case, taus, held, log.indication, out)
 
@@ -165,7 +165,7 @@ def coverage():
         ).model
         truth = simulate.true_drift(channel, simulate._layers(other, diffusion_s))
         unseen = averaged(again, noise.reading(other, 0.0625, 0.02, rng), truth)
-        found = channels.evaluate_wide(
+        found = evaluate.evaluate_wide(
             model, power_on(unseen, np.ones(unseen.time.size, bool)).blocks, 25.0
         )
         _, _, parts, dof = zip(*uncertainty.contributions(model, found), strict=True)

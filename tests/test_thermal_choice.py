@@ -10,14 +10,9 @@ import pytest
 
 from calibkit import thermal_forms
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import bank, choice as thermal_choice, drift_figures
-from calibkit.instruments.fog_thermal.numeric.choice import (
-    CANDIDATES,
-    _best_of,
-    _helps,
-    choose,
-)
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias.numeric import bank, choice as thermal_choice, drift_figures
+from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
     fits,

@@ -12,9 +12,9 @@ import bench_physics as bench
 from calibkit import recipe
 from calibkit.check import thermometers
 from calibkit.ingest import logs as ingest
-from calibkit.instruments.fog_thermal import simulate
-from calibkit.instruments.fog_thermal.ramps import COLUMNS
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.bias import simulate_fog as simulate
+from calibkit.instruments.bias.ramps import COLUMNS
+from calibkit.instruments.bias.recipe import FogThermalRecipe
 from conftest import write_log
 
 

@@ -26,8 +26,7 @@ from calibkit.instruments.accelerometer import (
     simulate_magnitude as tumble,
 )
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.bias import simulate as sweep
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.bias import simulate as sweep, simulate_fog as fog
 from calibkit.instruments.gyro_noise import simulate as static
 from calibkit.instruments.gyro_scale import simulate
 from calibkit.instruments.inclinometer import simulate as tool

@@ -142,7 +142,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
     """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all:
     name → columns.
     """
-    from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
+    from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
     from calibkit.simulate.chamber import Chamber
 
     programmes = {

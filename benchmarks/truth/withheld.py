@@ -15,7 +15,7 @@ import numpy as np
 from speed import peers
 from speed.page import table
 
-from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
 from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 from truth.product import DATE, calibkit

@@ -95,7 +95,8 @@ ROOMS = {
     "KEY_FIGURES": "forms",
 }
 """Name that an instrument may have → module of its package where it stands, unless it stands beside
-`fit`. Rooms are imported when they are asked for: a fit needs no certificate.
+`fit`. Rooms are imported when they are asked for: a fit needs no certificate. Where several
+procedures share a package, `OWN_ROOMS` of one names the rooms that it does not share.
 
 draw(title, fitted) → Drawn: figures of a fit, and its summary in full.
 results(records, spec) → quantities: results of a run as functions of their inputs.
@@ -117,7 +118,7 @@ SHIPPED = {
     "inclinometer": "inclinometer.instrument",
     "gyro_noise": "gyro_noise.instrument",
     "accelerometer": "accelerometer.instrument",
-    "fog_thermal": "fog_thermal.instrument",
+    "fog_thermal": "bias.fog_thermal",
     "thermal": "bias.thermal",
     "bias_temperature": "bias.bias_temperature",
 }
@@ -196,7 +197,8 @@ def optional(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `ROOM
     module = find(procedure)
     if hasattr(module, name) or not module.__package__:
         return getattr(module, name, None)
-    room = f"{module.__package__}.{ROOMS[name]}"
+    rooms = ROOMS | getattr(module, "OWN_ROOMS", {})
+    room = f"{module.__package__}.{rooms[name]}"
     if importlib.util.find_spec(room) is None:
         return None
     return getattr(importlib.import_module(room), name, None)

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 Recipe = BiasTemperatureRecipe
 KEY_FIGURES = (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",)
 FORMS = (POLYNOMIAL,)
-CAMPAIGNS = None
-"""The simulated campaigns of this package are of `thermal`."""
 
 
 def read(

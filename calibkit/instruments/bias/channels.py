@@ -28,7 +28,7 @@ from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.thermal import fits, uncertainty
-from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_terms
+from calibkit.numeric.thermal.evaluate import evaluate_terms, evaluate_wide
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     MOVING_DEGC_MIN,
@@ -41,8 +41,8 @@ from calibkit.numeric.thermal.left_out import (
     simplest,
     solve,
 )
-from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
-from calibkit.numeric.thermal.terms import ThermalModel, Valid
+from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
+from calibkit.numeric.thermal.terms import ThermalModel
 
 RATES = ("s_rate", "s_temp_rate")
 CONSTANT = Candidate("constant", "level", STATIC[:1])
@@ -187,11 +187,6 @@ def _runs(mask: Mask) -> list[slice]:
     return [slice(first, stop) for first, stop in chunks.find_runs(mask).tolist()]
 
 
-REACH = 1.0 / 3.0
-"""Share of a fitted range by which a model is carried beyond each of its ends; further out it is
-held. On left-out quarters of simulated sweeps that go 30 % further than the rest, its error is then
-that of the true model; held at the ends it is several times that.
-"""
 BY_CHANCE = 0.005
 """Chance at which turn-on biases of faultless power-ons are said to follow the temperature."""
 NO_TERM = "no drift term needed: no model is clearly better than a constant on left-out stretches"
@@ -230,28 +225,6 @@ class FittedChannel:
     def varies(self) -> bool:
         """Whether the model has a term beside the constant."""
         return self.choice.chosen_errors is not self.choice.constant
-
-
-def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -> Evaluation:
-    """Bias along blocks, carried beyond the fitted ranges by REACH; it is zero at rest at the
-    reference temperature, which is clamped to the fitted range.
-    """
-    wide = Valid(
-        *((low - REACH * (high - low), high + REACH * (high - low)) for low, high in model.valid)
-    )
-    reference = model.nearest_fitted(reference_degc)
-    clamped = evaluate_terms(model, log.time, log.case, log.env, reference, log.starts)
-    carried = evaluate_terms(
-        replace(model, valid=wide), log.time, log.case, log.env, reference, log.starts
-    )
-    # what the terms add beyond the fitted ranges, which enters the uncertainty; -0 is 0
-    extrapolated_drift = carried.drift + carried.extrapolated_drift - clamped.drift + 0.0
-    return replace(
-        clamped,
-        drift=carried.drift,
-        sensitivities=carried.sensitivities,
-        extrapolated_drift=extrapolated_drift,
-    )
 
 
 def fit_channel(
@@ -367,7 +340,7 @@ def result(
         range_of_case = zip(forms.CASE_RANGE, channel.case, strict=True)
         models.append(
             thermal_forms.write_terms(
-                forms.LEVEL if model.form == "level" else forms.LAGGED,
+                forms.BIAS_LEVEL if model.form == "level" else forms.BIAS_LAGGED,
                 channel.name,
                 model,
                 interval_s,

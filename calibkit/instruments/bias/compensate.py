@@ -1,29 +1,45 @@
-"""thermal.json and a log → compensated channels, and what is left of unseen logs.
+"""Coefficients of a run and a log → what is taken off, its uncertainty, and what is left.
 
-The bias is evaluated on block means at the model interval, as in the fit, and interpolated to the
-rows.
+    model on levels              ω − D,  D(t) by the temperatures at t and before (`evaluate`)
+    published, recursive         ω_k − D_k,  D_k = D_(k−1) + Δ_k (`published.increments`)
+    published, one_step          ω_k − (ω_(k−1) + Δ_k), which removes the true rate too
+
+    u² = xᵀ C x + e² + Δ²/3 + h²/3 + Σ type B           (`numeric.thermal.uncertainty`)
+    |mean of 100 s| ≤ √(U² + (2 u_noise)²) for 95 % of the means
+
+D is evaluated on block means at the model interval, as in the fit, and interpolated to the rows of
+the log. Absolutely, the rate at rest of the fit and the turn-on bias of one more log enter too
+(`RestLevel`).
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from calibkit import thermal_forms, units
 from calibkit.arrays import Array
-from calibkit.coefficients import Model, Record
-from calibkit.errors import CoefficientError
+from calibkit.coefficients import Figure, Model, Record
+from calibkit.errors import CoefficientError, FitError, UsageError
 from calibkit.frame import Log, values
-from calibkit.instruments.bias import channels, forms, power_ons
+from calibkit.instruments.bias import forms, power_ons, ramps
+from calibkit.instruments.bias.forms import FILE
+from calibkit.instruments.bias.numeric import bank, drift_figures, published
+from calibkit.instruments.bias.numeric.bank import OnLevels
+from calibkit.instruments.bias.numeric.published import DriftBlocks, RatePolynomial
 from calibkit.instruments.bias.power_ons import PowerOn
-from calibkit.instruments.bias.recipe import ThermalRecipe
+from calibkit.instruments.bias.ramps import PreparedLog
+from calibkit.instruments.bias.recipe import FogThermalRecipe, ThermalRecipe
+from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import uncertainty
-from calibkit.numeric.thermal.evaluate import Evaluation
+from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_wide
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
-from calibkit.recipe import type_b
+from calibkit.numeric.thermal.terms import ThermalModel
+from calibkit.recipe import TypeB, type_b
+from calibkit.report import budget
 
 FLAGGED_SHARE = 0.005
 """Largest share of a log that may be outside the fitted ranges without a flag."""
@@ -63,7 +79,7 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
 
         def warmer_by(step: float, blocks: ThermalLog = blocks) -> Evaluation:
             warmer_blocks = replace(blocks, case=blocks.case + step, env=blocks.env + step)
-            return channels.evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
+            return evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
 
         case = {power_ons.CASE: lambda step: warmer_by(step).drift}
         effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
@@ -73,7 +89,7 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
     return drifts
 
 
-def compensate_log(
+def compensate_channels(
     log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
 ) -> tuple[dict[str, Array], dict[str, Array], tuple[str, ...]]:
     """Compensated channels [rows] of a log, columns that the recipe adds, and flags."""
@@ -129,7 +145,7 @@ def _flag_ranges(file: str, model: Model, drifts: Sequence[ChannelBias]) -> list
     return [*flags, *(note for drift in drifts for note in drift.power_on.notes)]
 
 
-def validation_entry(
+def channel_entry(
     log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
 ) -> dict[str, Any]:
     """JSON object of one validated log: rms of every channel about its power-ons before and after,
@@ -167,3 +183,375 @@ def validation_entry(
         "channels": entries,
         "flags": list(dict.fromkeys(flags)),
     }
+
+
+FLAGGED_SHARE = 0.005
+"""Largest share of a log that may be held or clamped without a flag."""
+GRADIENT_TERMS = {"s_grad", "s_grad2", "s_grad_rate"}
+"""Terms of the gradient between case and chamber air."""
+Mode = Literal["recursive", "one_step"]
+
+
+@dataclass(frozen=True, slots=True)
+class _Drift:
+    """Drift [n, °/h] along block means, its increments [n, °/h] between blocks, and the share of
+    blocks at each bound.
+    """
+
+    level: Array
+    delta: Array
+    bounds: Mapping[str, float]
+
+    def flags(self, name: str) -> tuple[str, ...]:
+        """Flags of held or clamped quantities along the log `name`, with the share of blocks."""
+        return tuple(
+            f"{name}: {bound} over {100.0 * share:.0f} %"
+            for bound, share in self.bounds.items()
+            if share > FLAGGED_SHARE
+        )
+
+    def subtract(self, indication: Array, mode: Mode) -> Array:
+        """Compensated block means [n, °/h] of an indication [n, °/h]."""
+        return (
+            published.one_step(indication, self.delta)
+            if mode == "one_step"
+            else indication - self.level
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class DriftModel:
+    """Exported drift term: rate polynomials, a level or lagged model, or neither; interval, mode
+    and reference temperature.
+    """
+
+    polynomials: tuple[RatePolynomial, ...]
+    thermal: OnLevels | None
+    interval_s: float
+    mode: Mode
+    reference_temp_degc: float
+
+    @property
+    def exported(self) -> bool:
+        """Whether there is a drift term at all."""
+        return bool(self.polynomials) or self.thermal is not None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns of a log that the model needs: the chamber air where a gradient to it enters."""
+        # lagged models and banks take the gradient inside the gyro, from the case alone
+        needs_air = bool(self.polynomials)
+        if isinstance(self.thermal, ThermalModel) and self.thermal.form == "level":
+            needs_air |= not GRADIENT_TERMS.isdisjoint(self.thermal.terms)
+        return tuple(name for name in ramps.COLUMNS if needs_air or name != "temp_env_degc")
+
+    @classmethod
+    def read(cls, records: Mapping[str, Record], recipe: FogThermalRecipe) -> "DriftModel":
+        """Drift model from the coefficient files of a run.
+
+        Raises CoefficientError for a run of another procedure, FitError if the recipe has another
+        interval.
+        """
+        if FILE not in records:
+            raise CoefficientError(
+                f"the run holds no {FILE}", hint="it is not a run of fog_thermal"
+            )
+        models, interval_s = records[FILE].models, recipe.drift.interval_s
+        for model in models:
+            if model.value("interval") != interval_s:
+                raise FitError(
+                    f"drift.interval_s = {interval_s:g}, the coefficients are per"
+                    f" {model.value('interval'):g} s",
+                    hint="fit again with that interval",
+                )
+        return cls(
+            tuple(
+                forms.read_rates(model) for model in models if model.form == forms.OVER_RATES.name
+            ),
+            next(
+                (forms.read_thermal(model) for model in models if model.form in forms.ON_LEVELS),
+                None,
+            ),
+            interval_s,
+            recipe.drift.compensation,
+            recipe.reference_temp_degc,
+        )
+
+    def drift_along(self, blocks: DriftBlocks) -> _Drift:
+        """Drift along block means, zero at the reference temperature, which is clamped to the
+        fitted range.
+
+        A level or lagged model needs no integration, so that no error accumulates in soaks.
+        """
+        if self.thermal is not None:
+            evaluation = bank.evaluate(
+                self.thermal,
+                blocks.time,
+                blocks.case,
+                blocks.case - blocks.gradient,
+                self.reference_temp_degc,
+            )
+            clamped = {
+                "temperature": evaluation.temperature_clamped,
+                "temperature rate": evaluation.rate_clamped,
+                "gradient": evaluation.gradient_clamped,
+            }
+            bounds = {
+                f"{name} clamped to the fitted range": float(mask.mean())
+                for name, mask in clamped.items()
+            } | {
+                "temperature changes in a direction in which no ramp was fitted": float(
+                    evaluation.unmeasured.mean()
+                )
+            }
+            return _Drift(
+                evaluation.drift, np.diff(evaluation.drift, prepend=evaluation.drift[:1]), bounds
+            )
+        steps = published.increments(self.polynomials, blocks.gradient, blocks.rate)
+        if not self.polynomials:
+            return _Drift(np.zeros_like(steps.delta), steps.delta, {})
+        cases = np.array([polynomial.case for polynomial in self.polynomials])
+        level = published.referenced(
+            published.recursive(steps.delta),
+            blocks.case,
+            self.reference_temp_degc,
+            (float(cases[:, 0].min()), float(cases[:, 1].max())),
+        )
+        bounds = {
+            "drift held in soaks or on a side that was not fitted": float(
+                steps.drift_held[1:].mean()
+            ),
+            "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
+            "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
+        }
+        return _Drift(level, steps.delta, bounds)
+
+
+@dataclass(frozen=True, slots=True)
+class LogFigures:
+    """Drift rms [°/h] of a log before and after compensation, the rate gain [1] of both modes, and
+    flags.
+    """
+
+    name: str
+    before: float
+    after: float
+    split: drift_figures.NoiseSplit
+    """Noise and drift in the figure after compensation."""
+    gain_recursive: float
+    gain_one_step: float
+    after_one_step: float
+    flags: tuple[str, ...]
+    output: Array
+    """Compensated block means [n, °/h], recursive."""
+
+    @property
+    def reduction(self) -> float:
+        """Ratio of the drift rms before to that after."""
+        return self.before / self.after if self.after > 0.0 else float("inf")
+
+    def figures(self) -> list[Figure]:
+        """Figures of drift_rate.json."""
+        left, u = self.split.left, self.split.left_uncertainty
+        return [
+            Figure(f"drift_rms_before.{self.name}", self.before, "deg/h", 0.0),
+            Figure(f"drift_rms_after.{self.name}", self.after, "deg/h", 0.0),
+            Figure(f"noise_rms.{self.name}", self.split.noise, "deg/h", 0.0),
+            Figure(f"drift_left_rms.{self.name}", left, "deg/h", u),
+            Figure(f"rate_gain_recursive.{self.name}", self.gain_recursive, "1", 0.0),
+            Figure(f"one_step_rms_after.{self.name}", self.after_one_step, "deg/h", 0.0),
+            Figure(f"rate_gain_one_step.{self.name}", self.gain_one_step, "1", 0.0),
+        ]
+
+    @classmethod
+    def summarize(cls, name: str, blocks: DriftBlocks, model: DriftModel) -> Self:
+        """Figures of one log from its block means."""
+        group = blocks_per_figure(model.interval_s)
+        drift, indication = model.drift_along(blocks), blocks.indication
+        output = drift.subtract(indication, "recursive")
+
+        def gain(mode: Mode) -> float:
+            return drift_figures.rate_gain(lambda w: drift.subtract(w, mode), indication)
+
+        return cls(
+            name,
+            drift_figures.drift_rms(indication, group),
+            drift_figures.drift_rms(output, group),
+            drift_figures.split_noise([drift_figures.figure_means(output, group)]),
+            gain("recursive"),
+            gain("one_step"),
+            drift_figures.drift_rms(drift.subtract(indication, "one_step")[1:], group),
+            drift.flags(name),
+            output,
+        )
+
+
+def compensate_log(
+    log: Log, model: DriftModel, recipe: FogThermalRecipe
+) -> tuple[Array, tuple[str, ...]]:
+    """Compensated indication [rows, °/h] of a log, without denoising or resampling, and flags.
+
+    The drift is evaluated on block means at the model interval, as in the fit, and interpolated to
+    the rows.
+    """
+    time, gyro = (values(log.frame, column) for column in ("time_s", "gyro_dph"))
+    if not model.exported:
+        return gyro, ("no drift term: the indication is returned as it is",)
+    model_intervals, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
+    drift = model.drift_along(blocks)
+    flags = drift.flags(log.file)
+    if model.mode == "recursive":
+        return gyro - np.interp(time, blocks.time, drift.level), flags
+    index = np.repeat(model_intervals.number, model_intervals.count)
+    predicted = blocks.indication[np.maximum(index - 1, 0)] + drift.delta[index]
+    return gyro - predicted, (*flags, "one_step: the true rate is removed (rate gain 0)")
+
+
+TURN_ON = "turn_on_bias."
+"""Figures of the turn-on biases begin with this, and a log's name follows."""
+RESULT = "gyro_dph"
+"""Name of the compensated rate in type B terms."""
+THERMOMETERS = ("temp_case_degc", "temp_env_degc")
+POINTS = 5
+"""Number of temperatures at which the uncertainty at rest is stated."""
+
+
+def along_blocks(
+    model: DriftModel,
+    blocks: DriftBlocks,
+    terms: Sequence[TypeB],
+    *,
+    long_at_rest: bool = False,
+) -> uncertainty.Along:
+    """Uncertainty of the drift along block means: type A, model error, clamping, hysteresis, and
+    type B terms; raises UsageError without a model on levels.
+
+    A type B term of temp_case_degc or temp_env_degc is propagated by the derivative of the drift
+    for a constant error of that thermometer. A term of the compensated rate (gyro_dph) enters
+    directly, one with a sensitivity multiplied by it.
+    """
+    thermal, reference = model.thermal, model.reference_temp_degc
+    if thermal is None:
+        exported = (
+            "gradient_rate, whose error on other rates is not known"
+            if model.polynomials
+            else "no drift term"
+        )
+        raise UsageError(
+            f"output.rate_uncertainty: the run exports {exported}: no uncertainty of the"
+            " compensated rate can be stated",
+            hint="set it to false, or fit with drift.model = 'auto'",
+        )
+    time, case, env = blocks.time, blocks.case, blocks.case - blocks.gradient
+
+    def warmer_by(of_case: float, of_env: float) -> Evaluation:
+        temperatures = case + of_case, env + of_env
+        return bank.evaluate(thermal, time, *temperatures, reference, long_at_rest=long_at_rest)
+
+    thermometers = {
+        "temp_case_degc": lambda step: warmer_by(step, 0.0).drift,
+        "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
+    }
+    effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
+    return uncertainty.combine_along(thermal, warmer_by(0.0, 0.0), effects)
+
+
+def state_along_logs(
+    model: DriftModel, logs: Sequence[PreparedLog], terms: Sequence[TypeB]
+) -> list[dict[str, Any]]:
+    """Uncertainty of the drift as JSON objects: at rest over the fitted temperatures, and where it
+    is largest in each log; empty without a model on levels.
+    """
+    if model.thermal is None:
+        return []
+    entries = []
+
+    def state(place: str, degc: float, drift_uncertainty: uncertainty.Along, row: int) -> None:
+        drift = float(drift_uncertainty.drift[row])
+        parts = [
+            gum.UncertaintyComponent(name, drift, float(values[row]), kind, dof=dof)
+            for name, kind, values, dof in drift_uncertainty.contributions
+        ]
+        entry = budget.combine("drift taken off the indication", "deg/h", parts)
+        entries.append(entry | {"where": place, "temp_case_degc": degc})
+
+    no_change = np.zeros(2)
+    fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
+    for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
+        resting = DriftBlocks(
+            np.array([0.0, 1.0]), np.full(2, degc), no_change, no_change, no_change
+        )
+        state("at rest", degc, along_blocks(model, resting, terms, long_at_rest=True), 1)
+    for log in logs:
+        moving = along_blocks(model, log.raw, terms)
+        row = int(np.argmax(moving.standard))
+        state(log.name, float(log.raw.case[row]), moving, row)
+    return entries
+
+
+@dataclass(frozen=True, slots=True)
+class RestLevel:
+    """Rate at rest at the reference temperature that a run states, and its standard uncertainty
+    [°/h]; turn-on biases of the fitted logs [logs, °/h].
+    """
+
+    rate: float
+    standard_uncertainty: float
+    turn_on: Array
+
+    @staticmethod
+    def find(figures: Sequence[Figure]) -> "RestLevel | None":
+        """Level of the figures of drift_rate.json; None where no rate at rest is stated."""
+        by_name = {figure.name: figure for figure in figures}
+        rate = by_name.get("mean_rate_at_reference")
+        turn_on = [entry.value for name, entry in by_name.items() if name.startswith(TURN_ON)]
+        if rate is None or len(turn_on) < 2:
+            return None
+        return RestLevel(rate.value, rate.standard_uncertainty, np.array(turn_on))
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty [°/h] of the rate at rest of one more log, its turn-on included."""
+        dof = self.turn_on.size - 1
+        one_more = gum.coverage_factor(float(dof)) * float(np.std(self.turn_on, ddof=1))
+        return float(np.hypot(one_more, 2.0 * self.standard_uncertainty))
+
+    def compare(self, left: Array, limit: Array) -> dict[str, float]:
+        """JSON object: share of compensated means [m, °/h] that are as near to the rate at rest as
+        their limits [m, °/h] and this level say, and the log's offset.
+        """
+        absolute = np.hypot(limit, self.expanded)
+        return {
+            "share_within_absolutely": float(np.mean(np.abs(left - self.rate) <= absolute)),
+            "offset": float(left.mean()) - self.rate,
+            "offset_expanded_uncertainty": float(absolute.mean()),
+        }
+
+
+def check_coverage(
+    model: DriftModel, blocks: DriftBlocks, terms: Sequence[TypeB], level: RestLevel | None
+) -> dict[str, Any]:
+    """JSON object: uncertainties along a log, and the share of its 100 s means within U, about the
+    log's mean and absolutely.
+
+    The limit for a mean combines the expanded uncertainty of the drift, about the log's mean that
+    of the drift less its mean, with noise: white noise of the blocks and flicker noise, at the
+    levels of the fit. Absolutely, a log is held against the rate at rest of the run, and the
+    turn-on bias of one more log is in the limit.
+    """
+    if model.thermal is None:
+        return {"not_available": "the run exports no model on levels"}
+    drift_uncertainty = along_blocks(model, blocks, terms)
+    group = blocks_per_figure(model.interval_s)
+    entry: dict[str, Any] = {
+        "unit": "deg/h",
+        "standard_uncertainty_mean": float(drift_uncertainty.standard.mean()),
+        "standard_uncertainty_largest": float(drift_uncertainty.standard.max()),
+        "expanded_uncertainty_largest": float(drift_uncertainty.expanded.max()),
+        "probability": gum.TWO_SIGMA,
+    }
+    left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
+    compared, means, limit = thermal_forms.compare_means(left, drift_uncertainty, noise, group)
+    if compared and level is not None:
+        entry |= level.compare(means, limit)
+    return entry | compared

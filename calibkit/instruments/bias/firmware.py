@@ -1,27 +1,51 @@
-"""bias.json → chain without memory; thermal.json → chain of steps by which firmware follows the
-bias of every channel, updated once per interval.
+"""Coefficients of a bias over temperature → chain of steps by which firmware follows it, updated
+once per interval; a polynomial has no memory.
+
+    level, lagged   drift = Σ_k c_k x_k, as `thermal_forms` (steps in `firmware.thermal_steps`)
+    bank            drift through a bank of lags (steps in `firmware_bank`)
+    gradient        D ← D + Σ_j a_j(r) G^j, the published scheme with `recursive` compensation
+
+The self-test follows one thermal history, which reaches both ends of every range.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from math import comb
 
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import Record
+from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
-from calibkit.firmware.chain import Chain, Trials
-from calibkit.firmware.draft import BEYOND, Draft, powers
+from calibkit.firmware.chain import Case, Chain, ChainTerm, Memory, Select, Trials
+from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
-from calibkit.instruments.bias.forms import CASE_RANGE, POLYNOMIALS, THERMAL
-from calibkit.instruments.bias.recipe import BiasTemperatureRecipe, ThermalRecipe
+from calibkit.instruments.bias import firmware_bank
+from calibkit.instruments.bias.forms import (
+    BANK,
+    CASE_RANGE,
+    FILE,
+    LAGGED,
+    LEVEL,
+    OVER_RATES,
+    POLYNOMIALS,
+    THERMAL,
+    rate_names,
+)
+from calibkit.instruments.bias.recipe import (
+    HIGHEST_RATE_ORDER,
+    BiasRecipe,
+    BiasTemperatureRecipe,
+    FogThermalRecipe,
+    ThermalRecipe,
+)
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
-from calibkit.thermal_forms import CASE, RATE
+from calibkit.thermal_forms import CASE, GRADIENT, RATE
 
-HISTORY = (
+CHANNEL_HISTORY = (
     (0.0, 1),
     (0.05, 1),
     (0.1, 2),
@@ -41,20 +65,8 @@ HISTORY = (
 """Thermal history of the self-test from the reset on: case temperature relative to the half range
 of its input, and number of updates.
 """
-FORMULA = "corrected = indication - bias, each channel in its unit; the bias is 0 "
+CHANNEL_FORMULA = "corrected = indication - bias, each channel in its unit; the bias is 0 "
 AT_REFERENCE = "at {:g} degC, or at the end of the fitted range nearest to it"
-
-
-def files(spec: BiasTemperatureRecipe | ThermalRecipe) -> tuple[str, ...]:
-    """Coefficient file that the chain takes its numbers from."""
-    return (THERMAL if isinstance(spec, ThermalRecipe) else POLYNOMIALS,)
-
-
-def chain(spec: BiasTemperatureRecipe | ThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the bias of every channel, which is zero at the reference."""
-    if isinstance(spec, ThermalRecipe):
-        return _follow_terms(spec, records)
-    return _polynomials(spec, records)
 
 
 def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
@@ -97,7 +109,7 @@ def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> 
     zero = f"in the middle of the fitted range of {column}"
     if column.endswith("_degc"):
         zero = AT_REFERENCE.format(spec.reference_temp_degc)
-    return draft.chain([model.form for model in record.models], FORMULA + zero)
+    return draft.chain([model.form for model in record.models], CHANNEL_FORMULA + zero)
 
 
 def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
@@ -138,20 +150,256 @@ def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
     highest = exact.round_to(float(min(paces)), 3, up=False)
     followed_chain = draft.chain(
         [model.form for model in models],
-        FORMULA + "at rest " + AT_REFERENCE.format(spec.reference_temp_degc),
+        CHANNEL_FORMULA + "at rest " + AT_REFERENCE.format(spec.reference_temp_degc),
         interval_s=float(h),
         condition=f"the case moves by no more than {highest:.3g} degC/min",
     )
     rate = min(paces) / pace.FASTEST
     followed_chain = pace.keep_time(followed_chain, CASE, rate, spec.thermal.max_gap_s)
-    return replace(followed_chain, trials=_thermal_history(followed_chain))
+    return replace(followed_chain, trials=_channel_history(followed_chain))
 
 
-def _thermal_history(chain: Chain) -> Trials:
+def _channel_history(chain: Chain) -> Trials:
     """Trials of a chain: one thermal history that covers its range from end to end."""
     low, high = (float(limit) for limit in chain.tables[chain.structure.inputs[0].table])
     # the input's word reaches beyond what is followed
     half = (high - low) / 2.0 / float(1 + 2 * thermal_steps.WIDER)
-    positions, updates = zip(*HISTORY, strict=True)
+    positions, updates = zip(*CHANNEL_HISTORY, strict=True)
     case = (low + high) / 2.0 + half * np.array(positions)
     return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))
+
+
+AIR_RATE = "temp_env_rate_degc_min"
+WHOSE = {LEVEL.name: "case", LAGGED.name: "coil", BANK.name: "coil"}
+"""Which part of the gyro the fitted ranges of a form are of."""
+LONGEST_DRIFT = 1024
+"""Bound of the recursive drift, in multiples of the largest increment per interval."""
+SUMMED = 3
+"""Updates per row of HISTORY for a chain that sums increments, whose error bound grows with their
+number.
+"""
+HISTORY = (
+    (0.0, 0.0, 0.0, 1),
+    (0.03, 0.1, 0.3, 1),
+    (0.05, 0.3, 0.6, 1),
+    (0.04, 0.5, 0.9, 1),
+    (0.07, -0.3, 0.5, 1),
+    (0.06, 0.4, 0.08, 1),
+    (0.1, -0.2, -0.4, 1),
+    (0.08, -0.5, -0.7, 1),
+    (0.02, -0.8, -0.9, 1),
+    (0.09, 0.05, -0.5, 1),
+    (0.055, -0.3, -0.08, 1),
+    (0.01, 0.05, 0.02, 1),
+    (0.1, 0.9, 0.5, 3),
+    (0.5, 1.2, 1.4, 3),
+    (1.02, 1.2, 4.5, 1),
+    (0.96, 2.6, 0.8, 8),
+    *((0.96, 0.5, 0.2, updates) for updates in (5, 7, 25, 40, 40, 70, 200)),
+    (0.2, -0.4, -0.3, 3),
+    (-0.5, -1.2, -1.4, 3),
+    (-1.02, -2.6, -4.5, 2),
+    (-0.96, -0.7, -0.8, 8),
+    *((-0.96, 0.3, 0.1, updates) for updates in (5, 7, 25, 40, 40, 70, 200)),
+    (0.98, -0.6, 0.7, 4),
+    (-0.2, 0.2, 0.5, 6),
+    (0.1, -0.3, -0.2, 12),
+    (-1.02, -4.0, 0.2, 500),
+    *((1.02, 0.5, 0.2, updates) for updates in (3, 20, 40, 60, 90)),
+    (1.02, 4.0, 0.2, 300),
+    *((-1.02, -0.5, -0.2, updates) for updates in (3, 20, 40, 60, 90)),
+)
+"""Thermal history of the self-test from the reset on, one tuple per row: case temperature relative
+to the half range of its input, beyond ±1 from the end of what is followed, air less case relative
+to the largest gradient, air rate relative to the largest fitted rate, and number of updates. It
+reaches both ends of every range.
+"""
+FORMULA = (
+    "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC,"
+    " or at the end of the fitted range nearest to it"
+)
+RECURSIVE = (
+    "corrected = indication - drift, both in deg/h; the drift is 0 at the reset, or where it is"
+    " anchored"
+)
+
+
+def files(spec: BiasRecipe) -> tuple[str, ...]:
+    """Coefficient file that the chain takes its numbers from."""
+    return ({"fog_thermal": FILE, "thermal": THERMAL}.get(spec.procedure, POLYNOMIALS),)
+
+
+def chain(spec: BiasRecipe, records: Mapping[str, Record]) -> Chain:
+    """Chain of the bias of every channel, zero at the reference, with the trials of its self-test;
+    OutputError if there is none, or if it removes the true rate.
+    """
+    if isinstance(spec, FogThermalRecipe):
+        return _drift(spec, records)
+    if isinstance(spec, ThermalRecipe):
+        return _follow_terms(spec, records)
+    return _polynomials(spec, records)
+
+
+def _drift(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
+    """Chain of the exported drift term of a gyro."""
+    models = required_record(records, FILE, spec).models
+    if not models:
+        raise OutputError(
+            "the run has no drift term: no tested model was better than none",
+            hint="there is nothing to export",
+        )
+    draft = Draft(padded=spec.export.layout == "padded")
+    if models[0].form == OVER_RATES.name:
+        if spec.drift.compensation == "one_step":
+            raise OutputError(
+                "compensation 'one_step' removes the true rate (rate gain 0)",
+                hint="fit with drift.compensation = 'recursive'",
+            )
+        source = _recursive(draft, models, spec.segments.slope_window_s)
+        formula, condition, followed_ranges = RECURSIVE, "", []
+    else:
+        source, condition = _on_levels(draft, models[0], spec.reference_temp_degc)
+        formula = FORMULA.format(reference=spec.reference_temp_degc)
+        followed_ranges = [thermal_steps.say_followed(thermal_steps.followed(models[0]))]
+    meaning = "drift, to be subtracted from the indication"
+    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
+    for model in models:
+        owner = WHOSE.get(model.form, f"{model.name} side")
+        for column, (low, high) in model.valid.items():
+            unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
+            draft.ranges.append(f"{column} of the {owner} {exact.limits_text(low, high)} {unit}")
+    draft.ranges += followed_ranges
+    interval_s = float(models[0].value("interval"))
+    forms = [model.form for model in models]
+    drift = draft.chain(forms, formula, interval_s=interval_s, condition=condition)
+    rate = max(thermal_steps.largest(model, RATE) for model in models)
+    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
+    return replace(drift, trials=_thermal_history(drift))
+
+
+def _on_levels(draft: Draft, model: Model, reference_degc: float) -> tuple[str, str]:
+    """Name of the drift of a level, lagged or bank model, zero at rest at the reference
+    temperature, and the condition under which it is followed, in words.
+    """
+    h = Fraction(model.value("interval"))
+    middle, half = exact.span(*model.valid[CASE])
+    followed = thermal_steps.followed(model)
+    # the map clamps it and sets the flag
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
+    draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
+    fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
+    if model.form == BANK.name:
+        speed = fastest / 60 / half
+        source = firmware_bank.follow_bank(draft, model, h, speed, reference_degc)
+    else:
+        source = thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half))
+    lagged = model.form != LEVEL.name
+    if not (lagged or draft.padded or thermal_steps.uses(model, RATE)):
+        return source, ""
+    highest = exact.round_to(float(fastest), 3, up=False)
+    return source, f"the case moves by no more than {highest:.3g} degC/min"
+
+
+def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> str:
+    """Name of the drift D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the
+    inputs of the previous update.
+    """
+    cases = [model.valid[CASE] for model in models]
+    middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
+    reach = (middle - 2 * half, middle + 2 * half)
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach, "TEMP_CLAMPED")
+    draft.input(thermal_steps.AIR, "degC", thermal_steps.AIR_MEANING, reach, "AIR_CLAMPED")
+    fastest = 4 * max(thermal_steps.largest(model, RATE) for model in models)
+    window = f"by least squares over the {slope_window_s:g} s before the end of the interval"
+    derived = f"slope of {thermal_steps.AIR} {window}"
+    # the sides clamp it and set the flag
+    draft.input(
+        AIR_RATE,
+        "degC/min",
+        f"rate of the air, slope {window}",
+        (-fastest, fastest),
+        derived=derived,
+    )
+    draft.sum("apart", factor(CASE), factor(thermal_steps.AIR, -1))
+    sides, largest = [], Fraction(0)
+    for model in models:
+        side, bound = _side(draft, model)
+        sides.append(side)
+        largest = max(largest, bound)
+    draft.steps.append(Select("increment", AIR_RATE, tuple(sides), "HELD"))
+    longest = Fraction(2) ** exact.power_of_two(LONGEST_DRIFT * largest)
+    draft.steps += [
+        Memory("drift_before", "drift", "zero"),
+        Memory("increment_before", "increment", "zero"),
+    ]
+    draft.sum("total", factor("increment_before"), factor("drift_before"))
+    draft.limit("drift", "total", -longest, longest, "DRIFT_LIMITED")
+    draft.limits |= {"drift_before": longest, "increment_before": largest}
+    return "drift"
+
+
+def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
+    """Increment of one side as polynomials of the mapped rate times powers of the mapped gradient,
+    and its largest magnitude [°/h].
+    """
+    name, (low, high) = model.name, model.valid[RATE]
+    r_middle, r_half = draft.map(
+        f"rate_{name}", AIR_RATE, (low, high), flag="RATE_CLAMPED", group=name
+    )
+    g_middle, g_half = draft.map(
+        f"gradient_{name}",
+        "apart",
+        model.valid[GRADIENT],
+        flag="GRADIENT_CLAMPED",
+        group=name,
+    )
+    over_rate = [
+        exact.mapped(numbers(model, *names), r_middle, r_half)
+        for names in rate_names(len(model.coefficients) // 3 - 1)
+    ]
+    terms: list[list[ChainTerm]] = []
+    largest = Fraction(0)
+    for i in (2, 1, 0):
+        parts = [
+            exact.scale(over_rate[j], comb(j, i) * g_middle ** (j - i) * g_half**i)
+            for j in range(i, 3)
+        ]
+        factors, polynomial = (f"gradient_{name}",) * i, exact.add(*parts)
+        terms.append(
+            draft.polynomial(
+                f"a_{name}_{i}", polynomial, f"rate_{name}", *factors, order=HIGHEST_RATE_ORDER
+            )
+        )
+        largest += sum(map(abs, polynomial))
+    value = draft.sum(f"increment_{name}", *terms)
+    return Case(
+        value,
+        1 if low > 0 else -1 if high < 0 else 0,
+        draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,)),
+        name,
+    ), largest
+
+
+def _thermal_history(chain: Chain) -> Trials:
+    """Trials of a drift chain: one thermal history that covers every range from end to end."""
+    ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
+    low, high = (float(limit) for limit in ranges[CASE])
+    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    if "x_map" in chain.tables:  # the case is followed beyond the fitted range, its word further
+        middle, reciprocal, *ends = map(float, chain.tables["x_map"])
+        half = float(BEYOND) / reciprocal
+        low, high = (middle + end / reciprocal for end in ends)
+    case, ahead, climb, updates = (np.array(column) for column in zip(*HISTORY, strict=True))
+    outer_cases = [high + (case - 1.0) * half, low + (case + 1.0) * half]
+    physical = {CASE: np.select([case > 1.0, case < -1.0], outer_cases, middle + half * case)}
+    gradients = [
+        abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]
+        for step in chain.structure.maps
+        if step.source == "apart"
+    ]
+    physical[thermal_steps.AIR] = physical[CASE] + float(max(gradients, default=0)) * ahead
+    if chain.structure.summing:
+        physical[AIR_RATE] = float(ranges[AIR_RATE][1]) / 4.0 * climb
+        updates = np.full_like(updates, SUMMED)
+    coarse = {name: vectors.coarsen(physical[name], half) for name in ranges}
+    return pace.by_the_clock(chain, Trials(coarse, tuple(updates.tolist())))

@@ -12,6 +12,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.instruments.bias import simulate_fog
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme, follow_with_lag
@@ -147,4 +148,4 @@ def campaign(seed: int) -> Campaign:
     return Campaign({"sweep.csv": columns}, DECIMALS, facts)
 
 
-CAMPAIGNS = {"thermal": campaign}
+CAMPAIGNS = {"fog_thermal": simulate_fog.campaign, "thermal": campaign}

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 Recipe = ThermalRecipe
 KEY_FIGURES = (r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",)
-FORMS = (forms.LEVEL, forms.LAGGED)
+FORMS = (forms.BIAS_LEVEL, forms.BIAS_LAGGED)
 prepare_plan = simulate_plan = None
 """The campaigns that a plan of this package chooses are of `bias_temperature`."""
 SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis in "xyz"]
@@ -149,7 +149,7 @@ def correct(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> A
     log = read(spec, data.parent, data.name)
     mended = power_ons.mend_clock(log, spec.thermal)
     refuse(_find_unusable(spec, mended, 1))
-    columns, added, flags = compensate.compensate_log(mended, log, models, spec)
+    columns, added, flags = compensate.compensate_channels(mended, log, models, spec)
     return write_back.rewrite_log(spec, data, log, columns, added), flags
 
 
@@ -163,7 +163,7 @@ def validate(
     for log in logs:
         mended = power_ons.mend_clock(log, spec.thermal)
         refuse(_find_unusable(spec, mended, 3))
-        entries.append(compensate.validation_entry(mended, log, models, spec))
+        entries.append(compensate.channel_entry(mended, log, models, spec))
     title = "Rms about the turn-on biases, and 100 s means within U and noise (95 % expected)"
     return {"logs": entries}, tables.validation_summary(
         entries, title, "rms error", min_reduction=spec.acceptance.min_reduction

@@ -1,14 +1,15 @@
 """Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json.
 
 A log is denoised, cut into soaks and ramps, and averaged over the model interval (`ramps`). The
-published scheme (`gradient_choice`) and models of the rate itself (`numeric.choice`) are fitted
-without each ramp or rate in turn; what leaves least there is exported (`decision`), with the bias
-at rest (`bias`) and the uncertainty of what is taken off (`uncertainty`).
+published scheme and models of the rate itself (`numeric.choice`) are fitted without each ramp or
+rate in turn; what leaves least there is exported (`drift_choice`), with the bias at rest
+(`at_rest`) and the uncertainty of what is taken off (`compensate`).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,22 +21,20 @@ from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, two_loggers, write_back
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.fog_thermal import (
-    bias,
+from calibkit.instruments.bias import (
+    at_rest,
     certificate,
     compensate,
-    decision,
+    drift_choice,
     figures,
     forms,
-    gradient_choice,
     ramps,
     sensitivities,
     tables,
-    uncertainty,
 )
-from calibkit.instruments.fog_thermal.numeric import choice
-from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.bias.numeric import choice
+from calibkit.instruments.bias.numeric.drift_figures import WORSE
+from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.recipe import type_b
@@ -56,6 +55,7 @@ KEY_FIGURES = (
     r"drift_rate\..+\.([abcsghw]\d+|s_\w+|tau_\w+|residual_rms)",
     r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
 )
+OWN_ROOMS = {"prepare_plan": "plan_ramps", "simulate_plan": "plan_ramps"}
 FORMS = (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values())
 faults = ramps.examine
 
@@ -64,13 +64,13 @@ def fit(
     spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
-    logs = _prepare(spec, data, progress(files, "reading and denoising"))
+    logs, comparisons = _prepare(spec, data, progress(files, "reading and denoising"))
     # the published scheme: a0, a1, a2 of every ramp, then polynomials a_j(r) of a side
-    fitted, undetermined = gradient_choice.fit_ramps(logs, spec.drift)
-    choices = gradient_choice.choose([] if undetermined else fitted, spec.drift)
+    fitted, undetermined = drift_choice.fit_ramps(logs, spec.drift)
+    choices = drift_choice.choose_sides([] if undetermined else fitted, spec.drift)
     # models on levels, chosen on ramps left out; none if the published scheme alone is asked for
     levels = choice.ThermalChoice((), (), None, None, "")
-    if not gradient_choice.alone(spec.drift):
+    if not drift_choice.alone(spec.drift):
         levels = choice.choose(
             [log.thermal for log in logs],
             [
@@ -81,10 +81,11 @@ def fit(
             figure_blocks=blocks_per_figure(spec.drift.interval_s),
         )
     # what leaves least of the drift of left-out ramps is exported, if that helps at all
-    export = decision.widen_by_turn_on(decision.decide(choices, levels, spec), logs)
+    export = drift_choice.widen_by_turn_on(drift_choice.decide(choices, levels, spec), logs)
     model = export.model
     compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
-    at_rest = bias.state_bias(model, logs, spec)
+    one_way = drift_choice.flag_one_way(logs, model)
+    rest = at_rest.state_bias(model, logs, spec)
     # an order that the recipe pins may be one that no rate is left to test
     worse = [
         f"{log.name}: drift of {log.before:.3g} deg/h before compensation, {log.after:.3g} deg/h"
@@ -95,9 +96,9 @@ def fit(
     exported = export.result(compensated, spec)
     exported = replace(
         exported,
-        figures=(*exported.figures, *at_rest.figures),
-        conditions=bias.conditions(spec),
-        flags=(*exported.flags, *worse, *at_rest.flags),
+        figures=(*exported.figures, *rest.figures),
+        conditions=at_rest.conditions(spec),
+        flags=(*exported.flags, *worse, *rest.flags),
     )
     drift = StageResult(
         "drift",
@@ -107,12 +108,30 @@ def fit(
         flags=(*(flag for log in logs for flag in log.flags), *undetermined),
     )
     # what is taken off is uncertain by so much, and the fitted logs are within it
-    drift_uncertainties = uncertainty.state_along_logs(model, logs, spec.type_b)
-    level = uncertainty.RestLevel.find(at_rest.figures)
+    drift_uncertainties = compensate.state_along_logs(model, logs, spec.type_b)
+    level = compensate.RestLevel.find(rest.figures)
     covered = {
-        log.name: uncertainty.check_coverage(model, log.raw, spec.type_b, level) for log in logs
+        log.name: compensate.check_coverage(model, log.raw, spec.type_b, level) for log in logs
     }
-    influences = sensitivities.find(exported, fitted, spec.drift)
+    influences = (
+        *sensitivities.find(exported),
+        *sensitivities.find_of_ramps(fitted, spec.drift),
+    )
+    idle = [
+        term.name
+        for term in spec.type_b
+        if not type_b.enters(term, compensate.RESULT, compensate.THERMOMETERS)
+    ]
+    unused = f"type B terms that do not enter the compensated rate: {', '.join(idle)}"
+    flags = [*drift.flags, *exported.flags, *([unused] if idle else []), *one_way, *comparisons]
+    # the reduction of the drift: on left-out ramps, on the fitted ones where none was left out
+    name, reduction = "drift reduction on withheld ramps", 1.0
+    if export.errors:
+        reduction = 1.0 / drift_choice.share_of_raw(export.errors)
+    elif model.exported:
+        name = "drift reduction on the fitted ramps alone"
+        reduction = drift_reduction(compensated)
+    left_out = [(errors.pooled, export.left_out_noise) for errors in export.errors]
     summary = Summary(
         spec.title,
         (
@@ -120,11 +139,9 @@ def fit(
             *tables.coverage_tables(covered, "fitted"),
             *tabulate_fit([exported, drift], spec, influences, certificate.blocks),
         ),
-        tuple(dict.fromkeys([*drift.flags, *exported.flags, *_flags(spec, logs, model)])),
-        _fit_criteria(spec, export, compensated),
-        overview=tables.summarize_fit(
-            logs, compensated, export, drift_uncertainties, at_rest.at_rest
-        ),
+        tuple(dict.fromkeys(flags)),
+        judge(spec, model, compensated, (name, reduction), over_noise=left_out),
+        overview=tables.summarize_fit(logs, compensated, export, drift_uncertainties, rest.at_rest),
     )
     noise = tuple(figure for log in logs for figure in log.noise)
     denoised = StageResult("denoise", figures=noise, flags=() if noise else ("denoising is off",))
@@ -133,24 +150,27 @@ def fit(
         tuple(log.source for log in logs),
         summary,
         figures.DriftReport(
-            spec.title or spec.procedure,
             model.interval_s,
             tuple(logs),
             tuple(compensated),
             tuple(item.fit for item in fitted),
             tuple(side.polynomial for side in choices if side.polynomial is not None),
             bool(model.polynomials),
-            tuple(at_rest.hysteresis),
+            tuple(rest.hysteresis),
         ),
-        (*drift_uncertainties, *at_rest.uncertainty),
-        (*export.untested, *decision.flag_one_way(logs, model)),
+        (*drift_uncertainties, *rest.uncertainty),
+        (*export.untested, *one_way),
         model.exported,
         sensitivities=influences,
     )
 
 
-def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[ramps.PreparedLog]:
-    """Prepared logs; each is read and checked while the previous one is denoised."""
+def _prepare(
+    spec: FogThermalRecipe, data: Path, files: Iterable[str]
+) -> tuple[list[ramps.PreparedLog], list[str]]:
+    """Prepared logs, each read and checked while the previous one is denoised, and flags of what
+    comparing them shows.
+    """
     findings: dict[str, list[Finding]] = {}
 
     def checked(file: str) -> Log:
@@ -162,45 +182,22 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
         ramps.prepare(log, spec, findings[log.file])
         for log in copies.refuse_copies(ingest.read_ahead(files, checked))
     ]
-    levels = {log.source.name: magnitude.measure_level(log.raw.indication) for log in logs}
+    levels, slopes, rates, driven = {}, {}, {}, {}
+    for log in logs:
+        name, raw = log.source.name, log.raw
+        levels[name] = magnitude.measure_level(raw.indication)
+        slopes[name] = magnitude.fit_drift_slope(raw.case, raw.indication)
+        if len(log.ramps) == 1:
+            rates[name] = log.ramps[0].rate
+            lag = thermometers.measure_lag(raw.time, raw.case, raw.case - raw.gradient)
+            driven[name] = rates[name], float(np.ptp(raw.time)), lag
     refuse([finding for _, finding in magnitude.find_turned_logs(levels)])
-    return logs
-
-
-def _flags(
-    spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog], model: compensate.DriftModel
-) -> list[str]:
-    """Flags of type B terms without effect, of a direction without ramps, and of findings from the
-    comparison of several logs.
-    """
-    slopes = {
-        log.source.name: magnitude.fit_drift_slope(log.raw.case, log.raw.indication) for log in logs
-    }
-    rates = {log.source.name: log.ramps[0].rate for log in logs if len(log.ramps) == 1}
-    driven = {
-        log.source.name: (
-            *(log.ramps[0].rate, float(np.ptp(log.raw.time))),
-            thermometers.measure_lag(log.raw.time, log.raw.case, log.raw.case - log.raw.gradient),
-        )
-        for log in logs
-        if len(log.ramps) == 1
-    }
     comparisons = (
         *magnitude.find_compensated_logs(slopes),
         *thermometers.check_rates_in_names(rates),
         *thermometers.find_late(driven),
     )
-    idle = [
-        term.name
-        for term in spec.type_b
-        if not type_b.enters(term, uncertainty.RESULT, uncertainty.THERMOMETERS)
-    ]
-    unused = f"type B terms that do not enter the compensated rate: {', '.join(idle)}"
-    return [
-        *([unused] if idle else []),
-        *decision.flag_one_way(logs, model),
-        *(str(finding) for _, finding in comparisons),
-    ]
+    return logs, [str(finding) for _, finding in comparisons]
 
 
 def read(spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
@@ -208,80 +205,62 @@ def read(spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = inge
     return reader(spec, data / file, file, ramps.COLUMNS)
 
 
-def _fit_criteria(
-    spec: FogThermalRecipe, export: decision.Export, logs: Sequence[compensate.LogFigures]
+def drift_reduction(logs: Sequence[compensate.LogFigures]) -> float:
+    """Ratio of the drift rms of logs before to that after compensation."""
+    return rms([log.before for log in logs]) / rms([log.after for log in logs])
+
+
+def judge(
+    spec: FogThermalRecipe,
+    model: compensate.DriftModel,
+    logs: Sequence[compensate.LogFigures],
+    reduction: tuple[str, float] | None,
+    *,
+    over_noise: Sequence[tuple[float, float]] = (),
+    covered: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
 ) -> tuple[Criterion, ...]:
-    """Acceptance criteria of a fit: drift reduction and what is left over the noise on left-out
-    ramps, on the fitted ones where none was left out; and those shared with validation.
-    """
-    name, ratio = "drift reduction on withheld ramps", 1.0
-    left_out = [(errors.pooled, export.left_out_noise) for errors in export.errors]
-    if left_out:
-        ratio = 1.0 / decision.share_of_raw(export.errors)
-    elif export.model.exported:
-        name = "drift reduction on the fitted ramps alone"
-        ratio = rms([log.before for log in logs]) / rms([log.after for log in logs])
-    return (
-        *_judge_reduction(spec, name, ratio),
-        *_common_criteria(spec, logs, export.model, left_out),
-    )
+    """Acceptance criteria of fits and validations, each where the recipe limits it.
 
-
-def _judge_reduction(
-    spec: FogThermalRecipe, criterion_name: str, reduction: float
-) -> list[Criterion]:
-    """Criterion of the ratio of the drift before to that after, where the recipe limits it."""
-    lower_limit = spec.acceptance.min_reduction
-    return [] if lower_limit is None else [at_least(criterion_name, reduction, lower_limit, "1")]
-
-
-def _over_noise(spec: FogThermalRecipe, pairs: Iterable[tuple[float, float]]) -> list[Criterion]:
-    """Criterion of the drift rms that is left, over that of the noise alone, of pairs of both.
+    They are the reduction of the drift by its name; whether errors of 100 s means of the `covered`
+    logs are as large as stated, which no limit needs, and the share of them within U; the drift rms
+    that is left over the noise alone, of pairs of both or of the logs; the largest drift rms after
+    compensation; and the rate gain.
 
     Raises FitError where no noise can be separated from what is left.
     """
-    limit = spec.acceptance.max_residual_over_noise
-    if limit is None:
-        return []
-    left, noise = (rms(column) for column in zip(*pairs, strict=True))
-    if left > 0.0 and noise == 0.0:
-        raise FitError(
-            f"the noise cannot be separated from the drift that is left, {left:.3g} deg/h rms,"
-            f" expected their ratio for max_residual_over_noise = {limit:g}",
-            hint="log longer ramps or soaks, or state [acceptance] max_drift_rms_dph in its place",
+    limits, criteria = spec.acceptance, []
+    if limits.min_reduction is not None and reduction is not None:
+        criteria.append(at_least(*reduction, limits.min_reduction, "1"))
+    criteria += over_stated_u((f"{name}: rms error", entry) for name, entry in covered.items())
+    compared = [entry for entry in covered.values() if "means_of_100_s" in entry]
+    if limits.min_share_within_uncertainty is not None and compared:
+        share = np.average(
+            [entry["share_within_expanded_uncertainty"] for entry in compared],
+            weights=[entry["means_of_100_s"] for entry in compared],
         )
-    return [at_most("residual over noise", left / noise if left > 0.0 else 0.0, limit, "1")]
-
-
-def _common_criteria(
-    spec: FogThermalRecipe,
-    logs: Sequence[compensate.LogFigures],
-    model: compensate.DriftModel,
-    left_out: Sequence[tuple[float, float]] = (),
-) -> tuple[Criterion, ...]:
-    """Criteria of fits and validations: the drift rms left over the noise alone (of left-out ramps
-    where those are given), the largest drift rms after compensation, and the rate gain.
-    """
-    limits = spec.acceptance
-    criteria = _over_noise(spec, left_out or [(log.after, log.split.noise) for log in logs])
-    if limits.max_drift_rms_dph is not None:
-        criteria.append(
-            at_most(
-                "largest drift rms after",
-                max(log.after for log in logs),
-                limits.max_drift_rms_dph,
-                "deg/h",
+        name = "share of 100 s means within their uncertainty"
+        criteria.append(at_least(name, float(share), limits.min_share_within_uncertainty, "1"))
+    if limits.max_residual_over_noise is not None:
+        pairs = over_noise or [(log.after, log.split.noise) for log in logs]
+        left, noise = (rms(column) for column in zip(*pairs, strict=True))
+        if left > 0.0 and noise == 0.0:
+            raise FitError(
+                f"the noise cannot be separated from the drift that is left, {left:.3g} deg/h rms,"
+                " expected their ratio for max_residual_over_noise ="
+                f" {limits.max_residual_over_noise:g}",
+                hint="log longer ramps or soaks, or state [acceptance] max_drift_rms_dph in its"
+                " place",
             )
+        ratio = left / noise if left > 0.0 else 0.0
+        criteria.append(at_most("residual over noise", ratio, limits.max_residual_over_noise, "1"))
+    if limits.max_drift_rms_dph is not None:
+        largest = max(log.after for log in logs)
+        criteria.append(
+            at_most("largest drift rms after", largest, limits.max_drift_rms_dph, "deg/h")
         )
     if model.mode == "recursive" and model.exported:
-        criteria.append(
-            at_most(
-                "rate gain off 1 by",
-                max(abs(log.gain_recursive - 1.0) for log in logs),
-                limits.rate_gain_tolerance,
-                "1",
-            )
-        )
+        off = max(abs(log.gain_recursive - 1.0) for log in logs)
+        criteria.append(at_most("rate gain off 1 by", off, limits.rate_gain_tolerance, "1"))
     return tuple(criteria)
 
 
@@ -298,7 +277,7 @@ def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -
     if spec.output.rate_uncertainty:
         # of the drift taken off, without noise
         _, blocks = ramps.block_means(log, spec, rated=False)
-        standard = uncertainty.along_blocks(model, blocks, spec.type_b).standard
+        standard = compensate.along_blocks(model, blocks, spec.type_b).standard
         time = values(log.frame, "time_s")
         added["gyro_standard_uncertainty_dph"] = np.interp(time, blocks.time, standard)
     return write_back.rewrite_log(spec, data, log, {"gyro_dph": output}, added), flags
@@ -311,8 +290,9 @@ def validate(
     that were not fitted.
     """
     model = compensate.DriftModel.read(records, spec)
-    level = uncertainty.RestLevel.find(records[forms.FILE].figures)
-    compensated, entries = [], []
+    level = compensate.RestLevel.find(records[forms.FILE].figures)
+    compensated = []
+    entries: list[dict[str, Any]] = []
     for log in logs:
         refuse(ramps.find_unusable(log))
         _, blocks = ramps.block_means(log, spec, rated=bool(model.polynomials))
@@ -321,7 +301,7 @@ def validate(
         output, _ = compensate.compensate_log(log, model, spec)
         entries.append(
             tables.validation_entry(log, log_figures, model)
-            | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b, level)}
+            | {"uncertainty": compensate.check_coverage(model, blocks, spec.type_b, level)}
             | {"allan_deviation": tables.allan_deviations(log, output)}
         )
     flags = tuple(flag for log in compensated for flag in log.flags)
@@ -344,36 +324,20 @@ def validate(
         for name, entry in covered.items()
         if "offset" in entry and abs(entry["offset"]) > entry["offset_expanded_uncertainty"]
     )
-    criteria = [*_covered(spec, entries), *_common_criteria(spec, compensated, model)]
-    if model.exported:
-        before = rms([log.before for log in compensated])
-        after = rms([log.after for log in compensated])
-        criteria = [*_judge_reduction(spec, "drift reduction", before / after), *criteria]
+    reduction = ("drift reduction", drift_reduction(compensated)) if model.exported else None
+    criteria = judge(
+        spec,
+        model,
+        compensated,
+        reduction,
+        covered={entry["name"]: entry["uncertainty"] for entry in entries},
+    )
     first_screen = tables.summarize_validation(compensated, entries)
     summary_tables = (
         *filter(None, [first_screen.table]),
         *tables.coverage_tables(covered, "validated"),
     )
-    return {"logs": entries}, Summary(
-        "", summary_tables, flags, tuple(criteria), overview=first_screen
-    )
-
-
-def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
-    """Criteria for the uncertainty of each log: errors of its 100 s means as large as stated, and
-    the share of them within U.
-    """
-    least_share = spec.acceptance.min_share_within_uncertainty
-    logs_with_means = [log for log in logs if "means_of_100_s" in log["uncertainty"]]
-    criteria = over_stated_u((f"{log['name']}: rms error", log["uncertainty"]) for log in logs)
-    if least_share is not None and logs_with_means:
-        share = np.average(
-            [log["uncertainty"]["share_within_expanded_uncertainty"] for log in logs_with_means],
-            weights=[log["uncertainty"]["means_of_100_s"] for log in logs_with_means],
-        )
-        criterion_name = "share of 100 s means within their uncertainty"
-        criteria.append(at_least(criterion_name, float(share), least_share, "1"))
-    return tuple(criteria)
+    return {"logs": entries}, Summary("", summary_tables, flags, criteria, overview=first_screen)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

@@ -17,8 +17,8 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import bank
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels
+from calibkit.instruments.bias.numeric import bank
+from calibkit.instruments.bias.numeric.bank import OnLevels
 from calibkit.numeric import chunks
 from calibkit.numeric.thermal.left_out import MOVING_DEGC_MIN
 from calibkit.numeric.thermal.pooled_fit import ThermalLog

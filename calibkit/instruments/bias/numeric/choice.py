@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal.numeric import bank_fit
-from calibkit.instruments.fog_thermal.numeric.bank import OnLevels, evaluate
-from calibkit.instruments.fog_thermal.numeric.drift_figures import WORSE, split_noise
+from calibkit.instruments.bias.numeric import bank_fit
+from calibkit.instruments.bias.numeric.bank import OnLevels, evaluate
+from calibkit.instruments.bias.numeric.drift_figures import WORSE, split_noise
 from calibkit.numeric.thermal import fits, uncertainty
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.fog_thermal.numeric import bank as forward, evidence
-from calibkit.instruments.fog_thermal.numeric.bank import Bank, BankModel
-from calibkit.instruments.fog_thermal.numeric.evidence import FLAT, Gram, Posterior, VariancePrior
+from calibkit.instruments.bias.numeric import bank as forward, evidence
+from calibkit.instruments.bias.numeric.bank import Bank, BankModel
+from calibkit.instruments.bias.numeric.evidence import FLAT, Gram, Posterior, VariancePrior
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import BlockNoise

@@ -17,11 +17,11 @@ from calibkit.coefficients import Record, StageResult
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import UsageError
 from calibkit.frame import refuse
-from calibkit.instruments.fog_thermal import forms, ramps, simulate as simulated
-from calibkit.instruments.fog_thermal.numeric import bank as forward, bank_fit, evidence
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.instruments.fog_thermal.simulate_gyro import FogGyro
-from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
+from calibkit.instruments.bias import forms, ramps, simulate_fog as simulated
+from calibkit.instruments.bias.compensate import TURN_ON
+from calibkit.instruments.bias.numeric import bank as forward, bank_fit, evidence
+from calibkit.instruments.bias.recipe import FogThermalRecipe
+from calibkit.instruments.bias.simulate_fog import FogGyro
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows

@@ -16,14 +16,13 @@ import numpy as np
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
 from calibkit.frame import Remark
-from calibkit.instruments.fog_thermal import decision, forms
-from calibkit.instruments.fog_thermal.compensate import DriftModel
-from calibkit.instruments.fog_thermal.numeric import bank, drift_figures
-from calibkit.instruments.fog_thermal.numeric.bank import BankModel, OnLevels
-from calibkit.instruments.fog_thermal.numeric.drift_figures import Hysteresis
-from calibkit.instruments.fog_thermal.ramps import PreparedLog
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.instruments.fog_thermal.uncertainty import TURN_ON
+from calibkit.instruments.bias import drift_choice as decision, forms
+from calibkit.instruments.bias.compensate import TURN_ON, DriftModel
+from calibkit.instruments.bias.numeric import bank, drift_figures
+from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
+from calibkit.instruments.bias.numeric.drift_figures import Hysteresis
+from calibkit.instruments.bias.ramps import PreparedLog
+from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget

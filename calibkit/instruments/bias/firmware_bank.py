@@ -19,15 +19,15 @@ from calibkit.coefficients import Model
 from calibkit.firmware import exact, thermal_steps
 from calibkit.firmware.chain import ChainTerm, Memory, Play
 from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
-from calibkit.instruments.fog_thermal.forms import read_bank
-from calibkit.instruments.fog_thermal.numeric.bank import (
+from calibkit.instruments.bias.forms import read_bank
+from calibkit.instruments.bias.numeric.bank import (
     ORIGIN_DEGC,
     POWERS,
     SCALE_DEGC,
     STATIC_LAGS,
     Bank,
 )
-from calibkit.instruments.fog_thermal.numeric.bank_fit import WARM_UP_S, WIDTHS_DEGC
+from calibkit.instruments.bias.numeric.bank_fit import WARM_UP_S, WIDTHS_DEGC
 from calibkit.thermal_forms import CASE, RATE
 
 ROUNDED = Fraction(1025, 1024)

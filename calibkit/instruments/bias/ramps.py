@@ -15,8 +15,8 @@ from calibkit.coefficients import Figure, Input
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
-from calibkit.instruments.fog_thermal.numeric import published
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.bias.numeric import published
+from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric import intervals, segments
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import ThermalLog

@@ -1,1 +1,0 @@
-"""Thermal drift of fibre-optic gyros."""
