@@ -23,17 +23,11 @@ from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import rank
 
-LEAST_LEVELS = 3
-"""Fewest temperatures that show a slope of K and F0."""
 POWERS = ((3,), (2, 3), (2, 3, 4, 5), (2, 3, 4, 5, 6, 7))
 """What is compared with the line alone, the simplest first."""
 MARGIN = 0.9
 """Factor by which more powers must lower the error: of 40 straight lines one standard error of the
 difference by groups, as drift models are chosen by, lets more than four be bent, this factor fewer.
-"""
-MARGIN_OF_ONE_WAY = 0.5
-"""The same for powers that runs of one direction need to share a line: where the direction goes
-with the temperature, each costs much of K(T).
 """
 
 
@@ -46,7 +40,8 @@ def find_terms(rows: equation.RateRows, *, varies: bool, bent: bool) -> equation
     """
     levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
     order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
-    if levels >= LEAST_LEVELS:
+    # three temperatures show a slope of K and F0
+    if levels >= 3:
         order = max(order, equation.LOWEST_ORDER)
     terms = equation.ResponseTerms(
         order=order,
@@ -64,7 +59,7 @@ def find_terms(rows: equation.RateRows, *, varies: bool, bent: bool) -> equation
     asymmetry *= equation.turns_both_ways(rows.rate_dps)
     # and each run hardly tells an odd power from the even one beside it
     candidates = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
-    best_terms = _best(rows, candidates, MARGIN_OF_ONE_WAY)
+    best_terms = _best(rows, candidates, 0.5)
     return replace(best_terms, shapes=asymmetry + best_terms.shapes)
 
 

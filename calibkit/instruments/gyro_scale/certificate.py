@@ -53,9 +53,6 @@ from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
-MOST_NOTES = 8
-"""Largest number of models with a note for each; more share one note."""
-
 EQUATIONS = (
     Equation(
         forms.LINE.name,
@@ -137,9 +134,6 @@ MAGNITUDES = {
     "repeatability",
 }
 """Figures that are magnitudes and cannot be negative."""
-ONE_TEMPERATURE_DEGC = 1.0
-"""Span of the runs' case temperatures [°C] above which both ends are printed instead of the mean.
-"""
 OF_THESE_RUNS = Words(
     "U leaves out how the scale factor repeats from run to run", "U 未包含各测次间标度因数的重复性"
 )
@@ -374,7 +368,7 @@ def _state_scale(basis: Stated, record: Record) -> Block:
     figures: list[CertificateFigure] = []
     # of many lines one note for all
     notes = [residual_words(line) for line in lines]
-    if len(lines) > MOST_NOTES:
+    if len(lines) > 8:
         rms, dof = sorted(line.residual_rms for line in lines), min(line.dof for line in lines)
         unit = unit_mark(lines[0].residual_unit)
         notes = [
@@ -446,7 +440,7 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
         if forms.TEMPERATURE in line.valid:
             low, high = line.valid[forms.TEMPERATURE]
             text = f"{temperature_of_line(line):.1f}"
-            if high - low > ONE_TEMPERATURE_DEGC:
+            if high - low > 1.0:  # both ends instead of the mean
                 text = f"{low:.1f} … {high:.1f}"
             temperature_label = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
         log, count = line.name.partition(".")[2], runs_of[line.name]

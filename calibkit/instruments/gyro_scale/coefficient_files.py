@@ -35,10 +35,6 @@ from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 
-GRID = 9
-"""Temperatures at which a polynomial's degrees of freedom are compared; the fewest are stated."""
-
-
 Runs = Mapping[str, tuple[TableRun, ...]]
 """Table axis → its runs."""
 
@@ -111,6 +107,8 @@ class CampaignFit:
     """N, ε, γ and α of two gyros."""
     pair_figures: tuple[Figure, ...] = ()
     """These, the interval of α, and γ of A about B's axis."""
+    gammas: tuple[Value, Value] | None = None
+    """γ of a pair by the noise of held rates alone, of B about A's axis and of A about B's."""
     sets: tuple[AxesSet, ...] = ()
     """Runs about three axes, a set for each temperature."""
     fitted: equation.ResponseFit | None = None
@@ -274,7 +272,7 @@ def curve_model(
         polynomial.to_raw_powers(*terms.middle_half, order),
     )
     temp_degc = [run.temp_degc for run in runs]
-    x = terms.mapped(np.linspace(min(temp_degc), max(temp_degc), GRID))
+    x = terms.mapped(np.linspace(min(temp_degc), max(temp_degc), 9))
     dof = curve.of(lambda p: polynomial.powers(x, order) @ p).dof
     per = ["", "/degC", *(f"/degC^{k}" for k in range(2, order + 1))]
     return POLYNOMIAL.write(
@@ -314,6 +312,12 @@ def _response_model(line: str, response: equation.ResponseFit, runs: Sequence[Ta
         valid=valid,
         parameters=tuple(parameters),
     )
+
+
+def temperature_difference(runs: Runs) -> float:
+    """How much warmer [°C] the runs about B's axis of a pair were; NaN where it is not known."""
+    of_a, of_b = (float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab")
+    return of_b - of_a
 
 
 def write_pair(

@@ -26,10 +26,6 @@ from calibkit.instruments.gyro_scale.forms import (
 )
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
-LARGEST_CONDITION = 1e3
-"""Largest condition number of the unit vectors of the input axes: noise of the gyros is amplified
-by at most this factor.
-"""
 TEMPERATURE_SLACK = 5.0
 """Temperatures [°C] beyond the calibrated range in which coefficients without a temperature model
 are used without a flag.
@@ -47,7 +43,8 @@ def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[Gyr
         matrix.require_biases()
         rows, _ = matrix.reference
         unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-        if len(unit) < unit.shape[1] or not np.linalg.cond(unit) < LARGEST_CONDITION:
+        # noise of the gyros is amplified by at most this factor
+        if len(unit) < unit.shape[1] or not np.linalg.cond(unit) < 1e3:
             raise CoefficientError(
                 f"the gyros {', '.join(matrix.gyros)} do not sense three axes: rates about them"
                 " cannot be had",

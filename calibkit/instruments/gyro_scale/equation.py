@@ -31,14 +31,10 @@ SCALE, ZERO = 0, 1
 """Number of K among the results of a line, and of F0."""
 LOWEST_ORDER = 1
 """Of K and F0 over temperature: that a slope is not seen is no proof that there is none."""
-HIGHEST_BEND_ORDER = 2
-"""Of the coefficients of powers of the rate over temperature."""
 SAME_RATE = 0.01
 """Relative difference below which two held rates are one."""
 LEAST_RATES = 6
 """Fewest rates of a line with an asymmetry: three beyond its coefficients."""
-TINY = 1e-6
-"""Difference below which two held rates are one, relative to the largest rate."""
 ASYMMETRY = 1
 """Number of the shape |Ω|; the others are powers of the rate."""
 
@@ -153,7 +149,7 @@ class ResponseTerms:
     @property
     def bend_order(self) -> int:
         """Highest power of x of the coefficients of the shapes."""
-        return min(HIGHEST_BEND_ORDER, self.order) if self.bends == "polynomial" else 0
+        return min(2, self.order) if self.bends == "polynomial" else 0
 
     def split(self, p: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """K and F0 [lines, order + 1] and c_k(T) [lines, k, order + 1] of each line, polynomials in
@@ -311,7 +307,7 @@ def response_pattern(rows: RateRows) -> Array:
     """
     order = np.argsort(rows.rate_dps, kind="stable")
     rate = rows.rate_dps[order]
-    far = np.diff(rate) > SAME_RATE * np.abs(rate[1:]) + TINY * np.max(np.abs(rate))
+    far = np.diff(rate) > SAME_RATE * np.abs(rate[1:]) + 1e-6 * np.max(np.abs(rate))
     level = np.empty(rate.size, dtype=np.int64)
     level[order] = np.concatenate(([0], np.cumsum(far)))
     level_and_run = np.unique(np.column_stack((level, rows.channel, rows.run)), axis=0)

@@ -34,8 +34,6 @@ COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
 MARKERS = "osD^v<>P"
 PANELS = 3
 """Rows of panels on one page."""
-FINE_PPM = 20.0
-"""Deviation up to which the scale of a panel is linear."""
 
 
 def draw(title: str, fitted: Fitted[CampaignFit]) -> Drawn:
@@ -92,7 +90,7 @@ def _draw_errors(
         right.set_xlabel("|table rate| [°/s], negative rates open")
         right.set_xscale("log")
         right.xaxis.set_major_formatter("{x:g}")
-        if largest >= FINE_PPM:
+        if largest >= 20.0:
             # shows both the few ppm of fast rates and the noise of slow ones
             right.set_yscale("symlog", linthresh=10.0)
             decades = [10.0**k for k in range(1, int(np.ceil(np.log10(largest))) + 1)]

@@ -21,7 +21,6 @@ from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.forms import components_of
-from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import (
     bent_response,
     equation,
@@ -41,6 +40,7 @@ from calibkit.instruments.gyro_scale.coefficient_files import (
     line_model,
     of_input_axes,
     stated_components,
+    temperature_difference,
     write_pair,
 )
 from calibkit.instruments.gyro_scale.lines import Lines
@@ -57,8 +57,6 @@ from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.recipe import shared_errors
 
-VARIES_DEGC = 5.0
-"""Least span of the runs' temperatures [°C] for a fit of K over temperature."""
 SMALL_SINE = 0.01
 """Sine of the angle between the gyros below which two γ do not tell the error of mounting."""
 PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
@@ -84,15 +82,16 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: CampaignFit | None = None)
     if not frozen:
         run_lines.require_followed()
     if isinstance(spec, GyroPairRecipe):
-        return _fit_pair(spec, runs, run_lines, frozen)
-    if isinstance(spec, GyroTriadRecipe):
-        return _fit_axes(spec, runs, groups, run_lines, frozen)
-    channels = []
-    for number, gyro in enumerate(spec.gyros):
-        frozen_fit = frozen.channels[number].fitted if frozen else None
-        channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, frozen_fit))
-    of_runs = () if frozen else dict.fromkeys(flags.of_runs(channels, run_lines, spec))
-    return CampaignFit(tuple(channels), run_lines, tuple(of_runs))
+        campaign = _fit_pair(spec, runs, run_lines, frozen)
+    elif isinstance(spec, GyroTriadRecipe):
+        campaign = _fit_axes(spec, runs, groups, run_lines, frozen)
+    else:
+        channels = []
+        for number, gyro in enumerate(spec.gyros):
+            frozen_fit = frozen.channels[number].fitted if frozen else None
+            channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, frozen_fit))
+        campaign = CampaignFit(tuple(channels), run_lines)
+    return campaign if frozen else replace(campaign, flags=flags.of_campaign(spec, runs, campaign))
 
 
 def _fit_over_runs(
@@ -110,7 +109,8 @@ def _fit_over_runs(
     repeated_mask = np.isnan(temperature) | (off_reference <= ROOM_DEGC)
     repeated_mask = repeated_mask if repeated_mask.any() else ~repeated_mask
     repeated = tuple(runs[k] for k in np.flatnonzero(repeated_mask))
-    varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC)
+    # 5 °C are the least span for K over temperature
+    varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= 5.0)
     rows = run_lines.rows_of(runs, gyro)
     if frozen:
         fitted = frozen.refit(rows)
@@ -229,14 +229,19 @@ def _fit_pair(
     # K and F0 of A about a, A about b, B about a, B about b
     places = [2 * "ab".index(gyro) + "ab".index(axis) for gyro, axis in PAIR]
     K = mean_lines.part(places)
-    apart_degc = float(
-        np.mean([run.temp_degc for run in runs["b"]])
-        - np.mean([run.temp_degc for run in runs["a"]])
-    )
+    apart_degc = temperature_difference(runs)
     if np.isfinite(apart_degc):
-        # K_A, K_B, K_Ba, K_Ab at the temperature in the middle of both runs
+        # K_A, K_B, K_Ba, K_Ab at the temperature in the middle of both runs, by the relative
+        # temperature coefficients of both gyros [1/°C]: as stated, or 0 within the largest possible
+        # one, rectangular and alike for both
         gyro_of, warmer_degc = [0, 1, 1, 0], np.array([1.0, -1.0, 1.0, -1.0]) * apart_degc / 2.0
-        coefficients, unknown = _temperature_coefficients(spec)
+        stated = spec.pair.temperature_coefficients_ppm_degc
+        if stated is None:
+            limit = spec.pair.largest_temperature_coefficient_ppm_degc / PPM
+            coefficients, unknown = np.zeros(2), np.full((2, 1), limit / np.sqrt(3.0))
+        else:
+            coefficients = np.array([stated.a, stated.b]) / PPM
+            unknown = spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM * np.eye(2)
         bounds = (K.parameters * warmer_degc)[:, None] * unknown[gyro_of]
         K = K.combined(np.diag(1.0 + warmer_degc * coefficients[gyro_of]))
         K = replace(K, bounds=np.column_stack((K.bounds, bounds)))
@@ -272,35 +277,14 @@ def _fit_pair(
     components = stated_components(run_scale, mounting)
     # values of a refit have no errors, and α has no interval
     pair, figures = write_pair(run_lines, runs, ratios, from_a, components, interval=frozen is None)
-    within_runs, of_pair = run_scale is None, list[str]()
-    if not frozen:
-        of_pair = [flag for axis in "ab" for run in runs[axis] for flag in run.flags]
-        of_pair += [*run_lines.flag_drifts(), *flags.of_gamma(by_noise, from_a)]
-        by_gamma = tilt > 0.0 and "angle" not in known_sizes
-        known_by_gamma = (mounting, ratios.dof[2]) if by_gamma else None
-        of_pair += flags.of_pair(
-            spec, runs, run_lines, apart_degc, known_by_gamma, within_runs=within_runs
-        )
     return CampaignFit(
         tuple(channels),
         run_lines,
-        tuple(dict.fromkeys(of_pair)),
-        within_runs,
+        within_runs=run_scale is None,
         pair=pair,
         pair_figures=figures,
+        gammas=(by_noise, from_a),
     )
-
-
-def _temperature_coefficients(spec: GyroPairRecipe) -> tuple[Array, Array]:
-    """Relative temperature coefficients [2] [1/°C] of both gyros, and what is unknown of them
-    [2, k]: as stated, or 0 within the largest possible one, rectangular and alike for both.
-    """
-    stated = spec.pair.temperature_coefficients_ppm_degc
-    if stated is None:
-        limit = spec.pair.largest_temperature_coefficient_ppm_degc / PPM
-        return np.zeros(2), np.full((2, 1), limit / np.sqrt(3.0))
-    unknown = spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM * np.eye(2)
-    return np.array([stated.a, stated.b]) / PPM, unknown
 
 
 def find_mounting(
@@ -379,19 +363,10 @@ def _fit_axes(
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
         curve = tuple(curves[index : index + 1])
         channels.append(Channel(gyro, axis, axis == senses, runs[axis], curves=curve))
-    of_axes: list[str] = []
-    if not frozen:
-        in_order = [run for group in of_groups for run in group]
-        of_axes = [flag for run in all_runs for flag in run.flags]
-        of_axes += [flags.UNLOGGED] * (not logged and len(all_runs) > len(forms.AXES))
-        of_axes += flags.of_axes_lines(spec, in_order, run_lines)
-        of_axes += flags.of_sets(spec, sets, mounting)
-        of_axes += [Remark(flags.WITHIN)] * (run_scale is None)
     return CampaignFit(
         tuple(channels),
         run_lines,
-        tuple(dict.fromkeys(of_axes)),
-        run_scale is None,
+        within_runs=run_scale is None,
         sets=tuple(sets),
         fitted=fitted,
         bias_curves=tuple(curves[len(channels) :]),

@@ -19,14 +19,20 @@ import numpy as np
 
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError, advise_exclude
-from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation, forms, ordering
-from calibkit.instruments.gyro_scale.coefficient_files import AxesSet, CampaignFit, Channel
+from calibkit.instruments.gyro_scale.coefficient_files import (
+    AxesSet,
+    CampaignFit,
+    Channel,
+    Runs,
+    temperature_difference,
+)
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import PPM, ROOM_DEGC
 from calibkit.instruments.gyro_scale.recipe import (
+    AnyRecipe,
     GyroPairRecipe,
     GyroTriadRecipe,
     RateTableRecipe,
@@ -35,38 +41,16 @@ from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric import gum, left_out_run
 from calibkit.recipe import shared_errors
 
-ONE_TEMPERATURE_DEGC = 10.0
-"""Largest span of temperatures [°C] of runs that count as repeated."""
 CHANCE = 0.005
 """Probability with which a gyro of a faultless campaign is named, of all its logs together."""
 ANOTHER = 1e-3
 """Relative difference from the other runs above which a scale factor is another gyro's or
 setting's: what is fitted through both is the scale factor of neither, and is rejected.
 """
-LEAST_OTHERS = 2
-"""Fewest other logs about an axis with which one is held against them."""
-COLLINEAR = 4.0
-"""Distance of an angle from 0° or 180°, in standard uncertainties, below which its first-order
-uncertainty is flagged.
-"""
-LEAST_REPEATED = 2
-"""Fewest repeated runs that show how they differ."""
-UNCERTAIN = 1e-3
-"""Relative standard uncertainty above which a scale factor is flagged."""
 CONSISTENT = 4.0
 """Difference of two results, in standard uncertainties, above which they are inconsistent."""
 NOISE = 2.0
 """Standard uncertainties of γ within which it may be a limit of it."""
-OPPOSITE = 20.0
-"""Standard uncertainties: two γ that differ by more than this, while their sum is within it, count
-as equal and opposite.
-"""
-MOUNTED = 2.0 * float(np.radians(0.1))
-"""Largest difference of two γ by two mountings that are each up to 0.1° off: where γ is as small,
-two of opposite sign are no turned sign.
-"""
-FLAGGED_DEGC = 0.2
-"""Difference between the two runs' temperatures [°C] from which it is flagged."""
 UNLOGGED = (
     "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
 )
@@ -90,7 +74,7 @@ def list_undetermined(campaign: CampaignFit) -> list[str]:
             "K and F0 over temperature: log runs at temperatures 5 °C apart or more",
         ),
         (
-            any(len(channel.repeated) < LEAST_REPEATED for channel in campaign.channels),
+            any(len(channel.repeated) < 2 for channel in campaign.channels),
             "repeatability: log two runs or more at the reference temperature",
         ),
     )
@@ -98,16 +82,27 @@ def list_undetermined(campaign: CampaignFit) -> list[str]:
 
 def of_uncertain(name: str, K: float, u: float) -> Iterator[str]:
     """Flag for a poorly determined scale factor: a run was too slow, too short or too noisy."""
-    if not u < UNCERTAIN * abs(K):
+    if not u < 1e-3 * abs(K):
         accuracy_text = f"{name}: K is known to {100.0 * u / abs(K):.2g} % only"
         yield f"{accuracy_text}: hold faster rates, or hold them longer"
 
 
-def of_runs(channels: Sequence[Channel], run_lines: Lines, spec: RateTableRecipe) -> Iterator[str]:
+def of_campaign(spec: AnyRecipe, runs: Runs, campaign: CampaignFit) -> tuple[str, ...]:
+    """Flags of a campaign, each once: of its logs, then of what is fitted to them."""
+    of_logs = [flag for group in runs.values() for run in group for flag in run.flags]
+    if isinstance(spec, GyroPairRecipe):
+        of_fit = _of_pair(spec, runs, campaign)
+    elif isinstance(spec, GyroTriadRecipe):
+        of_fit = _of_axes(spec, runs, campaign)
+    else:
+        of_fit = _of_runs(spec, campaign)
+    return tuple(dict.fromkeys((*of_logs, *of_fit)))
+
+
+def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
     """Flags of runs about one axis."""
+    channels, run_lines = campaign.channels, campaign.run_lines
     runs = channels[0].runs
-    for run in runs:
-        yield from run.flags
     yield from run_lines.flag_drifts()
     for channel in channels:
         name, gyro, repeated = channel.name, channel.gyro, channel.repeated
@@ -183,8 +178,11 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> list[str]:
 def refuse_opposite(by_noise: Value, from_a: Value) -> None:
     """Raise FitError for two γ that are equal and opposite, by more than mountings can be off."""
     gamma, gamma_a = float(by_noise.value), float(from_a.value)
-    limit = OPPOSITE * float(np.hypot(by_noise.u, from_a.u))
-    if abs(gamma_a - gamma) > max(limit, MOUNTED) and limit > abs(gamma_a + gamma):
+    # apart by more than this, while their sum is within it: equal and opposite
+    limit = 20.0 * float(np.hypot(by_noise.u, from_a.u))
+    # two mountings that are each 0.1° off make small γ of opposite sign too
+    mounted = 2.0 * float(np.radians(0.1))
+    if abs(gamma_a - gamma) > max(limit, mounted) and limit > abs(gamma_a + gamma):
         raise FitError(
             f"gamma is {gamma:.6g} from B about A's axis and {gamma_a:.6g} from A"
             " about B's: equal and opposite",
@@ -225,19 +223,15 @@ def of_gamma(indicated: Value, from_a: Value) -> list[str]:
     )
 
 
-def of_pair(
-    spec: GyroPairRecipe,
-    runs: Mapping[str, tuple[TableRun, ...]],
-    run_lines: Lines,
-    apart_degc: float,
-    mounting: tuple[Shared, float] | None,
-    *,
-    within_runs: bool,
-) -> Iterator[str]:
-    """Flags of a pair: runs at two temperatures, with what N carries of it, scale factors that hold
-    within the runs, a mounting error that only the two γ tell, with its degrees of freedom, time,
-    and doubtful runs.
+def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterator[str]:
+    """Flags of a pair: γ at its limits, runs at two temperatures, with what N carries of it, scale
+    factors that hold within the runs, a mounting error that only the two γ tell, time, and doubtful
+    runs.
     """
+    run_lines, apart_degc = campaign.run_lines, temperature_difference(runs)
+    yield from run_lines.flag_drifts()
+    assert campaign.gammas is not None  # noqa: S101 (as of every pair)
+    yield from of_gamma(*campaign.gammas)
     limit = spec.pair.largest_temperature_coefficient_ppm_degc
     stated = spec.pair.temperature_coefficients_ppm_degc is not None
     yield from _those(
@@ -246,7 +240,7 @@ def of_pair(
             "temperature is not logged: N carries no difference between the runs' temperatures",
         ),
         (
-            abs(apart_degc) > FLAGGED_DEGC and not stated,
+            abs(apart_degc) > 0.2 and not stated,
             (
                 f"the two runs are {abs(apart_degc):.1f} °C apart: u of N holds"
                 f" {limit * abs(apart_degc) / np.sqrt(3.0):.2g} ppm for scale factors that change"
@@ -254,17 +248,19 @@ def of_pair(
                 " state pair.temperature_coefficients_ppm_degc"
             ),
         ),
-        (within_runs, Remark(f"N: {WITHIN}")),
+        (campaign.within_runs, Remark(f"N: {WITHIN}")),
     )
-    if mounting:
-        error, gamma_dof = mounting
+    assert campaign.pair is not None  # noqa: S101
+    mounting = [part for part in campaign.pair.components if part.group == "mounting"]
+    if mounting and "angle" not in spec.known_errors():
+        dof = campaign.pair.dof_of(campaign.pair.coefficients[2])
         yield (
-            f"the two runs show a mounting error of {error.size:.2g}°, which is in u of gamma"
-            f" and alpha with {gamma_dof:.2g} degrees of freedom (k ="
-            f" {gum.coverage_factor(gamma_dof):.3g}): state how well a mounting repeats in"
+            f"the two runs show a mounting error of {mounting[0].value:.2g}°, which is in u of"
+            f" gamma and alpha with {dof:.2g} degrees of freedom (k ="
+            f" {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
-    yield from of_time(run_lines, "ab")
+    yield from _of_time(run_lines, "ab")
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         K = run_lines.of_runs(runs[gyro], gyro)
@@ -273,28 +269,11 @@ def of_pair(
         yield from of_contradicted_runs(name, runs[gyro], K)
 
 
-def of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
+def _of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
     """Flags of scale factors that change with time since the runs began."""
     for gyro, lines, decided in run_lines.in_time:
         K = run_lines.K[lines].mean()
         yield from ordering.flag(forms.line_name(gyros[gyro]), decided, K)
-
-
-def of_axes_lines(
-    spec: GyroTriadRecipe, runs: Sequence[TableRun], run_lines: Lines
-) -> Iterator[str]:
-    """Flags of the lines of single runs about three axes, in the order of the lines: what changed
-    during a run, runs that contradict the others, time.
-    """
-    yield from run_lines.flag_drifts()
-    axis_of = run_lines.axis_of[:: len(spec.gyros)]
-    main = np.abs(run_lines.sensitivity()).argmax(axis=1)
-    for gyro, axis in zip(spec.gyros, main, strict=True):
-        axis_runs = [run for run_axis, run in zip(axis_of, runs, strict=True) if run_axis == axis]
-        name = forms.line_name(gyro, forms.AXES[axis])
-        yield from of_contradicted_runs(name, axis_runs, run_lines.of_runs(axis_runs, gyro))
-    yield from of_contradicted_shares(run_lines, runs, spec.gyros)
-    yield from of_time(run_lines, spec.gyros)
 
 
 def require_own_axes(sets: Sequence[AxesSet], gyros: Sequence[str]) -> None:
@@ -325,19 +304,36 @@ def of_directions(figures: Mapping[str, Figure], gyros: Sequence[str]) -> Iterat
     """Flags of input axes by their figures: parallel ones, and such that leave a direction out."""
     for g, h in combinations(gyros, 2):
         angle = figures[f"angle_deg.{g}_{h}"]
-        if min(angle.value, 180.0 - angle.value) < COLLINEAR * angle.standard_uncertainty:
+        # from 0° and 180° its first-order uncertainty tells nothing
+        if min(angle.value, 180.0 - angle.value) < 4.0 * angle.standard_uncertainty:
             yield f"gyros {g} and {h} are collinear within noise"
     unit = [[figures[f"misalignment.{gyro}{a}"].value for a in forms.AXES] for gyro in gyros]
     if np.linalg.matrix_rank(unit, tol=1e-6) < len(forms.AXES):
         yield "the gyros do not span three axes: the compensation leaves rates out"
 
 
-def of_sets(
-    spec: GyroTriadRecipe, sets: Sequence[AxesSet], mounting: Shared | None
-) -> Iterator[str]:
-    """Flags for left-handed input axes, poorly determined scale factors, and biases that are
-    inconsistent or unknown.
+def _of_axes(spec: GyroTriadRecipe, runs: Runs, campaign: CampaignFit) -> Iterator[str]:
+    """Flags of runs about three axes: what changed during a run, runs that contradict the others,
+    time; left-handed input axes, poorly determined scale factors, and biases that are inconsistent
+    or unknown.
     """
+    sets, run_lines = campaign.sets, campaign.run_lines
+    run_of_file = {run.log.file: run for group in runs.values() for run in group}
+    logged = np.isfinite([run.temp_degc for run in run_of_file.values()]).all()
+    if not logged and len(run_of_file) > len(forms.AXES):
+        yield UNLOGGED
+    yield from run_lines.flag_drifts()
+    main = np.abs(run_lines.sensitivity()).argmax(axis=1)
+    # in the order of the lines, by the temperature of their sets
+    in_order = [run_of_file[file] for file in dict.fromkeys(file for file, _ in run_lines.number)]
+    axis_of = run_lines.axis_of[:: len(spec.gyros)]
+    for gyro, axis in zip(spec.gyros, main, strict=True):
+        axis_runs = [run for about, run in zip(axis_of, in_order, strict=True) if about == axis]
+        name = forms.line_name(gyro, forms.AXES[axis])
+        yield from of_contradicted_runs(name, axis_runs, run_lines.of_runs(axis_runs, gyro))
+    yield from of_contradicted_shares(run_lines, in_order, spec.gyros)
+    yield from _of_time(run_lines, spec.gyros)
+    stated_mounting = "angle" in spec.known_errors()
     for axes_set in sets:
         for flag in of_directions(axes_set.figures, spec.gyros):
             yield f"{_place(axes_set)}{flag}"
@@ -355,7 +351,7 @@ def of_sets(
         yield from of_uncertain(name, size.value, size.standard_uncertainty)
     yield from _those(
         (
-            mounting is None and len(spec.gyros) > 1,
+            not stated_mounting and len(spec.gyros) > 1,
             Remark(
                 "the errors of mounting are not in u of the angles and unit vectors: state how a"
                 ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
@@ -379,6 +375,8 @@ def of_sets(
                 f"{_place(axes_set)}the bias is known to {largest:.2g} °/h only: it differs between"
                 " the table axes (latitude, table axis, or a bias that depends on acceleration)"
             )
+    if campaign.within_runs:
+        yield Remark(WITHIN)
 
 
 class Contradiction(str):
@@ -415,7 +413,8 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     """
     temp_degc = np.array([run.temp_degc for run in runs])
     files, K, u = [run.log.file for run in runs], K_of_runs.value, K_of_runs.u
-    if len(runs) == 1 or not np.ptp(temp_degc) > ONE_TEMPERATURE_DEGC:
+    # within 10 °C runs count as repeated
+    if len(runs) == 1 or not np.ptp(temp_degc) > 10.0:
         differences = np.abs(K / np.median(K) - 1.0)
         if differences.max() > ANOTHER:
             difference_text = (
@@ -477,7 +476,8 @@ def of_contradicted_shares(
     for log, run in enumerate(runs):
         log_lines, other_lines = across_mask & (log_of == log), across_mask & (log_of != log)
         count = np.bincount(channel[other_lines], minlength=channel.max() + 1)
-        if not log_lines.any() or count[channel[log_lines]].min() < LEAST_OTHERS:
+        # a log is held against two others or more
+        if not log_lines.any() or count[channel[log_lines]].min() < 2:
             continue
         total = np.bincount(channel[other_lines], share[other_lines], count.size)
         mean = total / np.maximum(count, 1)

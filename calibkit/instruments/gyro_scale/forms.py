@@ -30,14 +30,6 @@ BEND_LETTERS = "cde"
 """Coefficients of powers of the rate, by their power of temperature."""
 AXES = ("x", "y", "z")
 """Axes of the base that a triad is turned about."""
-HIGHEST_POWER = 7
-"""Of the rate in a response."""
-MONOTONIC_GRID = 201
-"""Rates at which a response is required to rise."""
-MONOTONIC_LEVELS = 5
-"""Temperatures at which it is."""
-NEWTON_STEPS = 20
-"""More than enough: each doubles the digits of a rate."""
 
 
 def gyro_column(gyro: str) -> str:
@@ -74,7 +66,7 @@ def _bent(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     if TEMPERATURE in model.valid:
         middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
         x = (inputs[TEMPERATURE] - middle) / half
-    of_rate: list[Numbers] = [np.zeros(1)] * (1 + HIGHEST_POWER)
+    of_rate: list[Numbers] = [np.zeros(1)] * (1 + 7)
     for coefficient, value in zip(model.coefficients, p, strict=True):
         letter, number = coefficient.name[0], int(coefficient.name[1:])
         if letter in BEND_LETTERS:
@@ -202,9 +194,9 @@ class GyroMatrix:
         Raises CoefficientError for a response that does not rise with the rate everywhere.
         """
         low, high = self.rate_limits
-        grid = np.linspace(low, high, MONOTONIC_GRID)
+        grid = np.linspace(low, high, 201)
         # it bends with temperature to the second power, so that both ends of the range do not tell
-        for degc in np.linspace(*response.valid.get(TEMPERATURE, (0.0, 0.0)), MONOTONIC_LEVELS):
+        for degc in np.linspace(*response.valid.get(TEMPERATURE, (0.0, 0.0)), 5):
             if not (np.diff(self._indicated(grid, np.full(grid.shape, degc))) > 0.0).all():
                 raise CoefficientError(
                     "the response is not monotonic over its rates",
@@ -217,7 +209,8 @@ class GyroMatrix:
         rate = low + (inside - at_low) / (at_high - at_low) * (high - low)
         # of central differences: far below the width of a bend, far above the rounding of rates
         step = 1e-4 * (high - low)
-        for _ in range(NEWTON_STEPS):
+        # more than enough: each doubles the digits of a rate
+        for _ in range(20):
             indicated_above, indicated_below = (
                 self._indicated(rate + way, temperature) for way in (step, -step)
             )

@@ -31,56 +31,8 @@ NOISE_RANGE = 10.0
 """Largest peak-to-peak range of a held rate, in standard deviations of the rate's noise."""
 QUANTA = 3.5
 """Largest range, in quanta, that a rate flickering between quantised values adds."""
-FLICKER = 0.02
-"""Least share of the rows at which a quantised rate must flicker."""
-SOON = 8
-"""Rows within which a flicker must reverse."""
-SMALL = 5e-3
-"""Change of rate, relative to the largest rate, above which it is a step of the table and not a
-flicker.
-"""
-GAP = 3.0
-"""Sampling interval, in median intervals, above which a gap ends the held rate."""
-ANGLE_SLACK = 10.0
-"""Factor on the allowed range for the rate from the table angle, which includes the jitter of the
-time stamps.
-"""
-DISAGREEMENT = 10e-6
-"""Relative difference between table angle and table rate above which it is flagged."""
 BLOCKS = 16
 """Number of blocks that a held rate is divided into for the test of white noise."""
-LEAST_BLOCK = 4
-"""Rows of a block from which its mean tells of autocorrelation."""
-ONE_PHASE = 1e-7
-"""Singular value, relative to the largest, below which cos and sin of the angle are one column."""
-ROUNDED = 1e-7
-"""Size of a column, relative to the largest it can have, below which it is rounding of a commanded
-angle or rate.
-"""
-SINGULAR = 1e-8
-"""Eigenvalue, relative to the largest, below which the columns do not determine a combination."""
-INVOLVED = 1e-3
-"""Share of the earth's columns in such a combination from which they are not determined either."""
-WHITE_RATIO = 1.3
-"""Ratio of the variance of block means to that of white noise, above which the noise counts as
-autocorrelated.
-"""
-CHANCE = 4.0
-"""Standard deviations by which the ratio must exceed 1."""
-SETTLING = 8.0
-"""Departure of the first block mean of a held rate, in standard deviations of block means, from
-which the gyro counts as not settled.
-"""
-ONE_PPM = 1e-6
-"""Least such departure, relative to full scale."""
-UNSETTLED = 0.1
-"""Least share of unsettled rates for a flag: a lagging gyro is unsettled after most changes of
-rate, a single one may be by chance.
-"""
-NO_RATE_HINT = (
-    "check that the rate column is the table's, or allow shorter plateaus or a wider range of rate;"
-    " where each row is the mean over a held rate: plateaus.one_row = true"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,14 +106,15 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
     quantum, windows = 0.0, np.zeros(0, dtype=np.bool_)
     if time_s.size >= window:
         quantum = QUANTA * _quantum(rate_dps)
-        # windows that contain no gap
-        gaps = np.concatenate(([0], np.cumsum(motion.interval_s[1:] > GAP * interval)))
+        # windows that contain no gap, an interval of more than three usual ones
+        gaps = np.concatenate(([0], np.cumsum(motion.interval_s[1:] > 3.0 * interval)))
         windows = gaps[window - 1 :] == gaps[: gaps.size - window + 1]
         windows &= _is_held(rate_dps, window, rules.relative, max(rules.floor_dps, quantum))
         if motion.angle_logged:
             # a commanded rate steps at once, while the table takes its time: only the angle shows
             # that
-            by_turn, wide = motion.turn_deg / motion.interval_s, ANGLE_SLACK * rules.relative
+            # the rate by the angle includes the jitter of the time stamps: ten times the range
+            by_turn, wide = motion.turn_deg / motion.interval_s, 10.0 * rules.relative
             floor_dps = max(rules.floor_dps, QUANTA * _quantum(by_turn))
             windows &= _is_held(by_turn, window, wide, floor_dps)
     fewest, spans, covered = max(rules.shortest_samples // 2, 2), [], 0
@@ -182,7 +135,12 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
         angle_text = ", by table rate and table angle together" if motion.angle_logged else ""
         raise FitError(
-            f"no held rate of {rules.shortest_s:g} s in {span}{angle_text}", hint=NO_RATE_HINT
+            f"no held rate of {rules.shortest_s:g} s in {span}{angle_text}",
+            hint=(
+                "check that the rate column is the table's, or allow shorter plateaus or a wider"
+                " range of rate; where each row is the mean over a held rate:"
+                " plateaus.one_row = true"
+            ),
         )
     return np.array(spans, dtype=np.int64)
 
@@ -227,14 +185,17 @@ def average(
     length = np.sqrt(np.diag(gram))
     fastest = max(map(abs, chunks.extremes(motion.rate_dps)))
     largest = np.sqrt(count) * np.array([1.0, 1.0, fastest, fastest, fastest])
-    present = length > ROUNDED * largest
+    # a smaller column is rounding of a commanded angle or rate
+    present = length > 1e-7 * largest
     inverse_length = np.where(present, 1.0 / np.where(present, length, 1.0), 0.0)
     eigenvalues, vectors = np.linalg.eigh(gram * np.outer(inverse_length, inverse_length))
-    determined = eigenvalues > SINGULAR * max(float(eigenvalues[-1]), np.finfo(np.float64).tiny)
+    # combinations of columns with smaller eigenvalues are not determined
+    determined = eigenvalues > 1e-8 * max(float(eigenvalues[-1]), np.finfo(np.float64).tiny)
     inverse = (vectors[:, determined] / eigenvalues[determined]) @ vectors[:, determined].T
     factors = (inverse @ (inverse_length[:, None] * (X.T @ F))) * inverse_length[:, None]
     # whether h, the earth's horizontal rate, is separable from the other columns
-    earth_known = bool(present[:2].all() and np.all(np.abs(vectors[:2, ~determined]) < INVOLVED))
+    # of which they make a share in no combination that is not determined
+    earth_known = bool(present[:2].all() and np.all(np.abs(vectors[:2, ~determined]) < 1e-3))
     rest = F - X @ factors
     rests = np.split(rest, np.cumsum([len(columns) for columns in centred_columns])[:-1])
     dof = max(count - len(parts) - int(determined.sum()), 1)
@@ -289,7 +250,7 @@ def average(
         ),
         *noise_flags,
         (
-            abs(relative) > DISAGREEMENT,  # not where no angle is logged
+            abs(relative) > 10e-6,  # by 10 ppm; not where no angle is logged
             f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says",
         ),
     )
@@ -377,14 +338,16 @@ def _quantum(rate: Array) -> float:
     steps = np.diff(rate)
     changes = np.abs(steps)
     quantum = float(np.min(changes, where=changes > 0.0, initial=np.inf))
-    if not quantum < SMALL * float(np.max(np.abs(rate))):
+    # a larger change, relative to the largest rate, is a step of the table
+    if not quantum < 5e-3 * float(np.max(np.abs(rate))):
         return 0.0
     rows = np.flatnonzero(steps)
     change = steps[rows]
     flicker = np.abs(change) < 1.5 * quantum
-    taken_back = (change[1:] * change[:-1] < 0.0) & (np.diff(rows) < SOON)
+    # a flicker reverses within 8 rows, at 2 % of the rows at least
+    taken_back = (change[1:] * change[:-1] < 0.0) & (np.diff(rows) < 8)
     count = int(np.count_nonzero(flicker[1:] & flicker[:-1] & taken_back))
-    return quantum if count > FLICKER * rate.size else 0.0
+    return quantum if count > 0.02 * rate.size else 0.0
 
 
 def _steady(
@@ -455,14 +418,16 @@ def _variance(
     it is not white; flags, each after its test.
     """
     variances, ratios, creeping = [], [], 0
-    least_departure = ONE_PPM * float(np.max(np.abs(values)))
+    # a gyro that departs by less than 1 ppm of full scale counts as settled
+    least_departure = 1e-6 * float(np.max(np.abs(values)))
     for part, rest in zip(parts, rests, strict=True):
         noise = rest
         if part.revolutions and not motion.angle_logged:
             # the phase of the earth's rate differs between held rates
             of_angle = _of_angle(motion, part.rows)
             of_angle -= of_angle.mean(axis=0)
-            noise = rest - of_angle @ np.linalg.lstsq(of_angle, noise, rcond=ONE_PHASE)[0]
+            # over less of a turn cos and sin of the angle are one column
+            noise = rest - of_angle @ np.linalg.lstsq(of_angle, noise, rcond=1e-7)[0]
         variance = np.sum(noise**2, axis=0) / max(len(noise) - 1, 1)
         weights = part.weights
         variances.append(variance * (np.sum(weights**2) / np.sum(weights) ** 2))
@@ -470,21 +435,23 @@ def _variance(
         if not len(blocks):
             continue
         length = len(noise) // BLOCKS
-        if length >= LEAST_BLOCK:
+        # shorter blocks do not tell of autocorrelation
+        if length >= 4:
             tiny = np.finfo(np.float64).tiny
             ratios.append(blocks.var(axis=0, ddof=1) * length / np.maximum(variance, tiny))
-        # a first block that differs from the second half by more than noise
+        # a first block that differs from the second half by 8 standard deviations of a block
         later = blocks[BLOCKS // 2 :]
         departure = np.abs(blocks[0] - later.mean(axis=0))
         creeping += bool(
-            np.any(departure > np.maximum(SETTLING * later.std(axis=0, ddof=1), least_departure))
+            np.any(departure > np.maximum(8.0 * later.std(axis=0, ddof=1), least_departure))
         )
     raised = np.ones(values.shape[1])
     if ratios:
         mean = np.mean(ratios, axis=0)
-        # a variance with b − 1 degrees of freedom has a relative standard deviation √(2/(b − 1))
-        chance = 1.0 + CHANCE * np.sqrt(2.0 / ((BLOCKS - 1) * len(ratios)))
-        raised = np.where(mean > max(WHITE_RATIO, chance), mean, 1.0)
+        # a variance with b − 1 degrees of freedom has a relative standard deviation √(2/(b − 1)):
+        # noise counts as autocorrelated from four of these on, and from a ratio of 1.3
+        chance = 1.0 + 4.0 * np.sqrt(2.0 / ((BLOCKS - 1) * len(ratios)))
+        raised = np.where(mean > max(1.3, chance), mean, 1.0)
     return np.array(variances) * raised, (
         (
             bool((raised > 1.0).any()),
@@ -494,7 +461,8 @@ def _variance(
             ),
         ),
         (
-            creeping > UNSETTLED * len(parts),
+            # a lagging gyro is unsettled after most changes of rate, one may be by chance
+            creeping > 0.1 * len(parts),
             (
                 f"{creeping} of {len(parts)} plateaus begin off their mean: the gyro had not"
                 " settled, allow a longer plateaus.settle_s"

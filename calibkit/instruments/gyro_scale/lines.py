@@ -34,12 +34,6 @@ DRIFTS = {
 """Errors that change during a run and are taken out where they are seen, and what a flag says."""
 BENDS = np.array([2, 3, 5, 7])
 """Powers of the rate of which the bend of a response is made that no run repeats."""
-ALIKE = 0.02
-"""Share of a column that a line must leave over, for the rates to tell it."""
-DRIFTED = 2.0
-"""Change during a run, in standard uncertainties of a held rate (both rms), from which it is
-flagged.
-"""
 FOLLOWS = 0.2
 """Relative standard uncertainty of a scale factor from which a gyro does not follow the table."""
 
@@ -198,7 +192,8 @@ class Lines:
         sizes = {size.error.effect: size.errors for size in self.fitted.fit.shared}
         for (file, gyro), line in self.number.items():
             rows = self.rows.line == line
-            least_drift = DRIFTED * rms(self.all_published[line].noise)
+            # changes of twice the noise of a held rate (both rms) are flagged
+            least_drift = 2.0 * rms(self.all_published[line].noise)
             changed = [
                 DRIFTS[effect].format(sizes[effect][line, 0])
                 for effect, drift in drifts.items()
@@ -375,7 +370,8 @@ def _bounds(fitted: equation.ResponseFit, errors: Sequence[Shared]) -> Array:
         ) -> Array:
             """Change [2] of K and F0 by a column beside the line, where the rates tell it."""
             residual = column - line @ (solver @ column)
-            if np.linalg.norm(residual) <= ALIKE * np.linalg.norm(column):
+            # the rates do not tell a column of which a line leaves no 2 %
+            if np.linalg.norm(residual) <= 0.02 * np.linalg.norm(column):
                 return np.zeros(2)
             return (solver @ column) * (residual @ F) / (residual @ residual)
 

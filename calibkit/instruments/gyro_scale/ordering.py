@@ -22,14 +22,8 @@ CHANCE, CERTAIN = 1e-4, 20.0
 """Probability of so large an F by chance, and D from which one of both is certain."""
 TAUS, LEAST_DOF = 30, 3
 """Number of time constants that are tried, and fewest degrees of freedom of s²."""
-ALONE = 0.8
-"""Share of φ that a line over the rates must leave, for a zero that changes with time to be
-separated from K.
-"""
 STEADY_DEGC = 0.1
 """Change of temperature in a run [°C] whose effect need not be known."""
-SEPARABLE = 0.1
-"""Share of Ω t that a line and N must leave, for rates to tell time from the response."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +87,7 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
             f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
             f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
         )
-    elif ordering.separable < SEPARABLE:
+    elif ordering.separable < 0.1:
         yield (
             f"{name}: rates rise with time: a scale factor that warms up looks like a bent"
             f" response; {cure}"
@@ -114,8 +108,8 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     designs, squares = [], []
     for phi in (*(np.exp(-t / tau) for tau in taus), t):
         design = np.column_stack((line, w * phi))
-        # φ itself only where it is not a line over rates that follow time closely
-        if np.linalg.norm(_residual(line, phi)) > ALONE * np.linalg.norm(phi - phi.mean()):
+        # φ itself only where a line over the rates leaves most of it: it is no K then
+        if np.linalg.norm(_residual(line, phi)) > 0.8 * np.linalg.norm(phi - phi.mean()):
             design = np.column_stack((design, phi))
         designs.append(design)
         squares.append(float(np.sum(_residual(design, F) ** 2)))

@@ -19,8 +19,6 @@ from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
 """Table axis in the name of a log: a single letter, or a letter after a word for axis."""
-MOST = 0.5
-"""Share of the rows of a table without times from which each is a rate of its own."""
 REFERENCE = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
 """Columns that every rate-table recipe reads."""
 
@@ -80,9 +78,9 @@ def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
     """Axis and column of each gyro; empty for logs that are not of a rate table."""
     if "table_rate_dps" not in evidence.columns:
         return []
-    # without times each row is a held rate: logs without a header, or of another rate in each row
+    # without times each row is a held rate: logs without a header, or of another rate in most rows
     rate = evidence.glimpse.first.get(evidence.columns["table_rate_dps"].name, np.empty(0))
-    row_a_rate = rate.size > 1 and float(np.mean(np.diff(rate) != 0.0)) > MOST
+    row_a_rate = rate.size > 1 and float(np.mean(np.diff(rate) != 0.0)) > 0.5
     if "time_s" not in evidence.columns and not (evidence.group.layout.names or row_a_rate):
         return []
     return [

@@ -41,11 +41,6 @@ REST = 1e-9
 """Rate, relative to the largest, up to which the table rests, and step [°/s] that is none."""
 ROOM_DEGC = 5.0
 """Largest difference from room temperature [°C] of runs that count as repeated (GJB 2426A)."""
-NEAR_ONE = 10.0
-"""Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
-IMPOSSIBLE = 0.05
-"""Excess of |γ| over 1 that neither noise nor misalignment explains: the logs belong to other axes.
-"""
 _NAME = re.compile(rf"(\w+)\.(?:({GJB}|{IEEE})\.)?(.+)")
 
 
@@ -295,7 +290,8 @@ def find_ratios(K: Fit) -> Ratios:
     # α is monotonic in γ: its interval is that of γ, which ends at ±1
     half = gum.coverage_factor(float(indicated.dof), probability=0.95) * u_gamma
     ends = np.degrees(np.arccos(np.clip([gamma + half, gamma - half], -1.0, 1.0)))
-    if 1.0 - abs(gamma) > NEAR_ONE * u_gamma:
+    # within ten standard uncertainties of |γ| = 1 first-order propagation to α fails
+    if 1.0 - abs(gamma) > 10.0 * u_gamma:
         slope = -180.0 / np.pi / np.sqrt(1.0 - gamma**2)
     else:
         # dα/dγ = -1/sin α diverges at 0° and 180°: the mean slope over the interval
@@ -313,7 +309,8 @@ def indicate(K: Fit) -> Value:
     finite = np.isfinite(values).all() and np.isfinite(K.total_covariance).all()
     if not finite or K_A == 0.0 or K_B == 0.0:
         raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
-    if abs(K_Ba / K_B) > 1.0 + IMPOSSIBLE:
+    # an excess that neither noise nor misalignment explains: logs of other axes
+    if abs(K_Ba / K_B) > 1.05:
         raise FitError(
             f"gamma {K_Ba / K_B:g} is far beyond 1: gyro B indicates more about A's axis than"
             " about its own",

@@ -35,19 +35,11 @@ DECIMALS = {
     "gyro_a_lsb": 1,
     "gyro_b_lsb": 1,
 }
-SPARE_S = 6.0
-"""Hold time beyond a whole revolution [s], for settling."""
 FINE = 10
 """Integration steps of the simulated motion per sampling interval."""
 AXES = ("a_about_a", "b_about_a", "b_about_b", "a_about_b")
 """Keys <gyro>_about_<table axis> of the input axes of both gyros in both runs."""
-LARGEST_MOUNTING_ERROR_DEG = 0.02
-"""Largest angle between a gyro's input axis and the table axis nominally its own [°]."""
 GYROS = ("x", "y", "z")
-LARGEST_MOUNTING_DEG = 0.3
-"""Largest angle of an input axis from the base axis that it is named after [°]."""
-LARGEST_TURN_DEG = 0.02
-"""Largest rotation of an input axis over 100 °C [°]."""
 TRIAD_RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 """Rates that the table holds in each direction about each of three axes [°/s]."""
 
@@ -167,7 +159,8 @@ def _motion(table: TurnedTable, rates_dps: Sequence[float]) -> _Motion:
         revolution = 360.0 / abs(rate) if rate else 0.0
         corners += [
             begin,
-            begin + (max(table.shortest_hold_s, SPARE_S + 1.02 * revolution) if rate else 3.0),
+            # hold time beyond a whole revolution, for settling
+            begin + (max(table.shortest_hold_s, 6.0 + 1.02 * revolution) if rate else 3.0),
         ]
         corner_rates += [rate, rate]
     step = table.interval_s / FINE
@@ -339,7 +332,8 @@ def pair(
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     alpha = 90.0 + float(rng.normal(0.0, 1.0)) * 0.3 if alpha_deg is None else alpha_deg
-    mounting = np.zeros(2) if ideal else rng.uniform(0.0, LARGEST_MOUNTING_ERROR_DEG, 2)
+    # of a gyro's input axis against the table axis nominally its own [°]
+    mounting = np.zeros(2) if ideal else rng.uniform(0.0, 0.02, 2)
     tilts = (mounting[0], alpha, mounting[1], alpha)
     # by gyro and run: each run has its own orientation about its table axis
     directions = {
@@ -408,9 +402,11 @@ def triad(
 
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    tilts = np.tan(np.radians(LARGEST_MOUNTING_DEG)) * rng.uniform(-1.0, 1.0, (3, 3)) / np.sqrt(2.0)
+    # input axes are up to 0.3° off the base axes that they are named after
+    tilts = np.tan(np.radians(0.3)) * rng.uniform(-1.0, 1.0, (3, 3)) / np.sqrt(2.0)
     axes = _normalise(np.eye(3) + tilts * (1.0 - np.eye(3)))
-    turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
+    # and turn by up to 0.02° over 100 °C
+    turns = np.radians(0.02) * rng.uniform(-1.0, 1.0, (3, 3))
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in GYROS}
     table = TurnedTable(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     rates = both_ways(TRIAD_RATES_DPS) if rates_dps is None else tuple(rates_dps)

@@ -33,29 +33,12 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
 """Table rate [°/s] above every real table's: the column is in another unit."""
-ONE_TABLE = 0.01
-"""Relative difference between table angle and table rate above which one of them is in another unit
-or sign.
-"""
-BEYOND = 1000.0
-"""Multiple of the 99 % quantile of |counts| above which counts are a logger's overload mark."""
 HALF_TURN_DEG = 180.0
 """Turn [°] between two rows from which the wrapped angle is ambiguous."""
-ONE_SOAK_DEGC = 2.0
-"""Largest span of a run's temperatures [°C] at which the run counts as isothermal."""
-LEAST_ROWS = 16
-ONE_SET_DEGC = 5.0
-"""Largest difference in temperature [°C] between the runs of one set about three axes."""
-LEAST_TRIAD = 3
-"""Fewest gyros over three axes with which at least one is assumed to be along the table axis of
-every log.
-"""
 SHARE = 0.5
 """Share of the expected indication below which a row is a dropout."""
 CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
-RESOLVED = 1e-6
-"""Share of the largest indication below which a response is no rotation: a gyro across the axis."""
 BETWEEN, LEAST_CHANGES = 0.05, 3
 """Share of the change from one held rate to the next by which a row lies between both, and changes
 from which a delay is measured, at least.
@@ -145,7 +128,7 @@ def group_by_temperature(
     groups: list[dict[str, tuple[TableRun, ...]]] = []
     last = float("-inf")
     for degc, axis, run in pairs:
-        if degc - last > ONE_SET_DEGC:
+        if degc - last > 5.0:  # more than runs of one set differ
             groups.append({})
         groups[-1][axis] = (*groups[-1].get(axis, ()), run)
         last = degc
@@ -189,7 +172,8 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     if forms.TEMPERATURE in log.frame.columns:
         temperature = anomalies.remove_spikes(values(log.frame, forms.TEMPERATURE))
         low, high = chunks.extremes(temperature)
-        if high - low > ONE_SOAK_DEGC:
+        # rows of an isothermal run, of 2 °C, all count, else those of held rates
+        if high - low > 2.0:
             ends = [chunks.extremes(temperature[a:b]) for a, b in means.span.tolist()]
             low, high = min(end[0] for end in ends), max(end[1] for end in ends)
     return TableRun(log, spec.gyros, means, spec.table.reference, flags, (low, high))
@@ -199,7 +183,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
     """Findings of a log, and its held rates unless a finding prevents them."""
     one_row, logged = spec.plateaus.one_row, list(log.frame.columns)
     findings = [
-        *check.find_too_few_rows(log, spec.plateaus.min_rates if one_row else LEAST_ROWS),
+        *check.find_too_few_rows(log, spec.plateaus.min_rates if one_row else 16),
         *check.find_missing_values(log, logged),
     ]
     gyros = [forms.gyro_column(gyro) for gyro in spec.gyros]
@@ -211,9 +195,10 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
             log, forms.RATE, -FASTEST_DPS, FASTEST_DPS, "°/s", expected
         )
         for gyro in gyros:
-            # counts that no rate of the log explains, as loggers write for overload
+            # counts that no rate of the log explains, a thousand times the 99 % quantile, as
+            # loggers write for overload
             usual = float(np.quantile(np.abs(values(log.frame, gyro)), 0.99))
-            limit = BEYOND * usual if usual > 0.0 else np.inf
+            limit = 1000.0 * usual if usual > 0.0 else np.inf
             expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
             advice = "a logger writes such numbers for overload or nothing: leave the rows out:"
             findings += check.find_out_of_range(
@@ -256,7 +241,7 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
             log, name, forms.RATE, "1/s", reach[driven_column]
         )
     # with two gyros of a triad, neither need be along this axis
-    if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
+    if spec.procedure != "gyro_triad" or len(columns) >= 3:
         yield from check.magnitude.check_gyro_sign(log, driven_column, forms.RATE)
     yield from check.magnitude.find_compensated_names(log, spec, columns)
 
@@ -318,7 +303,8 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
         )
     angle, rate = means.angle_rate_dps[slow], means.rate_dps[slow]
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
-    if abs(ratio - 1.0) > ONE_TABLE:
+    # a table turns as its rate says within 1 %: one of both is in another unit or sign
+    if abs(ratio - 1.0) > 0.01:
         text = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
         sign = "one of the two has the other sign: state sign = -1"
         advice = f"{sign if ratio < 0.0 else 'state the unit'} in [columns.{ANGLE}] or"
@@ -409,7 +395,8 @@ def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterat
         if np.ptp(means.rate_dps) > 0.0:
             F0 = float(np.polyfit(means.rate_dps, medians, 1)[1])
         K = float(np.median((medians[fast] - F0) / means.rate_dps[fast]))
-        least_response = RESOLVED * max(map(abs, log.extremes(column)))
+        # a gyro across the axis: less than a millionth of the largest indication is no rotation
+        least_response = 1e-6 * max(map(abs, log.extremes(column)))
         lost, first, expected = 0, -1, 0.0
         for (a, b), rate, median in zip(
             means.span.tolist(), means.rate_dps.tolist(), medians.tolist(), strict=True
