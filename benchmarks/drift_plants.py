@@ -31,8 +31,7 @@ import diffusion_coil
 import drift_generalisation as lumped
 import numpy as np
 
-from calibkit import thermal_forms
-from calibkit.instruments.bias import drift_choice as decision, simulate_fog as fog
+from calibkit.instruments.bias import compensate, drift_choice as decision, simulate_fog as fog
 from calibkit.instruments.bias.numeric import bank, choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import uncertainty
@@ -149,7 +148,7 @@ def is_rejected(model: OnLevels, log: ThermalLog, there: Evaluation) -> bool:
     """Whether `validate` finds the errors of a log larger than stated."""
     along = uncertainty.combine_along(model, there, ())
     left = log.indication - there.drift
-    found, _, _ = thermal_forms.compare_means(left, along, model.noise, BLOCKS)
+    found, _, _ = compensate.compare_means(left, along, model.noise, BLOCKS)
     return bool(found["rms_error_over_uncertainty"] > found["largest_rms_error_over_uncertainty"])
 
 

@@ -36,7 +36,6 @@ SCOPE = (
     "plans.py",
     "results",
     "forms.py",
-    "thermal_forms.py",
     "left_out.py",
     "sensitivities.py",
     "fit",

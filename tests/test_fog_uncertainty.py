@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store, thermal_forms
+from calibkit import instruments, pipeline, recipe, store
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.bias import compensate, compensate as uncertainty, forms
@@ -81,7 +81,7 @@ def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_
     new, old = forms.read_thermal(whole), forms.read_thermal(older)
     assert (new.model_error_dof, new.flags) == (whole.value("model_error_dof"), ())
     assert math.isfinite(new.model_error_dof)
-    assert (old.model_error_dof, old.flags) == (math.inf, (thermal_forms.UNKNOWN_DOF,))
+    assert (old.model_error_dof, old.flags) == (math.inf, (forms.UNKNOWN_DOF,))
     assert (old.model_error, old.coefficients.tolist()) == (
         new.model_error,
         new.coefficients.tolist(),
@@ -104,7 +104,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
         _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
-        assert (thermal_forms.UNKNOWN_DOF in summary.flags) is flagged
+        assert (forms.UNKNOWN_DOF in summary.flags) is flagged
 
 
 # numbers

@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import thermal_forms
 from calibkit.errors import FitError
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import compensate, simulate_fog as fog, simulate_fog as simulate_gyro
 from calibkit.instruments.bias.numeric import bank, choice as thermal_choice, drift_figures
 from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
 from calibkit.numeric import flicker, intervals
@@ -325,7 +324,7 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
     stated = uncertainty.Along(along, [], u, u, np.full(400, 3.0), np.full(400, 0.5))
-    compared, _, limit = thermal_forms.compare_means(along, stated, BlockNoise(0.0, 0.0), 10)
+    compared, _, limit = compensate.compare_means(along, stated, BlockNoise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)
 

@@ -11,8 +11,7 @@ from calibkit.firmware.chain import Map, Memory, Slope
 from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.firmware.pace import FASTEST
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.terms import LAGS, TERMS
-from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE
+from calibkit.numeric.thermal.terms import CASE, DRIVERS, GRADIENT, LAGS, RATE, TERMS
 
 GRADIENT_RATE = DRIVERS[3]
 AIR = "temp_env_degc"

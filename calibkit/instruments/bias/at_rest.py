@@ -24,11 +24,11 @@ from calibkit.instruments.bias.numeric.drift_figures import Hysteresis
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
+from calibkit.numeric.thermal.terms import CASE
 from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.report.overview import KeyValue
 from calibkit.report.table import number_or_none
-from calibkit.thermal_forms import CASE
 
 RESULT = "bias_at_reference"
 LEAST_SOAK_S = 300.0

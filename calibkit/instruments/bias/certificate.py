@@ -37,7 +37,7 @@ from calibkit.instruments.bias.at_rest import RESULT as BIAS
 from calibkit.instruments.bias.numeric.bank import ORIGIN_DEGC
 from calibkit.instruments.bias.quantities import COIL_FORMS, RATES, FittedBias
 from calibkit.numeric import earth
-from calibkit.thermal_forms import CASE, RATE
+from calibkit.numeric.thermal.terms import CASE, RATE
 
 COEFFICIENT_RATES = (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0)
 """Temperature rates [°C/min] that the coefficients of the published scheme are stated at."""

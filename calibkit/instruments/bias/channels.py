@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit import thermal_forms, units
+from calibkit import units
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Component, Figure, Parameter, StageResult
 from calibkit.constants import SECONDS_PER_MINUTE
@@ -339,11 +339,10 @@ def result(
         model = channel.choice.model
         range_of_case = zip(forms.CASE_RANGE, channel.case, strict=True)
         models.append(
-            thermal_forms.write_terms(
-                forms.BIAS_LEVEL if model.form == "level" else forms.BIAS_LAGGED,
-                channel.name,
+            forms.write_thermal(
                 model,
                 interval_s,
+                channel.name,
                 channel.unit,
                 components=channel.components,
                 extra_parameters=tuple(

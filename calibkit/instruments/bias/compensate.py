@@ -18,10 +18,11 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from calibkit import thermal_forms, units
+from calibkit import units
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Record
 from calibkit.errors import CoefficientError, FitError, UsageError
+from calibkit.fit.unseen import unseen
 from calibkit.frame import Log, values
 from calibkit.instruments.bias import forms, power_ons, ramps
 from calibkit.instruments.bias.forms import FILE
@@ -31,11 +32,13 @@ from calibkit.instruments.bias.numeric.published import DriftBlocks, RatePolynom
 from calibkit.instruments.bias.power_ons import PowerOn
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.instruments.bias.recipe import FogThermalRecipe, ThermalRecipe
-from calibkit.numeric import gum
+from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal import uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_wide
 from calibkit.numeric.thermal.left_out import blocks_per_figure
+from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel
 from calibkit.recipe import TypeB, type_b
@@ -43,6 +46,37 @@ from calibkit.report import budget
 
 FLAGGED_SHARE = 0.005
 """Largest share of a log that may be outside the fitted ranges without a flag."""
+
+
+def compare_means(
+    residual: Array, bias_uncertainty: uncertainty.Along, noise: BlockNoise, group: int
+) -> tuple[dict[str, float], Array, Array]:
+    """Errors [n] of a log as means over a group of blocks about the log's mean, against the
+    uncertainty of the bias and of the bias less its mean: number of means, the share within U and
+    noise, and the size over the standard uncertainty with its limit, as a JSON object; the means
+    [m] and the absolute limits [m] of U and noise. Empty for less than two means.
+    """
+    count = residual.size // group
+    if count < 2:
+        return {}, np.zeros(0), np.zeros(0)
+    (flicker,) = Flicker(count, [0]).about_level(0, count)
+    of_noise = noise.white_variance / group + noise.flicker**2 * flicker
+    limit, limit_about_mean = (
+        np.sqrt(chunks.block_means(expanded, group) ** 2 + 4.0 * of_noise)
+        for expanded in (bias_uncertainty.expanded, bias_uncertainty.expanded_about_mean)
+    )
+    means = chunks.block_means(residual, group)
+    error = means - means.mean()
+    # the error of the drift is taken as one pattern along the log
+    comparison = unseen(
+        error, chunks.block_means(bias_uncertainty.standard, group)[:, None], of_noise
+    )
+    compared = {
+        "means_of_100_s": count,
+        "share_within_expanded_uncertainty": float(np.mean(np.abs(error) <= limit_about_mean)),
+        **comparison.to_object(),
+    }
+    return compared, means, limit
 
 
 def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str, Model]:
@@ -71,7 +105,7 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
     """Bias of one channel along each power-on of a log, of which `raw` is as it was read, at the
     model interval, or at the log's own where that is longer.
     """
-    fitted, name = thermal_forms.read_terms(model), model.name
+    fitted, name = forms.read_terms(model), model.name
     interval_s = max(model.value("interval"), float(np.ceil(log.steps.usual - 1e-6)))
     drifts = []
     for power_on in power_ons.find_power_ons([log], [raw], spec.thermal, interval_s):
@@ -137,7 +171,7 @@ def _flag_ranges(file: str, model: Model, drifts: Sequence[ChannelBias]) -> list
         ],
     }
     flags = []
-    if any(thermal_forms.read_terms(model).coefficients[1:]):
+    if any(forms.read_terms(model).coefficients[1:]):
         for excess, masks in outside.items():
             share = float(np.mean(np.concatenate(masks)))
             if share > FLAGGED_SHARE:
@@ -161,10 +195,10 @@ def channel_entry(
             rms(np.concatenate([y - y.mean() for y in parts])) for parts in (logged, left)
         )
         longest = int(np.argmax([y.size for y in left]))
-        compared, _, _ = thermal_forms.compare_means(
+        compared, _, _ = compare_means(
             left[longest],
             drifts[longest].bias_uncertainty,
-            thermal_forms.read_terms(model).noise,
+            forms.read_terms(model).noise,
             blocks_per_figure(model.value("interval")),
         )
         entry = {
@@ -551,7 +585,7 @@ def check_coverage(
         "probability": gum.TWO_SIGMA,
     }
     left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
-    compared, means, limit = thermal_forms.compare_means(left, drift_uncertainty, noise, group)
+    compared, means, limit = compare_means(left, drift_uncertainty, noise, group)
     if compared and level is not None:
         entry |= level.compare(means, limit)
     return entry | compared

@@ -1,7 +1,7 @@
 """Coefficients of a bias over temperature → chain of steps by which firmware follows it, updated
 once per interval; a polynomial has no memory.
 
-    level, lagged   drift = Σ_k c_k x_k, as `thermal_forms` (steps in `firmware.thermal_steps`)
+    level, lagged   drift = Σ_k c_k x_k, as `forms` (steps in `firmware.thermal_steps`)
     bank            drift through a bank of lags (steps in `firmware_bank`)
     gradient        D ← D + Σ_j a_j(r) G^j, the published scheme with `recursive` compensation
 
@@ -43,7 +43,7 @@ from calibkit.instruments.bias.recipe import (
     ThermalRecipe,
 )
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
-from calibkit.thermal_forms import CASE, GRADIENT, RATE
+from calibkit.numeric.thermal.terms import CASE, GRADIENT, RATE
 
 CHANNEL_HISTORY = (
     (0.0, 1),

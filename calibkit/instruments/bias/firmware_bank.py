@@ -28,7 +28,7 @@ from calibkit.instruments.bias.numeric.bank import (
     Bank,
 )
 from calibkit.instruments.bias.numeric.bank_fit import WARM_UP_S, WIDTHS_DEGC
-from calibkit.thermal_forms import CASE, RATE
+from calibkit.numeric.thermal.terms import CASE, RATE
 
 ROUNDED = Fraction(1025, 1024)
 """Bound of a play operator's distance, in half widths: it is a difference of rounded numbers."""

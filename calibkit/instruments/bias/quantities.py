@@ -30,7 +30,7 @@ from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.recipe import BiasRecipe, FogThermalRecipe
-from calibkit.thermal_forms import CASE, DRIVERS, GRADIENT, RATE, model_error
+from calibkit.numeric.thermal.terms import CASE, DRIVERS, GRADIENT, RATE
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
@@ -82,7 +82,7 @@ class FittedBias:
         of_gyro = model.form in forms.ON_LEVELS
         spread = 0.0 if operating_point.get(RATE, 0.0) else forms.hysteresis(model)
         further = (
-            (GYRO_MODEL_ERROR if of_gyro else MODEL_ERROR, *model_error(model)),
+            (GYRO_MODEL_ERROR if of_gyro else MODEL_ERROR, *forms.model_error(model)),
             (HYSTERESIS, spread / math.sqrt(3.0), math.inf),
         )
         point = of_form(forms.FORMS[model.form], model, self.inputs[:1])(operating_point)

@@ -20,9 +20,8 @@ from calibkit.instruments.bias.at_rest import RESULT
 from calibkit.instruments.bias.drift_choice import FittedRamp
 from calibkit.instruments.bias.numeric.published import RampFit
 from calibkit.instruments.bias.recipe import Drift
-from calibkit.numeric.thermal.terms import LAGS
+from calibkit.numeric.thermal.terms import CASE, LAGS, RATE
 from calibkit.sensitivities import InputError, Kind, Sensitivity, differentiate, of_thermometer
-from calibkit.thermal_forms import CASE, RATE, list_time_errors
 
 DEGREE = {"s_grad2": 2, "s_temp_rate": 2}
 """Degree in temperatures of the terms that are neither powers p_k, b_k nor linear."""
@@ -49,6 +48,19 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
         if model.form in forms.FORMS:
             sensitivities += list_time_errors(result.stage, model)
     return tuple(sensitivities)
+
+
+def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
+    """Sensitivity of a model on levels to the scale of the time base: terms of rates, and lags, are
+    in proportion to the logged time. None of a model whose lags are given.
+    """
+    timed = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
+    derivatives = {
+        f"{stage}.{model.name}.{coefficient.name}": coefficient.value
+        for coefficient in model.coefficients
+        if coefficient.name in timed and coefficient.value
+    }
+    return (Sensitivity("time_s", "scale", derivatives),) if derivatives else ()
 
 
 def _of_terms(stage: str, model: Model) -> list[Sensitivity]:

@@ -349,8 +349,6 @@ def finish(solution: TermSolution) -> ThermalModel:
         dof=dof,
         residual_rms=rms(residual),
         noise=rows.noise,
-        model_error=0.0,
-        model_error_dof=float("inf"),
         entangled=entangled,
         flags=flags,
     )

@@ -23,6 +23,9 @@ from calibkit.numeric.thermal.noise import BlockNoise
 Span = tuple[float, float]
 
 TERMS = ("b0", "b1", "b2", "b3", "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate")
+CASE, RATE, GRADIENT = "temp_case_degc", "temp_rate_degc_min", "gradient_degc"
+DRIVERS = (CASE, RATE, GRADIENT, "gradient_rate_degc_min")
+"""Columns of the drivers; of a lagged model those of lagged temperatures."""
 LAGS = ("tau_outer", "tau_inner")
 """Names of the lags of a lagged model [s]; their derivatives follow those of the terms."""
 NEEDS = {"b2": "b1", "b3": "b2", "s_grad2": "s_grad", "s_temp_rate": "s_rate"}
@@ -119,31 +122,20 @@ class Scales:
         return matrix
 
 
-@dataclass(frozen=True, slots=True)
-class ThermalModel:
-    """Fitted drift model of form level or lagged."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BiasModel:
+    """Fitted model of a bias whose value is known at every instant, without integration."""
 
-    form: Literal["level", "lagged"]
-    terms: tuple[str, ...]
-    """Fitted terms; the coefficients of the others are 0."""
     coefficients: Array
-    """[9], in the order of TERMS, in °C, °C/min and K."""
-    lags: tuple[float, ...]
-    """tau_outer and, for a coil of two masses, tau_inner [s]; empty for a level model."""
+    """[p], in the unit of the bias, °C, °C/min and K; 0 for terms that were not fitted."""
     covariance: Array
-    """[9 + lags, 9 + lags], type A covariance of coefficients and lags; zero for terms that were
-    not fitted.
-    """
-    window_s: float
-    """Trailing window of the rates of a level model [s]; 0 for a lagged model."""
+    """[p + lags, p + lags], type A covariance of coefficients and lags."""
     valid: Valid
     turn_on: Array
     """[logs], bias of each log relative to b0 [°/h]."""
-    turn_on_variance: float
-    """Part of the variance of b0 that the turn-on biases of the logs make [(°/h)²]."""
-    constant_dof: float
+    constant_dof: float = float("inf")
     """Degrees of freedom of b0, an average over few power-ons: those of the logs, never those of
-    their rows.
+    their rows; infinite where the sizes of turn-on biases that the logs allow are averaged.
     """
     dof: int
     residual_rms: float
@@ -152,24 +144,34 @@ class ThermalModel:
     """White noise of a block and flicker noise (including model misfit), from which the covariance
     follows.
     """
-    model_error: float
+    model_error: float = 0.0
     """Standard deviation of the model's error on left-out ramps beyond type A and noise [°/h]; 0 if
     none was left out.
     """
-    model_error_dof: float
+    model_error_dof: float = float("inf")
     """Degrees of freedom of the model error: number of left-out ramps less one."""
-    entangled: tuple[str, ...]
+    entangled: tuple[str, ...] = ()
     """Coefficients and lags whose uncertainties hold jointly, through the covariance, but not
     individually.
     """
-    flags: tuple[str, ...]
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Type A standard uncertainties [9 + lags] of coefficients and lags."""
-        return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+    flags: tuple[str, ...] = ()
 
     def nearest_fitted(self, temperature: float) -> float:
         """Temperature [°C] clamped to the fitted range."""
         low, high = self.valid.temperature
         return min(max(temperature, low), high)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThermalModel(BiasModel):
+    """Fitted model of form level or lagged; its nine coefficients are in the order of TERMS."""
+
+    form: Literal["level", "lagged"]
+    terms: tuple[str, ...]
+    """Fitted terms."""
+    lags: tuple[float, ...]
+    """tau_outer and, for a coil of two masses, tau_inner [s]; empty for a level model."""
+    window_s: float
+    """Trailing window of the rates of a level model [s]; 0 for a lagged model."""
+    turn_on_variance: float = 0.0
+    """Part of the variance of b0 that the turn-on biases of the logs make [(°/h)²]."""

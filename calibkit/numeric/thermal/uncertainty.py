@@ -10,7 +10,7 @@ hysteresis.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -18,8 +18,8 @@ from calibkit.arrays import Array, Integers
 from calibkit.numeric import gum
 from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal.evaluate import Evaluation
-from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.terms import BiasModel
 
 NEIGHBOURING = (1, 2, 3)
 """Lags, in 100 s means, of the products of left-out errors: 100 to 300 s."""
@@ -28,19 +28,6 @@ POSTERIOR_REACH = 6.0
 POSTERIOR_LEVELS = 2001
 Contribution = tuple[str, Literal["A", "B"], Array, float]
 """Name, kind, standard uncertainties [n, °/h] along a log and degrees of freedom."""
-
-
-class _Stated(Protocol):
-    """A fitted model with its errors."""
-
-    @property
-    def covariance(self) -> Array: ...
-    @property
-    def noise(self) -> BlockNoise: ...
-    @property
-    def model_error(self) -> float: ...
-    @property
-    def model_error_dof(self) -> float: ...
 
 
 def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
@@ -82,7 +69,7 @@ def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
 
 
 def explained(
-    model: _Stated, logs: Sequence[ThermalLog], sensitivities: Sequence[Array], group: int
+    model: BiasModel, logs: Sequence[ThermalLog], sensitivities: Sequence[Array], group: int
 ) -> float:
     """Mean product [(°/h)²] of neighbouring errors (means over a group of blocks) that type A
     uncertainty and flicker noise cause, with the derivatives [n, p] of the drift along each log.
@@ -98,7 +85,7 @@ def explained(
 
 
 def explain_parts(
-    model: _Stated, log: ThermalLog, sensitivities: Array, group: int, *, of_rest: bool
+    model: BiasModel, log: ThermalLog, sensitivities: Array, group: int, *, of_rest: bool
 ) -> Iterator[tuple[Integers, list[Array]]]:
     """Rows [m, group] of the means over blocks of each part of a log, and the covariances [m − k]
     of neighbouring means that type A uncertainty, with the derivatives [n, p] of the drift along
@@ -132,7 +119,7 @@ def explain_parts(
         yield inside, covariances
 
 
-def contributions(model: _Stated, evaluation: Evaluation) -> list[Contribution]:
+def contributions(model: BiasModel, evaluation: Evaluation) -> list[Contribution]:
     """Independent contributions to the uncertainty of the drift along a log.
 
     They are: type A uncertainty of coefficients and lags, propagated (JCGM 100, 5.2.2); the model
@@ -175,7 +162,7 @@ class Along:
 
 
 def combine_along(
-    model: _Stated, evaluation: Evaluation, type_b: Sequence[tuple[str, Array, float]]
+    model: BiasModel, evaluation: Evaluation, type_b: Sequence[tuple[str, Array, float]]
 ) -> Along:
     """Uncertainty of the bias along a log: what the model states, and type B terms by name, effect
     [n] of one standard uncertainty, and degrees of freedom.

@@ -17,7 +17,7 @@ ramps ask for them.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,8 +30,7 @@ from calibkit.numeric.thermal.evaluate import (
     evaluate_terms,
     in_unmeasured_direction,
 )
-from calibkit.numeric.thermal.noise import BlockNoise
-from calibkit.numeric.thermal.terms import ThermalModel, Valid
+from calibkit.numeric.thermal.terms import BiasModel, ThermalModel
 
 ORIGIN_DEGC = 25.0
 """Temperature at which z, g and the play operators are 0."""
@@ -208,43 +207,18 @@ def log_drivers(
     return BankDrivers(temperature, *followed, play, faded)
 
 
-@dataclass(frozen=True, slots=True)
-class BankModel:
-    """Fitted drift model of form bank."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BankModel(BiasModel):
+    """Fitted drift model of form bank; its coefficients are in the order of the bank's terms, its
+    covariance is averaged over the variances of the priors and over the noise. Of its ranges those
+    of T and of the lagged rates are used.
+    """
 
     bank: Bank
-    coefficients: Array
-    """[p], in the order of the bank's terms."""
     static_lag: tuple[float, float, float]
     """tau_fast [s], tau_static [s] and the share of the slower lag [1]."""
-    covariance: Array
-    """[p + 3, p + 3] of the coefficients and the static lag, averaged over the variances of the
-    priors and over the noise.
-    """
-    valid: Valid
-    """Fitted ranges of T [°C] and of the lagged rates [°C/min]; gradients are not used."""
-    turn_on: Array
-    """[logs], bias of each log relative to b0 [°/h]."""
     turn_on_sd: float
     """Standard deviation of the turn-on biases [°/h]."""
-    dof: int
-    residual_rms: float
-    """Residual rms of the block means without spikes [°/h]."""
-    noise: BlockNoise
-    model_error: float = 0.0
-    model_error_dof: float = float("inf")
-    entangled: tuple[str, ...] = ()
-    flags: tuple[str, ...] = ()
-    form: Literal["bank"] = "bank"
-    constant_dof: float = float("inf")
-    """Degrees of freedom of b0: the sizes of turn-on biases that the logs allow are averaged, so
-    that k = 2 covers 95 %.
-    """
-
-    def nearest_fitted(self, temperature: float) -> float:
-        """Temperature [°C] clamped to the fitted range."""
-        low, high = self.valid.temperature
-        return min(max(temperature, low), high)
 
     def settled(self, case: Array, rate: Array) -> BankDrivers:
         """Drivers at case temperatures [n, °C] on steady ramps [n, °C/min] whose lags have settled:
