@@ -15,7 +15,8 @@ Rows of `intervals.physics` are of devices with a fault that their logs do not n
 campaigns without it. Printed are the share of truths within U, the share of campaigns in which a
 flag names the cause, of those in which only a remark does, of either coverage or a name, and mean
 U. A row fails below 95 % of either or 88 % of coverage where nothing names the cause; without the
-fault where more than 1 % are flagged or any is refused or rejected.
+fault where more than 1 % have any flag that their design does not earn, or any is refused or
+rejected.
 
 With --results rows are kept in a file of JSON lines, and
 those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns

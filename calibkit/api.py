@@ -164,7 +164,7 @@ def fit(
     >>> logs = {name: pd.DataFrame(columns) for name, columns in simulated.logs.items()}
     >>> run = calibkit.fit("gyro_pair", logs=logs, runs=None, date="2026-11-21")
     >>> run
-    <unsaved@r001: gyro_pair, accepted, 2 logs, not written, 1 thing to check: run.flags>
+    <unsaved@r001: gyro_pair, accepted, 2 logs, not written>
     >>> run.document["verdict"]
     'accepted'
 

@@ -96,16 +96,18 @@ def test_a_model_is_evaluated_with_its_covariance(run):
 
 def test_a_run_says_how_many_things_are_to_check(tmp_path):
     """They stand in `flags`; a remark is none of them after a fit, and among them in a folder."""
-    logs = simulated("gyro_pair", 7)
-    made = calibkit.fit("gyro_pair", logs=logs, serial="P-1", runs=tmp_path, date=DATE)
+    logs = simulated("accelerometer_magnitude", 7)
+    made = calibkit.fit(
+        "accelerometer_magnitude", logs=logs, serial="P-1", runs=tmp_path, date=DATE
+    )
     assert repr(made).endswith("r001, 1 thing to check: run.flags>")
-    (mounting,) = made.flags
-    assert mounting.startswith("the two runs show a mounting error")
+    (one_soak,) = made.flags
+    assert one_soak.startswith("zero of the soak: one soak cannot show how another differs")
     found = calibkit.find_run("P-1", tmp_path)
     assert repr(found).endswith("r001, 2 things to check: run.flags>")
-    runs, mounting = found.flags
-    assert runs.startswith("N: the scale factors hold within these runs")
-    assert mounting == made.flags[0]
+    dwells, one_soak = found.flags
+    assert dwells.endswith("24 dwells found")
+    assert one_soak == made.flags[0]
 
 
 def test_a_run_without_a_drift_term_says_why_it_has_none(logs):

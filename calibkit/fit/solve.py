@@ -28,6 +28,8 @@ half the time and else as χ² with one degree of freedom (Self & Liang 1987).
 """
 OUTLIER_CHANCE = 0.005
 """Chance that any faultless row of a fit is called an outlier."""
+MANY = 1e9
+"""Degrees of freedom of what is known."""
 HESITANT = 12.0
 """How much less than asked for the first step of an optional error may promise: it is the whole
 fall for an error that is about as large as its u, and too little for larger ones.
@@ -662,12 +664,18 @@ class _Problem:
         chance of 0.5 % in the whole fit.
 
         What is left of a residual that was fitted is smaller than its noise, of one that was not
-        larger. Those of a level, or of one channel in it, of which most stand out together have an
-        error of their own, and stay.
+        larger. Over the noise s of ν degrees of freedom, the latter is Student's t; the former has
+        its part in s, so t √(ν/(ν - 1 + t²)) with t of ν - 1 (Thompson 1935). Those of a level, or
+        of one channel in it, of which most stand out together have an error of their own, and stay.
         """
-        from scipy.special import ndtri
+        from scipy.special import stdtrit
 
-        limit = -float(ndtri(OUTLIER_CHANCE / (2.0 * self.n)))
+        # where the noise is stated it is taken as known
+        estimated = bool(solution.rows.known.free[: self.channels].all())
+        dof = max(solution.noise_degrees / self.channels, 2.0) if estimated else MANY
+        apart, t = -stdtrit([dof, dof - 1.0], OUTLIER_CHANCE / (2.0 * self.n))
+        of_fitted = float(t * np.sqrt(dof / (dof - 1.0 + t**2)))
+        limit = np.where(used, of_fitted, float(apart))
         scaled = np.abs(noise_residual) / np.sqrt(solution.noise_along(self.shares)[: self.n])
         fitted = float(np.mean(scaled[used] ** 2))
         scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))

@@ -6,6 +6,7 @@ from dataclasses import replace
 from calibkit.errors import RecipeError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
+from calibkit.frame import Remark
 from calibkit.recipe.tables import Errors
 
 FEW_DOF = 3
@@ -44,9 +45,9 @@ def state_sizes(errors: Errors, shared: Sequence[Shared]) -> list[Shared]:
 def warn_of_few_levels(
     sizes: Sequence[SharedSize], coefficient_counts: Mapping[tuple[str, str], int] | None = None
 ) -> tuple[str, ...]:
-    """Flags for errors whose levels are too few to show them. `coefficient_counts` says by
-    (group, effect) how many coefficients each sensor takes from the levels, where several share the
-    variance.
+    """Flags for errors whose levels are too few to show them; a remark where U holds it.
+    `coefficient_counts` says by (group, effect) how many coefficients each sensor takes from the
+    levels, where several share the variance.
     """
     cure = "measure more of them, or state the size in [[errors.component]]"
     flags = []
@@ -72,8 +73,9 @@ def warn_of_few_levels(
             less_text = (
                 f", less {coefficient_count} coefficients of an axis," if coefficient_count else ""
             )
-            flags.append(
+            wide = (
                 f"{error.effect} of the {group}: {levels} of them{less_text} leave {dof} degrees"
                 f" of freedom, so intervals are wide; {cure}, or lower an order"
             )
+            flags.append(Remark(wide))
     return tuple(flags)

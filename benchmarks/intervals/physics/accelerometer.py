@@ -240,7 +240,10 @@ def _set_up(rng: np.random.Generator, size: float) -> Campaign:
 
 
 _row = partial(Fault, "accelerometer")
-_magnitude = partial(Fault, "accelerometer by the length of gravity")
+ONE_SOAK = "one soak cannot show how another differs"
+SIX_FACES = f"{ONE_SOAK}|Q. is known to ±|ill-conditioned"
+"""What six faces cannot determine where their attitudes are unknown."""
+_magnitude = partial(Fault, "accelerometer by the length of gravity", by_design=ONE_SOAK)
 FAULTS = (
     _row("index errors of the table", 0.01, "°", _index, "index|two weightings"),
     _row("index errors of the table", 0.03, "°", _index, "index|two weightings"),
@@ -249,6 +252,10 @@ FAULTS = (
     _row("noise of a physical sensor", 1.0, "µg", _low_noise, "second order", sound=20.0),
     _row("hysteresis of the last attitude", 100.0, "µg", _memory, "hysteresis|last attitude"),
     _magnitude("second order of the sensors", 300.0, "µg/g²", _second_order, "second order"),
-    _magnitude("six faces, error of the set-up", 1.0, "°", _set_up, "angle|set-up"),
-    _magnitude("six faces, error of the set-up", 2.0, "°", _set_up, "angle|set-up"),
+    _magnitude(
+        "six faces, error of the set-up", 1.0, "°", _set_up, "angle|set-up", by_design=SIX_FACES
+    ),
+    _magnitude(
+        "six faces, error of the set-up", 2.0, "°", _set_up, "angle|set-up", by_design=SIX_FACES
+    ),
 )

@@ -83,6 +83,8 @@ class Fault:
     """Regular expression of flags and refusals that name the cause."""
     sound: float = 0.0
     """Size in the same campaign without the fault."""
+    by_design: str = "^$"
+    """Regular expression of flags that the design of the campaign earns without any fault."""
 
     @property
     def label(self) -> str:

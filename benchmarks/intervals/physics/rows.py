@@ -25,7 +25,9 @@ FAULTS = {
 COVERED, COVERED_OR_NAMED = 0.88, 0.95
 """Least shares: of truths within U where nothing names the cause, and of either."""
 FALSE_ALARMS = 0.01
-"""Largest share of campaigns without the fault in which a flag names it."""
+"""Largest share of campaigns without the fault in which anything is flagged that the design of the
+campaign does not earn.
+"""
 
 
 @dataclass(frozen=True)
@@ -49,7 +51,7 @@ class FaultRow:
     """Share of truths within U, over campaigns that give results and members."""
     flagged: float
     """Share of campaigns in which a flag or a refusal names the cause, but not without the fault;
-    without the fault, of campaigns in which one does.
+    without the fault, of campaigns with any flag that their design does not earn.
     """
     noted: float
     """Share of campaigns in which a remark alone names the cause, whether or not it does without
@@ -129,10 +131,16 @@ def judge(case: Case, outcomes: Sequence[Outcome]) -> list[FaultRow]:
     flagged = np.array([names_cause(fault, outcome.fault.flags) for outcome in outcomes]) & ~alarms
     noted = np.array([names_cause(fault, outcome.fault.notes) for outcome in outcomes])
     noted &= ~flagged & ~alarms
+    unearned = alarms | np.array(
+        [
+            any(not re.search(fault.by_design, text) for text in outcome.sound.flags)
+            for outcome in outcomes
+        ]
+    )
     remarked = np.array([names_cause(fault, outcome.sound.notes) for outcome in outcomes]) & ~alarms
     return [
         *_judge(fault, [outcome.fault for outcome in outcomes], flagged, noted, present=True),
-        *_judge(fault, [outcome.sound for outcome in outcomes], alarms, remarked, present=False),
+        *_judge(fault, [outcome.sound for outcome in outcomes], unearned, remarked, present=False),
     ]
 
 

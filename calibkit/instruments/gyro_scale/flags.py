@@ -62,7 +62,9 @@ WITHIN = (
 
 
 def _those(*flags: tuple[bool, str]) -> list[str]:
-    """Sentences whose test holds."""
+    """Sentences whose test holds. One is a remark where U holds what it says, or where it says what
+    U holds within.
+    """
     return [sentence for holds, sentence in flags if holds]
 
 
@@ -141,7 +143,7 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> list[str]:
         few.append(
             (
                 len(channel.runs) > 1 and dof < shared_errors.FEW_DOF,
-                (
+                Remark(
                     f"{name}: {c.name} has {dof:.2g} degrees of freedom between"
                     f" {len(channel.runs)} runs, its interval is ±"
                     f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
@@ -151,7 +153,7 @@ def _of_repeats(channel: Channel, spec: RateTableRecipe) -> list[str]:
     return _those(
         (
             len(channel.runs) == 1 and bool(unknown),
-            (
+            Remark(
                 f"{name}: one run does not show how runs repeat; u of K and F0 holds within this"
                 f" run only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
             ),
@@ -241,7 +243,7 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
         ),
         (
             abs(apart_degc) > 0.2 and not stated,
-            (
+            Remark(
                 f"the two runs are {abs(apart_degc):.1f} °C apart: u of N holds"
                 f" {limit * abs(apart_degc) / np.sqrt(3.0):.2g} ppm for scale factors that change"
                 f" by up to {limit:g} ppm/°C, gamma that of K_B; run both at one temperature, or"
@@ -254,7 +256,7 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
     mounting = [part for part in campaign.pair.components if part.group == "mounting"]
     if mounting and "angle" not in spec.known_errors():
         dof = campaign.pair.dof_of(campaign.pair.coefficients[2])
-        yield (
+        yield Remark(
             f"the two runs show a mounting error of {mounting[0].value:.2g}°, which is in u of"
             f" gamma and alpha with {dof:.2g} degrees of freedom (k ="
             f" {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
