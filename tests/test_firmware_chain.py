@@ -10,7 +10,7 @@ from calibkit.instruments.accelerometer import corrections as triad_correction, 
 from calibkit.instruments.bias import compensate, forms
 from calibkit.instruments.bias.numeric import bank, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms
-from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
+from calibkit.instruments.inclinometer import forms as inclinometer_forms
 from firmware_log import words
 from firmware_runs import MEMORYLESS, RUNS, cached
 
@@ -56,7 +56,8 @@ def model_of(name, this):
 
         return corrected
     if name == "scale":
-        models = inclinometer_results.read_models(records, spec)
+        file = records[inclinometer_forms.FILE]
+        models = {model.name: inclinometer_forms.ScaleModel.read(model) for model in file.models}
         return lambda columns: {
             f"scale_{axis}": model.prior(columns["temp_case_degc"]).s
             for axis, model in models.items()

@@ -484,7 +484,7 @@ def test_a_turn_is_measured_where_stations_separate_it_from_the_polynomial(sprea
         group="mounting", effect="gyro turn", level=tool, loading=by_turn[:, None], unit="deg"
     )
     over = roots_of(s, 1e-4, temperature, turn=turn)
-    assert over.separable is separable
+    assert any("one attitude" in flag for flag in over.flags) is not separable
     angle, u = over.turn_deg
     if separable:
         assert abs(angle - 0.3) < 3.0 * u

@@ -9,7 +9,7 @@ not depend on the interval.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -81,48 +81,37 @@ def _turn(place: tuple[int, ...], count: tuple[float, ...]) -> tuple[Array, Arra
 
 class Flicker:
     """What `kernel` holds of any number of interval means at some lags, in memory that grows with
-    their number alone.
+    their number alone: K = H Hᵀ, H the response of each mean to the samples of white noise.
 
     The noise has no memory of where a log begins: a covariance is a sum of products of the response
     with itself, over as many samples as have passed.
     """
 
     def __init__(self, count: int, lags: Sequence[int]) -> None:
-        self._count = count
-        self._response = _responses(count)
-        self._ends = np.cumsum(self._response.reshape(-1, FINER), axis=0).ravel()
-        self._size = 1 << (2 * self._response.size - 1).bit_length()
-        self._spectrum = np.fft.rfft(self._response, self._size)
+        self._response = h = _responses(count)
+        self._size = 1 << (2 * h.size - 1).bit_length()
+        self._spectrum = np.fft.rfft(h, self._size)
         # lag, and covariances [count − lag] between each mean and the one `lag` behind it
         self._at_lags: list[tuple[int, Array]] = []
-        h = self._response
         for lag in lags:
             products = h[: max(h.size - lag * FINER, 0)] * h[lag * FINER :]
             self._at_lags.append((lag, np.cumsum(products)[FINER - 1 :: FINER]))
-
-    @cached_property
-    def _whole(self) -> Array:
-        """Sums [count] of the covariances of each mean with all of them."""
-        return self._sums(0, self._count)
-
-    def _sums(self, first: int, stop: int) -> Array:
-        """Sums [count] of the covariances of each mean with the means first … stop − 1."""
-        from_each = np.zeros(self._response.size)
-        from_each[: stop * FINER] = self._ends[: stop * FINER][::-1]
-        from_each[: first * FINER] -= self._ends[: first * FINER][::-1]
-        passed = np.fft.irfft(self._spectrum * np.fft.rfft(from_each, self._size), self._size)
-        return np.asarray(passed[FINER - 1 : from_each.size : FINER], dtype=np.float64)
 
     def about_level(self, first: int, stop: int, *, of_rest: bool = False) -> list[Array]:
         """Covariances [stop − first − lag], one array for each lag, of the means first … stop − 1
         less their own mean, or less that `of_rest`, the other means, if there are any.
         """
-        covariance_sums, inside = self._sums(first, stop), np.zeros(self._count, dtype=np.bool_)
+        samples = self._response.size
+        inside = np.zeros(samples // FINER, dtype=np.bool_)
         inside[first:stop] = True
-        level = inside
-        if of_rest and not inside.all():
-            covariance_sums, level = self._whole - covariance_sums, ~inside
-        with_level = covariance_sums / np.count_nonzero(level)
+        level = ~inside if of_rest and not inside.all() else inside
+        # covariances K w of each mean with the level, w its weights: v = Hᵀ w, then H v
+        weights = np.zeros(samples)
+        weights[FINER - 1 :: FINER] = level / np.count_nonzero(level)
+        spectrum_of_noise = np.fft.rfft(weights, self._size) * self._spectrum.conj()
+        of_noise = np.fft.irfft(spectrum_of_noise, self._size)[:samples]
+        spectrum_of_means = np.fft.rfft(of_noise, self._size) * self._spectrum
+        with_level = np.fft.irfft(spectrum_of_means, self._size)[FINER - 1 : samples : FINER]
         of_level, own_level = float(with_level[level].mean()), with_level[first:stop]
         return [
             covariances[first : max(stop - lag, first)]

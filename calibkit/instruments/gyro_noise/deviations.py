@@ -178,29 +178,21 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         findings += check.magnitude.check_gravity_unit(log, accelerations)
     if not any(finding.refused for finding in findings):
         findings += check.magnitude.check_sampling_unit(log)
-    return [*findings, *_steady(log)]
-
-
-def _steady(log: Log) -> list[Finding]:
-    """Flag a case whose temperature moved: drift is then in every figure of the longer averaging
-    times.
-    """
-    if CASE not in log.frame.columns:
-        return []
-    low, high = chunks.extremes_of_present(values(log.frame, CASE))
-    span_degc = high - low
-    if not span_degc > STEADY_DEGC:
-        return []
-    return [
-        Finding(
-            f"{log.file}: column '{CASE}'",
-            f"the case moved by {span_degc:.1f} °C",
-            f"at most {STEADY_DEGC:g} °C in a record of noise",
-            "hold the temperature, or read the longer averaging times as drift",
-            severity="warn",
-            name="unsteady_temperature",
-        )
-    ]
+    if CASE in log.frame.columns:
+        low, high = chunks.extremes_of_present(values(log.frame, CASE))
+        if high - low > STEADY_DEGC:
+            # drift is then in every figure of the longer averaging times
+            findings.append(
+                Finding(
+                    f"{log.file}: column '{CASE}'",
+                    f"the case moved by {high - low:.1f} °C",
+                    f"at most {STEADY_DEGC:g} °C in a record of noise",
+                    "hold the temperature, or read the longer averaging times as drift",
+                    severity="warn",
+                    name="unsteady_temperature",
+                )
+            )
+    return findings
 
 
 def read_records(log: Log, columns: Sequence[str]) -> Iterator[tuple[_Record, Array]]:

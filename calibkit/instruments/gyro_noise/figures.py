@@ -18,7 +18,6 @@ from calibkit.units import known
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
     from calibkit.instruments import Fitted
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
@@ -52,21 +51,6 @@ class NoiseReport:
         return {name: np.concatenate(columns) for name, columns in parts.items()} | {
             "units": shared
         }
-
-
-def record_page(title: str, noise: NoiseFigures) -> Figure:
-    """Deviations and terms above, the rate over time below."""
-    figure, axes = page(2, 1, title=f"{title}: noise of {noise.record.name}", height=8.5)
-    unit, block_s = unit_mark(noise.record.sensor.unit), noise.block * noise.record.interval_s
-    _deviations(axes[0], noise, unit)
-    hours = (np.arange(noise.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
-    axes[1].plot(hours, noise.block_means, color=DENOISED, lw=0.8)
-    axes[1].set(
-        xlabel="time [h]",
-        ylabel=f"indication [{unit}]",
-        title=f"means of {block_s:g} s; gaps are left open",
-    )
-    return figure
 
 
 def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
@@ -109,6 +93,21 @@ def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
 
 
 def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    pages = tuple(record_page(title, noise) for noise in fitted.drawing.records)
-    return Drawn(pages, fitted.summary)
+    """Figures and summary of a fit: of each record deviations and terms above, the rate over time
+    below.
+    """
+    pages = []
+    for noise in fitted.drawing.records:
+        unit = unit_mark(noise.record.sensor.unit)
+        figure, axes = page(2, 1, title=f"{title}: noise of {noise.record.name}", height=8.5)
+        _deviations(axes[0], noise, unit)
+        block_s = noise.block * noise.record.interval_s
+        hours = (np.arange(noise.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
+        axes[1].plot(hours, noise.block_means, color=DENOISED, lw=0.8)
+        axes[1].set(
+            xlabel="time [h]",
+            ylabel=f"indication [{unit}]",
+            title=f"means of {block_s:g} s; gaps are left open",
+        )
+        pages.append(figure)
+    return Drawn(tuple(pages), fitted.summary)

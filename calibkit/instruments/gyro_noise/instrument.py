@@ -18,11 +18,10 @@ from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.gyro_noise import deviations, forms, tables
+from calibkit.instruments.gyro_noise import certificate, deviations, forms, tables
 from calibkit.instruments.gyro_noise.figures import NoiseReport
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GyroNoiseRecipe, find_sensor
 from calibkit.left_out import LeftOut
-from calibkit.report.summary import Summary
 from calibkit.sensitivities import Sensitivity
 
 if TYPE_CHECKING:
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
+    from calibkit.report.summary import Summary
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}
@@ -51,6 +51,7 @@ slowly.
 Recipe = GyroNoiseRecipe
 FORMS = ()
 STAGE = "gyro_noise"
+results = certificate.results
 KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
 
@@ -121,23 +122,10 @@ def fit(
     return Fitted(
         (result,),
         tuple(inputs),
-        _summarize(spec, spec.title, figures, flags),
+        tables.summarize(spec.title, figures, flags, spec.acceptance),
         NoiseReport(tuple(figures)),
         sensitivities=tuple(sensitivities),
         left_out=tuple(gaps),
-    )
-
-
-def _summarize(
-    spec: GyroNoiseRecipe, title: str, figures: Sequence[NoiseFigures], flags: Sequence[str]
-) -> Summary:
-    """Tables, flags and tested limits of records."""
-    return Summary(
-        title,
-        tables.tables(figures),
-        tuple(flags),
-        tables.criteria(figures, spec.acceptance),
-        overview=tables.summarize_noise(figures),
     )
 
 
@@ -172,7 +160,7 @@ def validate(
         )
         figures += of_log
         flags += flags_of_log
-    return {"logs": entries}, _summarize(spec, "", figures, flags)
+    return {"logs": entries}, tables.summarize("", figures, flags, spec.acceptance)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

@@ -13,7 +13,7 @@ from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.report.overview import KeyValue, Overview
-from calibkit.report.summary import number
+from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
 
@@ -53,9 +53,11 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
     return tuple(tested)
 
 
-def tables(records: Sequence[NoiseFigures]) -> tuple[Table, ...]:
-    """Mean, noise terms and bias stability of every record, and the deviations over averaging
-    time.
+def summarize(
+    title: str, records: Sequence[NoiseFigures], flags: Sequence[str], limits: NoiseAcceptance
+) -> Summary:
+    """Mean, noise terms and bias stability of every record, the deviations over averaging time,
+    flags and tested limits; the first screen has the terms that are determined.
     """
     rows = []
     for noise in records:
@@ -68,35 +70,20 @@ def tables(records: Sequence[NoiseFigures]) -> tuple[Table, ...]:
         for law in sensor.laws:
             cells = cells_of_terms.get(law.name, ("not observable", ""))
             rows.append((name, f"{law.name} {law.symbol}", *cells, law.unit))
-        rows += [
-            (
-                name,
-                f"bias stability, {s.block_s:g} s",
-                number(s.value),
-                number(s.standard_uncertainty, 2),
-                sensor.unit,
-            )
-            for s in noise.stability
-        ]
-    return (
-        Table(
-            "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block"
-            " means)",
-            ("record", "figure", "value", "standard uncertainty", "unit"),
-            tuple(rows),
-        ),
-        *(
-            _curve_table(noise, curve)
-            for noise in records
-            for curve in (noise.curve, noise.wavelet)
-        ),
+        for entry in noise.stability:
+            cells = number(entry.value), number(entry.standard_uncertainty, 2)
+            rows.append((name, f"bias stability, {entry.block_s:g} s", *cells, sensor.unit))
+    title_of_terms = (
+        "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
     )
+    heads = ("record", "figure", "value", "standard uncertainty", "unit")
+    terms = Table(title_of_terms, heads, tuple(rows))
+    curves = [
+        _curve_table(noise, curve) for noise in records for curve in (noise.curve, noise.wavelet)
+    ]
 
-
-def summarize_noise(records: Sequence[NoiseFigures]) -> Overview:
-    """First screen: the noise terms that each record shows, and how long it was."""
-    first, table = records[0], tables(records)[0]
-    terms = [
+    first = records[0]
+    key_values = [
         KeyValue(
             f"{term.name.replace('_', ' ')} {term.symbol}",
             term.value,
@@ -105,7 +92,9 @@ def summarize_noise(records: Sequence[NoiseFigures]) -> Overview:
         )
         for term in first.terms.terms
     ]
-    stable = [
+    terms_text = "; ".join(f"{entry.name} {entry}" for entry in key_values)
+    terms_text = terms_text or "no term of noise is determined by the Allan deviation"
+    key_values += [
         KeyValue(
             f"bias stability, {entry.block_s:g} s",
             entry.value,
@@ -114,12 +103,12 @@ def summarize_noise(records: Sequence[NoiseFigures]) -> Overview:
         )
         for entry in first.stability
     ]
-    terms_text = "; ".join(f"{term.name} {term}" for term in terms)
-    terms_text = terms_text or "no term of noise is determined by the Allan deviation"
     hours = first.record.samples * first.record.interval_s / SECONDS_PER_HOUR
     sentence = f"Noise of {first.record.name} over {hours:.3g} h at rest: {terms_text}."
-    determined = replace(table, rows=tuple(row for row in table.rows if row[3]))
-    return Overview(sentence, (), (*terms, *stable)[:4], determined)
+    determined = replace(terms, rows=tuple(row for row in rows if row[3]))
+    overview = Overview(sentence, (), tuple(key_values[:4]), determined)
+    tested = criteria(records, limits)
+    return Summary(title, (terms, *curves), tuple(flags), tested, overview=overview)
 
 
 def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:

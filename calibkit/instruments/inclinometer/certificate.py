@@ -1,12 +1,27 @@
-"""Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
+"""Inclinometer results: the in-situ scale factor s of each gyro over temperature, as functions of
+their inputs and on a certificate.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
 
 from calibkit.certificate.blocks import list_coefficients, make_block, plot, tabulate
-from calibkit.certificate.quantities import of_figure, state
+from calibkit.certificate.quantities import (
+    At,
+    Point,
+    Quantity,
+    numbered,
+    of_figure,
+    polynomial,
+    ranged,
+    state,
+)
 from calibkit.certificate.results import Block, Equation, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
-from calibkit.instruments.inclinometer import quantities
-from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM
+from calibkit.coefficients import Model, Record
+from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 SCALE = Equation(
     SCALE_FORM.name,
@@ -22,13 +37,50 @@ FIGURES = {
 }
 
 
+CHOICE = Words("choice of the order, by left-out stations", "阶数选择（留一法）")
+
+
+def scale(record: Record, model: Model) -> Quantity:
+    """Scale factor of one gyro; constant where temperature was not logged."""
+    value = polynomial(model, numbered("s", model), TEMPERATURE)
+    over_temperature = TEMPERATURE in model.valid
+    # files of calibkit 0.2 state what the choice of the order adds; later ones average the orders
+    u_choice = next((p.value for p in model.parameters if p.name == "order_choice"), 0.0)
+    further_terms = ((CHOICE, u_choice, float(max(model.dof, 1))),) if u_choice else ()
+
+    def point(at: At) -> Point:
+        if over_temperature:
+            return replace(value(at), more=further_terms)
+        return replace(value({TEMPERATURE: 0.0}), influences={}, more=further_terms)
+
+    return Quantity(
+        "s",
+        record.stage,
+        model.name,
+        Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s"),
+        "1",
+        (ranged(model, TEMPERATURE),) if over_temperature else (),
+        point,
+        compared=(({},),),
+        relative=True,
+        principal=True,
+    )
+
+
+def results(records: Mapping[str, Record], spec: InclinometerRecipe) -> tuple[Quantity, ...]:
+    """Scale factor of each gyro; the recipe sets no limit on it."""
+    del spec
+    record = records[FILE]
+    return tuple(scale(record, model) for model in record.models)
+
+
 def blocks(basis: Stated) -> tuple[Block, ...]:
     """Block of inclinometer_scale.json."""
     record = basis.records.get(FILE)
     if record is None:
         return ()
     models = record.models
-    scales = [quantities.scale(record, model) for model in models]
+    scales = [scale(record, model) for model in models]
     coefficients = [
         list_coefficients(
             *(basis, record, model),

@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibkit.coefficients import Condition, Figure, Record, StageResult
-from calibkit.errors import CoefficientError
+from calibkit.coefficients import Condition, Figure, StageResult
 from calibkit.instruments.inclinometer.errors import AngleErrors
-from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE, ScaleModel
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import (
@@ -137,41 +136,6 @@ def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]
         for text, names in stations_of_flag.items()
     ]
     return tuple(lines)
-
-
-def flag_temperatures(
-    file: str, stations: Stations, models: Mapping[Sensor, ScaleModel]
-) -> tuple[str, ...]:
-    """Flags of stations without a temperature or outside the calibration's temperature range."""
-    valid = next(iter(models.values())).valid
-    if valid is None:
-        return ()
-    low, high = valid
-    unknown = ~np.isfinite(stations.temperature)
-    flags = []
-    if unknown.any():
-        flags.append(
-            f"{file}: {int(unknown.sum())} of {unknown.size} stations have no temp_case_degc: their"
-            f" s may be any of s(T) over {low:.1f} to {high:.1f} °C"
-        )
-    outside = ~unknown & ((stations.temperature < low) | (stations.temperature > high))
-    if outside.any():
-        flags.append(
-            f"{file}: temperature clamped to {low:.1f} to {high:.1f} °C at {int(outside.sum())} of"
-            f" {unknown.size} stations"
-        )
-    return tuple(flags)
-
-
-def read_models(
-    records: Mapping[str, Record], spec: InclinometerRecipe
-) -> dict[Sensor, ScaleModel]:
-    """s(T) of each gyro that the recipe reads, from the coefficient file of a run; raises
-    CoefficientError for a missing gyro.
-    """
-    if FILE not in records:
-        raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
-    return {axis: ScaleModel.read(records[FILE].model(axis)) for axis in spec.axes}
 
 
 def find_sensitivities(

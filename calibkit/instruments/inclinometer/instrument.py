@@ -17,7 +17,7 @@ import numpy as np
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record, at_most
-from calibkit.errors import FrameError
+from calibkit.errors import CoefficientError, FrameError
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
@@ -31,7 +31,7 @@ from calibkit.instruments.inclinometer import (
     solve,
     stations as inclinometer_stations,
 )
-from calibkit.instruments.inclinometer.forms import SCALE, TEMPERATURE
+from calibkit.instruments.inclinometer.forms import FILE, SCALE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.left_out import LeftOut
 from calibkit.report.summary import Summary
@@ -63,6 +63,7 @@ PROPOSED = (
 )
 """Columns that a proposed recipe maps where the logs have them."""
 faults = inclinometer_stations.examine
+results = certificate.results
 
 
 def read(
@@ -100,7 +101,7 @@ def fit(
     angles = errors.AngleErrors.compare(stations, solved)
     result = coefficient_files.make_result(fits, stations, solved, angles, notes, spec)
     influences = coefficient_files.find_sensitivities(fits, stations, spec.on_site())
-    results = tabulate_fit([result], spec, influences, certificate.blocks)
+    result_tables = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
     for axis, status in stations.status.items():
         count = sum(map(bool, status))
@@ -109,7 +110,7 @@ def fit(
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        errors.summarize(fits, stations, solved, angles, result.flags, spec, results),
+        errors.summarize(fits, stations, solved, angles, result.flags, spec, result_tables),
         figures.SeekingReport(fits, stations, solved, angles, spec.site.latitude_deg),
         sensitivities=influences,
         left_out=tuple(left_out),
@@ -120,14 +121,29 @@ def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
     """Stations of a log with one row per position, solved with a run's s(T), and their flags."""
-    models = coefficient_files.read_models(records, spec)
+    if FILE not in records:
+        raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
+    models = {axis: ScaleModel.read(records[FILE].model(axis)) for axis in spec.axes}
     rows = inclinometer_stations.gather_rows([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
     solved = solve.seek_north(stations, models, spec)
     solved.require_consistent(log.file)
-    flags = (*coefficient_files.flag_temperatures(log.file, stations, models),)
+    flags, valid, degc = list[str](), models[spec.axes[0]].valid, stations.temperature
+    if valid is not None:
+        low, high = valid
+        unknown, outside = int(np.isnan(degc).sum()), int(((degc < low) | (degc > high)).sum())
+        if unknown:
+            flags.append(
+                f"{log.file}: {unknown} of {degc.size} stations have no temp_case_degc: their"
+                f" s may be any of s(T) over {low:.1f} to {high:.1f} °C"
+            )
+        if outside:
+            flags.append(
+                f"{log.file}: temperature clamped to {low:.1f} to {high:.1f} °C at {outside} of"
+                f" {degc.size} stations"
+            )
     return stations, solved, (*flags, *coefficient_files.flag_stations(stations, solved))
 
 

@@ -81,31 +81,12 @@ class ScaleFit:
     """[n + 1, n + 1], matrix from powers of x to powers of °C."""
     fit: Fit | None = None
     """Of s0 … sn in powers of x and of the turn [°]; None of a single root."""
-    separable: bool | None = None
-    """Whether the stations tell a turn of the gyro from the polynomial; None where they are too few
-    to measure it.
-    """
     turn_deg: tuple[float, float] = (0.0, 0.0)
     """Turn of the gyro against its accelerometer and its standard uncertainty [°]. That of a turn
     which noise may explain is 0: it stays in the azimuth's uncertainty with its own size.
     """
     components: tuple[Component, ...] = ()
-
-    @property
-    def flags(self) -> tuple[str, ...]:
-        """On logs that are too few to show their scatter, and on the turn."""
-        angle, u = self.turn_deg
-        logs = [s for s in (self.fit.shared if self.fit else ()) if s.error.group == "log"]
-        flags = [*warn_of_few_levels(logs)]
-        if self.separable is False:
-            flags.append(Remark(ONE_ATTITUDE))
-        if abs(angle) > SHOWN * u > 0.0:
-            flags.append(
-                f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u:.2g}° against the"
-                " accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
-                " azimuth; align the sensors and measure again"
-            )
-        return tuple(flags)
+    flags: tuple[str, ...] = ()
 
     @property
     def dof(self) -> int:
@@ -289,16 +270,34 @@ def fit_over_temperature(
     if order is None:
         levels_degc = np.unique(np.round(degc)).size
         tried_orders = orders(degc.size, levels_degc, HIGHEST_ORDER)
-    highest, separable = tried_orders[-1], None
-    if turn is not None and degc.size - highest - 2 >= SPARE:
-        separable = _separates_turn(roots, highest)
-    fits = _fit_orders(roots, tried_orders, shared_errors(roots, log), with_turn=separable is True)
-    fit = average(fits)
+    highest = tried_orders[-1]
+    measurable = turn is not None and degc.size - highest - 2 >= SPARE
+    separable = measurable and _separates_turn(roots, highest)
+    fit = average(_fit_orders(roots, tried_orders, shared_errors(roots, log), with_turn=separable))
     to_raw = np.asarray(polynomial.to_raw_powers(middle, half, highest), dtype=np.float64)
 
-    # 3. Azimuths are corrected without the turn: it is at least that which the roots show, with its
-    # standard uncertainty, and the stated one.
-    angle, u_angle = _measure_turn(fit) if separable else (0.0, 0.0)
+    # 3. The turn of the gyro [°]; one that noise may explain has no uncertainty of its own.
+    # Azimuths are corrected without it: they are as uncertain as the turn which the roots show,
+    # with its standard uncertainty, and at least by the stated one.
+    angle = u_angle = 0.0
+    flags = [*warn_of_few_levels([size for size in fit.shared if size.error.group == "log"])]
+    if separable:
+        from scipy.special import stdtr
+
+        estimate = fit.of(lambda p: p[-1:])
+        angle, u_angle = float(estimate.value[0]), float(estimate.u[0])
+        if abs(angle) < LEAST_DEG:
+            angle = u_angle = 0.0
+        elif 2.0 * float(stdtr(estimate.dof[0], -abs(angle) / u_angle)) > BY_CHANCE:
+            u_angle = 0.0
+    elif measurable:
+        flags.append(Remark(ONE_ATTITUDE))
+    if abs(angle) > SHOWN * u_angle > 0.0:
+        flags.append(
+            f"the roots of s show a gyro that is turned by {angle:.3f}° ± {u_angle:.2g}° against"
+            " the accelerometers about the tool axis, expected 0°: it is in the uncertainty of the"
+            " azimuth; align the sensors and measure again"
+        )
     stated_deg = 0.0 if turn is None else turn.size or 0.0
     turn_deg = max(stated_deg, float(np.hypot(angle, u_angle)))
     components = components_of(fit.shared)
@@ -317,20 +316,8 @@ def fit_over_temperature(
     left_out = _leave_out(fit, x, roots, used)
     return ScaleFit(
         *(model, used, left_out, roots, to_raw),
-        *(fit, separable, (angle, u_angle), components),
+        *(fit, (angle, u_angle), components, tuple(flags)),
     )
-
-
-def _measure_turn(fit: Fit) -> tuple[float, float]:
-    """Turn of the gyro and its standard uncertainty [°]; that of one by chance is 0."""
-    from scipy.special import stdtr
-
-    estimate = fit.of(lambda p: p[-1:])
-    angle, u = float(estimate.value[0]), float(estimate.u[0])
-    if abs(angle) < LEAST_DEG:
-        return 0.0, 0.0
-    by_chance = 2.0 * float(stdtr(estimate.dof[0], -abs(angle) / u))
-    return angle, u if by_chance <= BY_CHANCE else 0.0
 
 
 def _separates_turn(roots: StationRoots, order: int) -> bool:

@@ -322,8 +322,20 @@ def fit_stations(
         rows = station == k
         design, reading = all_columns[rows], readings[rows]
         fault = faults[k] if faults else ""
-        status.append(fault or _undetermined(design[:, :count], elapsed[rows], reading))
-        if status[k]:
+        if not fault:
+            unknown: Sequence[str] = ()
+            if not np.isfinite(np.column_stack([reading, design[:, :2]])).all():
+                fault = "an indication or a position is not finite"
+            elif not np.isfinite(elapsed[rows]).all():
+                fault = "a time is not finite"
+            elif len(design) < count:
+                fault = f"{len(design)} readings for {count} coefficients"
+            else:
+                unknown = undetermined(design[:, :count], COEFFICIENTS[:count])
+            if unknown:
+                fault = f"the positions cannot determine {', '.join(unknown)}"
+        status.append(fault)
+        if fault:
             continue
         coefficients[k], covariance[k] = 0.0, 0.0
         for j, width in enumerate((len(COEFFICIENTS) - 1, count)):  # the accelerometer has no ramp
@@ -337,19 +349,6 @@ def fit_stations(
     if all(status) and not any(faults):
         raise FitError(f"none of {stations} stations can be fitted: {status[0]}")
     return StationFits(coefficients, covariance, tuple(status), squares, dofs)
-
-
-def _undetermined(design: Array, elapsed_s: Array, readings: Array) -> str:
-    """Reason why a station with readings [r, m] cannot be fitted, or an empty string."""
-    if not (np.isfinite(readings).all() and np.isfinite(design[:, :2]).all()):
-        return "an indication or a position is not finite"
-    if not np.isfinite(elapsed_s).all():
-        return "a time is not finite"
-    names = COEFFICIENTS[: design.shape[1]]
-    if len(design) < len(names):
-        return f"{len(design)} readings for {len(names)} coefficients"
-    unknown = undetermined(design, names)
-    return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
 
 
 def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
