@@ -19,7 +19,7 @@ from calibkit.certificate import certify
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import silent
 from calibkit.instruments.bias import compensate, ramps
-from calibkit.instruments.bias.figures import DriftReport, before_after_page
+from calibkit.instruments.bias.figures import DriftReport
 from calibkit.report import documents, pdf
 from calibkit.report.figures import png
 
@@ -90,9 +90,9 @@ def picture(run: store.StoredRun, out: Path) -> None:
     read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
     prepared = [ramps.prepare(log, spec, ramps.find_faults(log, spec)) for log in read]
     found = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in prepared]
-    title, interval_s = "Simulated gyro, ramps that were not fitted", spec.drift.interval_s
-    view = DriftReport(title, interval_s, tuple(prepared), tuple(found))
-    (out / "fog_thermal.png").write_bytes(png(before_after_page(view), dpi=90))
+    view = DriftReport(spec.drift.interval_s, tuple(prepared), tuple(found))
+    drawn = view.before_after("Simulated gyro, ramps that were not fitted")
+    (out / "fog_thermal.png").write_bytes(png(drawn, dpi=90))
 
 
 def main(out: Path) -> None:

@@ -11,19 +11,19 @@ RATES = np.linspace(-100.0, 100.0, 17)
 SEEDS = range(20)
 
 
-def runs(seed, *, warming=0.0, tau_s=300.0, drift=0.0, cubic=0.0):
-    """Three runs of 40 s a rate: relative change of K by a transient, by time, and cubic bend, and
-    K at the end of a run.
+def runs(seed, *, warming=0.0, tau_s=300.0, drift=0.0, cubic=0.0, asymmetry=0.0):
+    """Three runs of 40 s a rate: relative change of K by a transient, by time, cubic bend, and
+    difference between the directions, and K at the end of a run.
     """
     rng, t = np.random.default_rng(seed), 40.0 * np.arange(17)
     scale = 1e4 * (1.0 - warming * np.exp(-t / tau_s) + drift * t / t[-1])
-    shown = scale * RATES + 1e6 * cubic * (RATES / 100.0) ** 3
+    bend = 1e6 * (cubic * (RATES / 100.0) ** 3 + 0.5 * asymmetry * np.abs(RATES / 100.0))
+    shown = scale * RATES + bend
     F = np.concatenate([shown + rng.standard_normal(17) for _ in range(3)])
     run, zero = np.repeat(np.arange(3), 17), np.zeros(51, dtype=int)
     hours = np.tile(t / 3600.0, 3) - t[-1] / 7200.0
     rows = equation.RateRows(np.tile(RATES, 3), F, run, np.full(51, 25.0), hours, zero, zero)
-    bend = np.polyfit(RATES, 1e6 * cubic * (RATES / 100.0) ** 3, 1)[0]
-    return rows, scale[-1] + bend
+    return rows, scale[-1] + np.polyfit(RATES, bend, 1)[0]
 
 
 @pytest.mark.parametrize(
@@ -33,6 +33,7 @@ def runs(seed, *, warming=0.0, tau_s=300.0, drift=0.0, cubic=0.0):
         ("time", {"warming": 200e-6}),
         ("time", {"drift": 30e-6}),
         ("response", {"cubic": 150e-6}),
+        ("response", {"asymmetry": 200e-6}),
     ],
 )
 def test_time_and_response_are_told_apart_and_k_is_within_its_half_width(decision, fault):

@@ -220,9 +220,9 @@ class DriftReport:
 
     def pages(self, title: str) -> list[Figure]:
         """Drift before and after, which shows the verdict, coefficients over rate, residuals."""
-        return [self._before_after(title), self._coefficients(title), self._residuals(title)]
+        return [self.before_after(title), self._coefficients(title), self._residuals(title)]
 
-    def _before_after(self, title: str) -> Figure:
+    def before_after(self, title: str) -> Figure:
         """Drift of the first logs before and after compensation and denoised, one log after the
         other, with what noise alone gives, above the case temperature.
         """

@@ -1,11 +1,11 @@
 """Rates that rise with time: a scale factor that warms up looks like a bent response.
 
-    F = K_r Ω + F_r + N or T_τ,   N = {Ω³, Ω |Ω|},   T_τ = {Ω φ, φ},   φ = exp(−t/τ) or t     (1)
+    F = K_r Ω + F_r + N or T_τ,   N = {Ω³, Ω |Ω|, |Ω|},   T_τ = {Ω φ, φ}                      (1)
     F = (RSS_line − min(RSS_N, RSS_T))/(3 s²) against F(3, ν),   D = (RSS_N − RSS_T)/s²       (2)
 
-t is the time since a run began, N the powers of the rate where the response has some, s² and ν are
-of the fit with both. Where F is not exceeded there is the line alone; D > 20 is time, D < −20 the
-response, and between them nothing decides.
+φ = exp(−t/τ) or t, t the time since a run began, N the powers of the rate where the response has
+some, s² and ν are of the fit with both. Where F is not exceeded there is the line alone; D > 20 is
+time, D < −20 the response, and between them nothing decides.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation
 from calibkit.instruments.gyro_scale.published import PPM
 
@@ -63,7 +64,8 @@ def decide(
     if rate_spread > equation.SAME_RATE * np.max(np.abs(rate)):
         return None
     w = rate / np.max(np.abs(rate))
-    bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w)])
+    # |Ω|: a scale factor that differs between the directions
+    bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w), np.abs(w)])
     dof = rate.size - 2 - 3 - bent.shape[1]  # the time constant counts
     if dof < LEAST_DOF:
         return None
@@ -80,7 +82,8 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
         explanation = (
             "as of a scale factor that warms up: K is that at the end of the runs"
             if ordering.decision == "time"
-            else "or with a bent response, and nothing separates the two: K is the mean of both"
+            else "or with a response that is bent or differs between the directions, and nothing"
+            " separates the two: K is the mean of both"
         )
         yield (
             f"{name}: the indication changes with time since the runs began, {explanation},"
@@ -88,9 +91,9 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
             f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
         )
     elif ordering.separable < 0.1:
-        yield (
-            f"{name}: rates rise with time: a scale factor that warms up looks like a bent"
-            f" response; {cure}"
+        yield Remark(
+            f"{name}: rates follow time: a scale factor that warms up looks like a response that is"
+            f" bent or differs between the directions; {cure}"
         )
 
 
