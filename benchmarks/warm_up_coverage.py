@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from calibkit.frame import Log
-from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.simulate import noise as simulated
 
@@ -70,7 +70,7 @@ def cover(
         values = noise(rng.normal(size=(2, BEFORE + rows)))[BEFORE:]
         columns = {"temp_case_degc": temperature, "gyro_dph": values}
         log = Log("w", "w.csv", "", rows, pd.DataFrame(columns))
-        (fitted,) = polynomials.fit([log], spec.polynomials, spec.errors)
+        (fitted,) = bias_temperature.fit_channels([log], spec.polynomials, spec.errors)
         coefficients = fitted.model.coefficients
         dofs.append(float(coefficients[1].effective_dof))
         found.append(slope @ np.array([c.value for c in coefficients]))

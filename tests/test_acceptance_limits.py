@@ -15,7 +15,6 @@ from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.bias import fog_thermal as fog
 from calibkit.instruments.bias.compensate import LogFigures
-from calibkit.instruments.bias.numeric.drift_figures import NoiseSplit
 from calibkit.instruments.bias.recipe import _FogAcceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, NoiseAcceptance
@@ -27,6 +26,7 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
+from calibkit.numeric.thermal.left_out import NoiseSplit
 from calibkit.recipe.type_b import TypeB
 
 RECIPES = Path(__file__).parents[1] / "recipes"

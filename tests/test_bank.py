@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.bias import compensate, drift_choice as decision
-from calibkit.instruments.bias.numeric import bank, bank_fit, choice, drift_figures, evidence
-from calibkit.numeric.thermal import fits
+from calibkit.instruments.bias.numeric import bank, bank_fit, choice, evidence
+from calibkit.numeric.thermal import fits, left_out
 from calibkit.numeric.thermal.noise import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
@@ -245,12 +245,8 @@ def test_noise_and_drift_of_an_output_are_told_apart():
     slow -= slow.mean()
     for drift in (slow, 0.0 * slow):
         found = [
-            drift_figures.split_noise(
-                [
-                    drift_figures.figure_means(
-                        drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10
-                    )
-                ]
+            left_out.split_noise(
+                [left_out.means_of_groups(drift + rng.normal(0.0, 0.06 * np.sqrt(10.0), 1000), 10)]
             )
             for _ in range(200)
         ]

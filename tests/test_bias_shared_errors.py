@@ -10,7 +10,7 @@ from scipy.stats import t
 
 from calibkit.errors import FitError
 from calibkit.frame import Log
-from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
 from calibkit.simulate import noise
@@ -46,7 +46,7 @@ def warm_ups(seed, ranges, *, turn_on, memory=0.0, rows=1000, slope=0.0):
 def fit(logs, spec=None):
     """The channel's fit."""
     spec = spec or recipe()
-    (channel,) = polynomials.fit(logs, spec.polynomials, spec.errors)
+    (channel,) = bias_temperature.fit_channels(logs, spec.polynomials, spec.errors)
     coefficients = channel.model.coefficients
     return SimpleNamespace(
         coefficients=np.array([c.value for c in coefficients]),

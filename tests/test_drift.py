@@ -8,8 +8,9 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.bias import drift_choice as gradient_choice
-from calibkit.instruments.bias.numeric import drift_figures, published as drift
+from calibkit.instruments.bias.numeric import published as drift
 from calibkit.numeric import intervals
+from calibkit.numeric.thermal import left_out
 from conftest import AUTHORITIES
 from naive import block_means, compensate
 
@@ -91,8 +92,8 @@ def test_one_step_removes_the_true_rate_and_recursive_keeps_it():
     blocks = vector_blocks(VECTOR["ramps"][2])
     polynomial = drift.fit_over_rates(vector_fits(), 3, "heating")
     delta = drift.increments([polynomial], blocks.gradient, blocks.rate).delta
-    gain = drift_figures.rate_gain(lambda w: w - drift.recursive(delta), blocks.indication)
-    lost = drift_figures.rate_gain(lambda w: drift.one_step(w, delta), blocks.indication)
+    gain = left_out.rate_gain(lambda w: w - drift.recursive(delta), blocks.indication)
+    lost = left_out.rate_gain(lambda w: drift.one_step(w, delta), blocks.indication)
     assert gain == pytest.approx(1.0, abs=1e-12)
     assert lost == pytest.approx(0.0, abs=1e-12)
 
@@ -290,8 +291,8 @@ def test_a_linear_bias_is_caught_by_constant_coefficients():
     model = drift.fit_over_rates(fits, best.order, "heating")
     withheld = physical_log(3.0, rng)
     delta = drift.increments([model], withheld.gradient, withheld.rate).delta
-    raw = drift_figures.drift_rms(withheld.indication, 10)
-    assert drift_figures.drift_rms(withheld.indication - drift.recursive(delta), 10) < raw / 3.0
+    raw = left_out.drift_rms(withheld.indication, 10)
+    assert left_out.drift_rms(withheld.indication - drift.recursive(delta), 10) < raw / 3.0
 
 
 def test_pure_noise_is_given_no_drift_term():
@@ -319,9 +320,9 @@ def test_drift_rms_ignores_the_mean_and_averages_noise():
     """The figure is the standard deviation of group means; a log shorter than two groups uses its
     samples.
     """
-    assert drift_figures.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
-    assert drift_figures.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
-    assert drift_figures.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(
+    assert left_out.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
+    assert left_out.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
+    assert left_out.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(
         np.std([1.0, -1.0, 1.0])
     )
 

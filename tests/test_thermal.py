@@ -14,7 +14,8 @@ from scipy.signal import lfilter
 import calibkit
 from calibkit import store
 from calibkit.ingest import logs_on_disk
-from calibkit.instruments.bias import channels, power_ons, simulate
+from calibkit.instruments.bias import power_ons, simulate
+from calibkit.instruments.bias.numeric import choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import coil, evaluate, pooled_fit, uncertainty
 from calibkit.results.evaluation import RunResults, answer
@@ -123,7 +124,7 @@ def test_a_left_out_quarter_is_left_as_by_the_true_family(plant, seed):
     edges = time[-1] / 4.0 * quarter, time[-1] / 4.0 * (quarter + 1)
     out = (log.time >= edges[0]) & (log.time < edges[1])
     one = power_on(log, ~out)
-    found = channels.choose(pooled_fit.Stack.of_logs([one.of_channel("y")]), figure_blocks=10)
+    found = choice.choose_terms(pooled_fit.Stack.of_logs([one.of_channel("y")]), figure_blocks=10)
     left = log.indication - evaluate.evaluate_wide(found.model, one.blocks, 25.0).drift
     rms = float(np.sqrt(np.mean((left[out] - left[~out].mean()) ** 2)))
     assert rms <= 1.2 * true_family_rms(plant, case, taus, held, log.indication, out)
@@ -160,7 +161,7 @@ def coverage():
         indication += noise.flicker(channel.flicker, time.size, rng)
         log = averaged(time, noise.reading(case, 0.0625, 0.02, rng), indication)
         one = power_on(log, np.ones(log.time.size, dtype=bool))
-        model = channels.choose(
+        model = choice.choose_terms(
             pooled_fit.Stack.of_logs([one.of_channel("y")]), figure_blocks=10
         ).model
         truth = simulate.true_drift(channel, simulate._layers(other, diffusion_s))

@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.bias import compensate, simulate_fog as fog, simulate_fog as simulate_gyro
-from calibkit.instruments.bias.numeric import bank, choice as thermal_choice, drift_figures
+from calibkit.instruments.bias import (
+    at_rest,
+    compensate,
+    simulate_fog as fog,
+    simulate_fog as simulate_gyro,
+)
+from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
@@ -501,7 +506,7 @@ def test_hysteresis_is_shown_by_cooling_against_heating():
     some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
     terms = ("b0", "b1", "b2", "b3")
     shown, quiet = (
-        drift_figures.compare_directions(
+        at_rest.compare_directions(
             fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs)
         )
         for logs in (some, none)
@@ -516,4 +521,4 @@ def test_hysteresis_needs_both_directions(logs, choice):
     """Heating alone shows none."""
     heating = [log for log in fitted(logs) if "heating" in log.name]
     with pytest.raises(FitError, match="heating and cooling"):
-        drift_figures.compare_directions(choice.model, heating)
+        at_rest.compare_directions(choice.model, heating)

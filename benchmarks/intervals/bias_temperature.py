@@ -16,7 +16,7 @@ import pandas as pd
 
 from calibkit.errors import CalibkitError
 from calibkit.frame import Log
-from calibkit.instruments.bias import polynomials
+from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
 from intervals import exact
@@ -114,8 +114,8 @@ def simulate(case: Case, number: int) -> Outcome:
         gyro = gyro + size * rng.normal(size=(case.groups, 1)) * _wander()
     spec = _recipe(case)
     try:
-        fits = polynomials.fit(_logs(degc, gyro), spec.polynomials, spec.errors)
-        (model,) = polynomials.result(fits, ()).models
+        fits = bias_temperature.fit_channels(_logs(degc, gyro), spec.polynomials, spec.errors)
+        (model,) = (channel.model for channel in fits)
     except CalibkitError as error:
         return Outcome({}, {}, refused=str(error))
     truth = np.polynomial.Polynomial.fit(degc.ravel(), clean.ravel(), ORDER).convert().coef

@@ -1,10 +1,12 @@
 """Thermal drift model and its logs → rate at rest at the reference temperature, earth's rate along
-the input axis, and bias.
+the input axis, bias, and hysteresis.
 
     ω(T_ref, at rest) = bias + ω_e (cos α cos ε cos ψ + sin α sin ε)        (`numeric.earth`)
+    h(T) = mean of the blocks that cool through T − mean of those that heat through it, in bins of
+           5 °C, each log about its mean, which holds its turn-on bias
 
 α is the latitude, ε and ψ are elevation and azimuth of the input axis. Also stated are the turn-on
-bias of each log, and the hysteresis of the residual drift (cooling less heating).
+bias of each log, and the hysteresis of the residual drift.
 """
 
 from collections.abc import Sequence
@@ -13,17 +15,20 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.bias import drift_choice as decision, forms
 from calibkit.instruments.bias.compensate import TURN_ON, DriftModel
-from calibkit.instruments.bias.numeric import bank, drift_figures
+from calibkit.instruments.bias.numeric import bank
 from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
-from calibkit.instruments.bias.numeric.drift_figures import Hysteresis
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
+from calibkit.numeric.thermal.left_out import MOVING_DEGC_MIN
+from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import CASE
 from calibkit.recipe import type_b
 from calibkit.report import budget
@@ -41,6 +46,28 @@ NO_BIAS = (
     "no rate at rest and no bias are stated: this model follows changes of the drift only, so the"
     ' means of the logs still hold drift; for a bias, fit with [drift] model = "auto"'
 )
+HYSTERESIS_BIN_DEGC = 5.0
+LEAST_BLOCKS = 5
+"""Fewest heating and fewest cooling blocks in a bin of the hysteresis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hysteresis:
+    """Residual drift on cooling less that on heating ramps [m, °/h] at case temperatures [m, °C],
+    with standard uncertainties [m, °/h].
+    """
+
+    temperature: Array
+    difference: Array
+    standard_uncertainty: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square [°/h] of the differences beyond their uncertainties; 0 if the
+        uncertainties explain them.
+        """
+        excess = float(np.mean(self.difference**2 - self.standard_uncertainty**2))
+        return float(np.sqrt(max(excess, 0.0)))
 
 
 @dataclass(slots=True)
@@ -199,12 +226,12 @@ def _state_hysteresis(
     """
     thermal = [log.thermal for log in logs]
     try:
-        before = drift_figures.compare_directions(None, thermal)
+        before = compare_directions(None, thermal)
     except FitError:
         return
     after, of_turn_on = None, None
     if model.thermal is not None:
-        after = drift_figures.compare_directions(model.thermal, thermal)
+        after = compare_directions(model.thermal, thermal)
         of_turn_on = decision.compare_turn_on(model.thermal, logs)
     curves = (
         ("hysteresis_before", "indication", before),
@@ -222,3 +249,37 @@ def _state_hysteresis(
     if of_turn_on is not None:
         name = "turn_on_bias_cooling_less_heating"
         statement.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))
+
+
+def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hysteresis:
+    """Compare the residual drift of a model (without one, the indication) on heating and on cooling
+    ramps at equal case temperature.
+
+    The mean of each log, which contains its turn-on bias, is removed first: the result is the shape
+    of the hysteresis without its constant part. Raises FitError if no temperature was passed in
+    both directions.
+    """
+    parts = []
+    for log in logs:
+        left = log.indication
+        if model is not None:
+            left = left - bank.evaluate(model, log.time, log.case, log.env).drift
+        # a running mean over nine blocks suppresses the steps of a quantised thermometer
+        padded = np.pad(np.gradient(log.case, log.time), 4, mode="edge")
+        rate = np.convolve(padded, np.full(9, SECONDS_PER_MINUTE / 9.0), mode="valid")
+        direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
+        parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
+    number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
+    bins = []
+    for k in np.unique(number):
+        down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
+        if min(down.size, up.size) >= LEAST_BLOCKS:
+            variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
+            bins.append(
+                ((k + 0.5) * HYSTERESIS_BIN_DEGC, down.mean() - up.mean(), np.sqrt(variance))
+            )
+    if not bins:
+        raise FitError(
+            "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
+        )
+    return Hysteresis(*np.array(bins).T)

@@ -26,7 +26,7 @@ from calibkit.fit.unseen import unseen
 from calibkit.frame import Log, values
 from calibkit.instruments.bias import forms, power_ons, ramps
 from calibkit.instruments.bias.forms import FILE
-from calibkit.instruments.bias.numeric import bank, drift_figures, published
+from calibkit.instruments.bias.numeric import bank, published
 from calibkit.instruments.bias.numeric.bank import OnLevels
 from calibkit.instruments.bias.numeric.published import DriftBlocks, RatePolynomial
 from calibkit.instruments.bias.power_ons import PowerOn
@@ -35,7 +35,7 @@ from calibkit.instruments.bias.recipe import FogThermalRecipe, ThermalRecipe
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.flicker import Flicker
-from calibkit.numeric.thermal import uncertainty
+from calibkit.numeric.thermal import left_out, uncertainty
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_wide
 from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.noise import BlockNoise
@@ -370,7 +370,7 @@ class LogFigures:
     name: str
     before: float
     after: float
-    split: drift_figures.NoiseSplit
+    split: left_out.NoiseSplit
     """Noise and drift in the figure after compensation."""
     gain_recursive: float
     gain_one_step: float
@@ -405,16 +405,16 @@ class LogFigures:
         output = drift.subtract(indication, "recursive")
 
         def gain(mode: Mode) -> float:
-            return drift_figures.rate_gain(lambda w: drift.subtract(w, mode), indication)
+            return left_out.rate_gain(lambda w: drift.subtract(w, mode), indication)
 
         return cls(
             name,
-            drift_figures.drift_rms(indication, group),
-            drift_figures.drift_rms(output, group),
-            drift_figures.split_noise([drift_figures.figure_means(output, group)]),
+            left_out.drift_rms(indication, group),
+            left_out.drift_rms(output, group),
+            left_out.split_noise([left_out.means_of_groups(output, group)]),
             gain("recursive"),
             gain("one_step"),
-            drift_figures.drift_rms(drift.subtract(indication, "one_step")[1:], group),
+            left_out.drift_rms(drift.subtract(indication, "one_step")[1:], group),
             drift.flags(name),
             output,
         )

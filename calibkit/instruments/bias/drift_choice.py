@@ -24,13 +24,18 @@ from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.compensate import DriftModel, LogFigures
-from calibkit.instruments.bias.numeric import choice, drift_figures, published
+from calibkit.instruments.bias.numeric import choice, published
 from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.bias.numeric.choice import ThermalChoice
-from calibkit.instruments.bias.numeric.drift_figures import WORSE, split_noise
 from calibkit.instruments.bias.ramps import PreparedLog, Ramp
 from calibkit.instruments.bias.recipe import Drift, FogThermalRecipe
-from calibkit.numeric.thermal.left_out import LeftOutErrors, blocks_per_figure
+from calibkit.numeric.thermal.left_out import (
+    WORSE,
+    LeftOutErrors,
+    blocks_per_figure,
+    means_of_groups,
+    split_noise,
+)
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""
@@ -140,17 +145,19 @@ def left_out_rates(
         return means(log.indication - published.recursive(delta))
 
     def means(output: Array) -> Array:
-        drift_means = drift_figures.figure_means(output, group)
+        drift_means = means_of_groups(output, group)
         return np.asarray(drift_means - drift_means.mean())
 
     raw = tuple(means(log.indication) for log in logs)
     tested = []
     for order in range(len(rates) - 1):
         errors = [np.zeros(0)] * len(ramps)
-        for left_out in rates:
-            remaining_ramps = [ramps[i] for rate in rates if rate is not left_out for i in rate]
+        for left_out_rate in rates:
+            remaining_ramps = [
+                ramps[i] for rate in rates if rate is not left_out_rate for i in rate
+            ]
             polynomial = published.fit_over_rates(remaining_ramps, order, side)
-            for i in left_out:
+            for i in left_out_rate:
                 errors[i] = compensated(polynomial, logs[i])
         all_rates = published.fit_over_rates(ramps, order, side)
         fitted = np.array([np.mean(compensated(all_rates, log) ** 2) for log in logs])

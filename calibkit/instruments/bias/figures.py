@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array, Mask
     from calibkit.instruments import Fitted
+    from calibkit.instruments.bias.at_rest import Hysteresis
     from calibkit.instruments.bias.compensate import LogFigures
     from calibkit.instruments.bias.numeric import published
-    from calibkit.instruments.bias.numeric.drift_figures import Hysteresis
     from calibkit.instruments.bias.ramps import PreparedLog
 
 

@@ -33,10 +33,9 @@ from calibkit.instruments.bias import (
     tables,
 )
 from calibkit.instruments.bias.numeric import choice
-from calibkit.instruments.bias.numeric.drift_figures import WORSE
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.thermal.left_out import blocks_per_figure
+from calibkit.numeric.thermal.left_out import WORSE, blocks_per_figure
 from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 

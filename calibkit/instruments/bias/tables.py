@@ -4,83 +4,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibkit.arrays import Array
-from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Criterion, at_least, at_most, over_stated_u
+from calibkit.coefficients import at_least, at_most, over_stated_u
 from calibkit.frame import Log, values
-from calibkit.instruments.bias.channels import FittedChannel
 from calibkit.instruments.bias.compensate import DriftModel, LogFigures
 from calibkit.instruments.bias.drift_choice import Export, LeftOutRates
-from calibkit.instruments.bias.numeric.drift_figures import split_noise
 from calibkit.instruments.bias.ramps import PreparedLog
-from calibkit.instruments.bias.recipe import ThermalRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
+from calibkit.numeric.thermal.left_out import split_noise
 from calibkit.report.overview import KeyValue, Overview, describe_span
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Column, Table
-
-
-def fit_summary(
-    spec: ThermalRecipe, channels: Sequence[FittedChannel], flags: Sequence[str]
-) -> Summary:
-    """Summary of a fit: the chosen terms of each channel, the errors of all candidates on left-out
-    stretches, and what is left of withheld ones.
-    """
-    models, withheld, drifts, values = [], [], [], []
-    criteria: list[Criterion] = []
-    errors: dict[str, list[str]] = {}
-    limits = spec.acceptance
-    for k, channel in enumerate(channels):
-        factor, unit = (1e6, "µg") if channel.unit == "g" else (1.0, unit_mark(channel.unit))
-        before, after = factor * channel.before, factor * channel.after
-        chosen_errors, model = channel.choice.chosen_errors, channel.choice.model
-        models.append(
-            (
-                channel.name,
-                chosen_errors.name,
-                ", ".join(f"{lag:.0f}" for lag in model.lags),
-                number(before),
-                number(after),
-                number(factor * model.model_error, 2),
-                unit,
-            )
-        )
-        for tested in channel.choice.tested:
-            row = errors.setdefault(tested.name, [""] * len(channels))
-            row[k] = f"{number(tested.pooled, 3)}{' *' if tested is chosen_errors else ''}"
-        terms = chosen_errors.name if channel.varies else "no drift term needed"
-        drifts.append(
-            f"{channel.name}: drift in a power-on (rms) {before:.3g} {unit} before,"
-            f" {after:.3g} {unit} after ({terms})."
-        )
-        values.append(KeyValue(f"drift of {channel.name}, after", after, unit))
-        if channel.withheld is not None:
-            cells = (number(rms) for rms in channel.withheld)
-            withheld.append((channel.name, *cells, channel.unit))
-        if limits.min_reduction is not None and channel.varies:
-            name = f"{channel.name}: reduction on left-out stretches"
-            reduction = channel.choice.constant.pooled / chosen_errors.pooled
-            criteria.append(at_least(name, reduction, limits.min_reduction, "1"))
-        if limits.max_residual_over_noise is not None:
-            name, limit = f"{channel.name}: residual over noise", limits.max_residual_over_noise
-            criteria.append(at_most(name, channel.over_noise, limit, "1"))
-    chosen_terms = Table(
-        "Bias of each channel: chosen terms, rms of the intervals about the turn-on biases",
-        ("channel", "terms", "lags [s]", "before", "after", "model error", "unit"),
-        tuple(models),
-    )
-    left_out = Table(
-        "Errors on stretches left out in turn (100 s means, rms); * chosen: the simplest model"
-        " within the noise of the best",
-        ("terms", *(f"{channel.name} [{channel.unit}]" for channel in channels)),
-        tuple((name, *cells) for name, cells in errors.items()),
-    )
-    tables = [chosen_terms, left_out]
-    if withheld:
-        title = "Withheld stretches: rms about the turn-on biases of the fitted ones"
-        tables.append(Table(title, ("channel", "before", "after", "unit"), tuple(withheld)))
-    first_screen = Overview(drifts[0], tuple(drifts[1:]), tuple(values[:4]), chosen_terms)
-    return Summary(spec.title, tuple(tables), tuple(flags), tuple(criteria), overview=first_screen)
 
 
 def validation_summary(

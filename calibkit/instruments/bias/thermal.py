@@ -1,32 +1,59 @@
 """Bias of the channels of a static instrument against one thermometer: logs → thermal.json.
 
-    y = b_0 + b_1 T + b_2 T² + b_3 T³ + s_r dT/dt + s_G G + s_Tr T dT/dt + turn-on bias
+    y = b_j + b_1 T + b_2 T² + b_3 T³ + s_r dT/dt + s_G G + s_Tr T dT/dt
 
-T is the thermometer's temperature or one that lags behind it, G its excess over a second lag. Logs
-become `power_ons`, these a model of each `channels`, whose terms `choice` takes.
+T is the thermometer's temperature or one that lags behind it, G its excess over a second lag, b_j
+the level of power-on j with its turn-on bias. Logs become `power_ons`; of each channel the terms
+are chosen that leave the smallest errors on stretches that were left out of the fit
+(`numeric.choice`). What lasts in these errors, beyond the noise and the uncertainty of the
+coefficients, is the model error. Where a temperature leaves the fitted range, the terms go on for a
+third of it (`evaluate_wide`).
 """
 
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from calibkit import check as checks, units
+from calibkit.arrays import Array
+from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
-from calibkit.coefficients import Input, Record
+from calibkit.coefficients import (
+    Component,
+    Criterion,
+    Figure,
+    Input,
+    Parameter,
+    Record,
+    StageResult,
+    at_least,
+    at_most,
+)
+from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.bias import (
-    channels,
-    compensate,
-    forms,
-    power_ons,
-    sensitivities,
-    tables,
-)
-from calibkit.instruments.bias.figures import Course, ThermalReport
+from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
+from calibkit.instruments.bias.figures import ChannelCurves, Course, ThermalReport
+from calibkit.instruments.bias.numeric import choice
+from calibkit.instruments.bias.power_ons import PowerOn
 from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
+from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares.fit import linear
+from calibkit.numeric.thermal.evaluate import evaluate_wide
+from calibkit.numeric.thermal.left_out import (
+    blocks_per_figure,
+)
+from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.numeric.thermal.terms import ThermalModel
+from calibkit.report.overview import KeyValue, Overview
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,7 +63,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
-    from calibkit.report.summary import Summary
+
 
 Recipe = ThermalRecipe
 KEY_FIGURES = (r"thermal\..+\.([bs]\w*|tau_\w+|residual_rms)",)
@@ -95,7 +122,7 @@ def fit(
     spec: ThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[ThermalReport]:
     """Fit every channel over the power-ons of all logs: bias + powers of T + terms of its rate, by
-    a level or a lagged model, as many terms as left-out stretches ask for (`channels`).
+    a level or a lagged model, as many terms as left-out stretches ask for.
     """
     raw, logs, flags = [], [], []
     for log in copies.refuse_copies(
@@ -114,7 +141,7 @@ def fit(
     found_power_ons, notes = power_ons.cut_stretches(found_power_ons, interval_s)
     flags += [*notes, *(note for power_on in found_power_ons for note in power_on.notes)]
     fitted = [
-        channels.fit_channel(name, found_power_ons, spec, interval_s)
+        fit_channel(name, found_power_ons, spec, interval_s)
         for name in progress(spec.thermal.channels, "fitting")
     ]
     flags += [flag for channel in fitted for flag in channel.flags]
@@ -124,7 +151,7 @@ def fit(
             " uncertainty; log more of them, or state the size in [[errors.component]]"
         )
     flags = list(dict.fromkeys(flags))
-    result = channels.result(fitted, interval_s, flags)
+    stage = _write(fitted, interval_s, flags)
     courses = tuple(
         Course(
             (power_on.blocks.time - power_on.blocks.time[0]) / 60.0,
@@ -134,12 +161,12 @@ def fit(
         for power_on in found_power_ons
     )
     return Fitted(
-        (result,),
+        (stage,),
         tuple(Input.of(log) for log in raw),
-        tables.fit_summary(spec, fitted, flags),
+        _summarize(spec, fitted, flags),
         ThermalReport(courses, tuple(channel.curves for channel in fitted)),
-        exports=any(channel.varies for channel in fitted),
-        sensitivities=sensitivities.find(result),
+        exports=any(channel.choice.varies for channel in fitted),
+        sensitivities=sensitivities.find(stage),
     )
 
 
@@ -182,3 +209,213 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
         return {} if as_shipped else {"channels": json.dumps(list(channel_names))}
 
     return evidence.choose_at_rest("thermal", keys_of)
+
+
+BY_CHANCE = 0.005
+"""Chance at which turn-on biases of faultless power-ons are said to follow the temperature."""
+NO_TERM = "no drift term needed: no model is clearly better than a constant on left-out stretches"
+
+
+@dataclass(frozen=True, slots=True)
+class FittedChannel:
+    """Chosen model of one channel and what it leaves, in the channel's unit."""
+
+    choice: choice.TermChoice
+    curves: ChannelCurves
+    before: float
+    """Rms of the fitted blocks about the turn-on biases, without the model."""
+    after: float
+    """The same with the model."""
+    over_noise: float
+    """`after` over the noise within parts of the power-ons."""
+    withheld: tuple[float, float] | None
+    """Rms of the withheld blocks without and with the model; None where nothing is withheld."""
+    case: tuple[float, float]
+    """Range of the thermometer in the fitted blocks [°C]."""
+    components: tuple[Component, ...]
+    flags: tuple[str, ...]
+
+
+def fit_channel(
+    name: str, power_ons: Sequence[PowerOn], spec: ThermalRecipe, interval_s: float
+) -> FittedChannel:
+    """Choose and fit the terms of one channel; raises FitError that names it."""
+    stacked = Stack.of_logs([power_on.of_channel(name) for power_on in power_ons])
+    family = spec.thermal.model
+    candidates = [entry for entry in choice.TERM_CANDIDATES if family in ("auto", entry.form)]
+    try:
+        channel_choice = choice.choose_terms(
+            stacked, candidates, figure_blocks=blocks_per_figure(interval_s)
+        )
+    except FitError as error:
+        raise FitError(f"{name}: {error.message}", hint=error.hint) from None
+    # the standard deviation of turn-on biases: as the recipe states it, which replaces what the few
+    # power-ons show and is not added to it, else that of the power-ons; none of one power-on
+    unit, model, count = units.column_unit(name), channel_choice.model, len(power_ons)
+    components: tuple[Component, ...] = ()
+    stated = next((entry for entry in spec.errors.component if entry.effect == EFFECT), None)
+    if stated is not None:
+        value = stated.value_in(unit)
+        covariance = model.covariance.copy()
+        covariance[0, 0] += value**2 / count - model.turn_on_variance
+        dof = min(stated.dof, float(model.dof))
+        model = replace(model, covariance=covariance, constant_dof=dof)
+        channel_choice = replace(channel_choice, model=model)
+        components = (Component(GROUP, EFFECT, value, unit, 0.0, count),)
+    elif count > 1:
+        value = float(np.std(model.turn_on, ddof=1))
+        u = float(value / np.sqrt(2.0 * (count - 1)))
+        components = (Component(GROUP, EFFECT, value, unit, u, count),)
+    # what a turn-on changes is the level of a power-on: all is shown about that of its fitted rows
+    raw: list[Array] = []
+    left: list[Array] = []
+    variances = []
+    for power_on, log in zip(power_ons, stacked.logs, strict=True):
+        drift = evaluate_wide(model, log, spec.reference_temp_degc).drift
+        for curve, indication in ((raw, log.indication), (left, log.indication - drift)):
+            curve.append(np.asarray(indication - indication[power_on.fitted].mean()))
+        corrected = (log.indication - drift)[power_on.fitted]
+        variances.append(dispersion.variances_within(corrected, corrected))
+    fitted = np.concatenate([power_on.fitted for power_on in power_ons])
+    before_and_after = np.concatenate(raw), np.concatenate(left)
+    before, after = (rms(indication[fitted]) for indication in before_and_after)
+    withheld = None
+    if not fitted.all():
+        withheld = rms(before_and_after[0][~fitted]), rms(before_and_after[1][~fitted])
+    no_term = () if channel_choice.varies else (NO_TERM,)
+    flags = (*model.flags, *no_term, *_flag_turn_on_drift(name, model, power_ons))
+    return FittedChannel(
+        channel_choice,
+        ChannelCurves(name, unit, tuple(raw), tuple(left)),
+        before,
+        after,
+        dispersion.over_noise(after, variances),
+        withheld,
+        chunks.extremes(
+            np.concatenate([power_on.blocks.case[power_on.fitted] for power_on in power_ons])
+        ),
+        components,
+        tuple(f"{name}: {flag}" for flag in flags),
+    )
+
+
+def _flag_turn_on_drift(
+    name: str, model: ThermalModel, power_ons: Sequence[PowerOn]
+) -> tuple[str, ...]:
+    """Flag that turn-on biases follow the temperatures of the power-ons."""
+    from scipy.special import stdtrit
+
+    case = np.array([power_on.blocks.case[power_on.fitted].mean() for power_on in power_ons])
+    if case.size < 3 or not np.ptp(case):
+        return ()
+    line = linear(np.column_stack([case - case.mean(), np.ones_like(case)]), model.turn_on)
+    slope, u = float(line.coefficients[0]), float(line.standard_uncertainty[0])
+    if abs(slope) <= stdtrit(line.dof, 1.0 - BY_CHANCE / 2.0) * u:
+        return ()
+    return (
+        (
+            f"turn-on biases of {len(power_ons)} power-ons follow their temperatures"
+            f" ({slope:+.3g} {units.column_unit(name)}/°C): drift that no power-on shows is not"
+            " taken off; where the instrument stayed on, name these logs in [thermal] sessions,"
+            " else log ramps"
+        ),
+    )
+
+
+def _summarize(
+    spec: ThermalRecipe, channels: Sequence[FittedChannel], flags: Sequence[str]
+) -> Summary:
+    """Summary of a fit: the chosen terms of each channel, the errors of all candidates on left-out
+    stretches, and what is left of withheld ones.
+    """
+    models, withheld, drifts, values = [], [], [], []
+    criteria: list[Criterion] = []
+    errors: dict[str, list[str]] = {}
+    limits = spec.acceptance
+    for k, channel in enumerate(channels):
+        channel_name, of_channel = channel.curves.name, channel.curves.unit
+        factor, unit = (1e6, "µg") if of_channel == "g" else (1.0, unit_mark(of_channel))
+        before, after = factor * channel.before, factor * channel.after
+        chosen_errors, model = channel.choice.chosen_errors, channel.choice.model
+        models.append(
+            (
+                channel_name,
+                chosen_errors.name,
+                ", ".join(f"{lag:.0f}" for lag in model.lags),
+                number(before),
+                number(after),
+                number(factor * model.model_error, 2),
+                unit,
+            )
+        )
+        for tested in channel.choice.tested:
+            row = errors.setdefault(tested.name, [""] * len(channels))
+            row[k] = f"{number(tested.pooled, 3)}{' *' if tested is chosen_errors else ''}"
+        terms = chosen_errors.name if channel.choice.varies else "no drift term needed"
+        drifts.append(
+            f"{channel_name}: drift in a power-on (rms) {before:.3g} {unit} before,"
+            f" {after:.3g} {unit} after ({terms})."
+        )
+        values.append(KeyValue(f"drift of {channel_name}, after", after, unit))
+        if channel.withheld is not None:
+            cells = (number(rms) for rms in channel.withheld)
+            withheld.append((channel_name, *cells, of_channel))
+        if limits.min_reduction is not None and channel.choice.varies:
+            name = f"{channel_name}: reduction on left-out stretches"
+            reduction = channel.choice.tested[0].pooled / chosen_errors.pooled
+            criteria.append(at_least(name, reduction, limits.min_reduction, "1"))
+        if limits.max_residual_over_noise is not None:
+            name, limit = f"{channel_name}: residual over noise", limits.max_residual_over_noise
+            criteria.append(at_most(name, channel.over_noise, limit, "1"))
+    chosen_terms = Table(
+        "Bias of each channel: chosen terms, rms of the intervals about the turn-on biases",
+        ("channel", "terms", "lags [s]", "before", "after", "model error", "unit"),
+        tuple(models),
+    )
+    left_out = Table(
+        "Errors on stretches left out in turn (100 s means, rms); * chosen: the simplest model"
+        " within the noise of the best",
+        ("terms", *(f"{entry.curves.name} [{entry.curves.unit}]" for entry in channels)),
+        tuple((name, *cells) for name, cells in errors.items()),
+    )
+    summary_tables = [chosen_terms, left_out]
+    if withheld:
+        title = "Withheld stretches: rms about the turn-on biases of the fitted ones"
+        summary_tables.append(Table(title, ("channel", "before", "after", "unit"), tuple(withheld)))
+    first_screen = Overview(drifts[0], tuple(drifts[1:]), tuple(values[:4]), chosen_terms)
+    return Summary(
+        spec.title, tuple(summary_tables), tuple(flags), tuple(criteria), overview=first_screen
+    )
+
+
+def _write(
+    channels: Sequence[FittedChannel], interval_s: float, flags: Sequence[str]
+) -> StageResult:
+    """thermal.json: one model of each channel, named by it, with its rms before and after, on
+    stretches left out by each candidate, and on withheld ones.
+    """
+    models, figures = [], []
+    for channel in channels:
+        name, unit = channel.curves.name, channel.curves.unit
+        range_of_case = zip(forms.CASE_RANGE, channel.case, strict=True)
+        models.append(
+            forms.write_thermal(
+                channel.choice.model,
+                interval_s,
+                name,
+                unit,
+                components=channel.components,
+                extra_parameters=tuple(
+                    Parameter(end, value, "degC") for end, value in range_of_case
+                ),
+            )
+        )
+        rms_of = {f"rms_before.{name}": channel.before}
+        rms_of[f"rms_after.{name}"] = channel.after
+        for tested in channel.choice.tested:
+            rms_of[f"left_out_rms.{name}.{tested.name}"] = tested.pooled
+        if channel.withheld is not None:
+            for stage, value in zip(("before", "after"), channel.withheld, strict=True):
+                rms_of[f"withheld_rms_{stage}.{name}"] = value
+        figures += [Figure(figure, value, unit, 0.0) for figure, value in rms_of.items()]
+    return StageResult("thermal", tuple(models), tuple(figures), flags=tuple(flags))

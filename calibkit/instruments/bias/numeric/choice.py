@@ -14,30 +14,34 @@ that it would make.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
+from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.errors import FitError
 from calibkit.instruments.bias.numeric import bank_fit
 from calibkit.instruments.bias.numeric.bank import OnLevels, evaluate
-from calibkit.instruments.bias.numeric.drift_figures import WORSE, split_noise
+from calibkit.numeric import chunks
 from calibkit.numeric.thermal import fits, uncertainty
+from calibkit.numeric.thermal.evaluate import evaluate_terms
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     FIGURE_BLOCKS,
+    MOVING_DEGC_MIN,
     STATIC,
+    WORSE,
     Candidate,
     LeftOutErrors,
+    figure_means,
     leave_out,
     left_out_errors,
     simplest,
     solve,
+    split_noise,
 )
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
-from calibkit.numeric.thermal.terms import TERMS
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
+from calibkit.numeric.thermal.terms import TERMS, ThermalModel
 
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
@@ -344,3 +348,124 @@ def _left_out(
         predicted = last_bank.with_own_start(predicted)
     errors = left_out_errors(predicted, stacked, sound, figure_blocks)
     return LeftOutErrors(fitted.candidate.name, errors, raw, solution.parameters, solution.endless)
+
+
+# Channels at rest beside one thermometer: stretches of power-ons are left out
+
+
+RATES = ("s_rate", "s_temp_rate")
+CONSTANT = Candidate("constant", "level", STATIC[:1])
+TERM_CANDIDATES = (
+    Candidate("T", "level", STATIC[:2]),
+    Candidate("T²", "level", STATIC[:3]),
+    Candidate("T³", "level", STATIC),
+    Candidate("T, dT/dt", "level", (*STATIC[:2], "s_rate")),
+    Candidate("T³, dT/dt", "level", (*STATIC, "s_rate")),
+    Candidate("T³, dT/dt, T·dT/dt", "level", (*STATIC, *RATES)),
+    Candidate("lag, T", "lagged", (*STATIC[:2], "s_rate")),
+    Candidate("lag, T²", "lagged", (*STATIC[:3], "s_rate")),
+    Candidate("lag, T³", "lagged", (*STATIC, "s_rate")),
+    Candidate("lag, T³, T·dT/dt", "lagged", (*STATIC, *RATES)),
+    Candidate("two lags, T³", "lagged", (*STATIC, "s_grad")),
+    Candidate("two lags, T³, dT/dt", "lagged", (*STATIC, "s_rate", "s_grad")),
+    Candidate("two lags, T³, dT/dt, T·dT/dt", "lagged", (*STATIC, *RATES, "s_grad")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TermChoice:
+    """Errors of all candidates on stretches, then on pairs of them, the chosen one, and its
+    model.
+    """
+
+    tested: tuple[LeftOutErrors, ...]
+    """Of the constant first."""
+    chosen_errors: LeftOutErrors
+    model: ThermalModel
+
+    @property
+    def varies(self) -> bool:
+        """Whether the model has a term beside the constant."""
+        return self.chosen_errors is not self.tested[0]
+
+
+def choose_terms(
+    stacked: Stack, candidates: Sequence[Candidate] = TERM_CANDIDATES, *, figure_blocks: int
+) -> TermChoice:
+    """Fit each candidate without each stretch in turn, and without each pair of them, and choose
+    the simplest within one standard error of the smallest error; the constant where none is clearly
+    below it. What a model misses is seen better by leaving out more, what tells models apart by
+    leaving out less.
+
+    Raises FitError where no candidate can be fitted.
+    """
+    pairs = Stack.of_logs([replace(log, part=log.part // 2) for log in stacked.logs])
+    basis = fits.level_basis(stacked)
+    solved, refused = solve((CONSTANT, *candidates), basis)
+    if len(solved) == 1:
+        raise FitError(
+            f"no model can be fitted: {'; '.join(refused)}",
+            hint="log the instrument while its temperature changes",
+        )
+    cuts, sound = [(cut, leave_out(cut, basis.rows)) for cut in (stacked, pairs)], basis.rows.sound
+    tested: list[LeftOutErrors] = []
+    for candidate, solution in solved:
+        errors = []
+        for cut, remaining_rows in cuts:
+            for number, drift in enumerate(solution.leave_out(remaining_rows)):
+                # less the turn-on bias of the rest of the power-on, or the stretch's own where it
+                # has no other
+                stretch, log = cut.ramps[number], cut.log_rows[cut.ramp_log[number]]
+                rest = sound[log].copy()
+                rest[stretch.start - log.start : stretch.stop - log.start] = False
+                left = cut.indication - drift
+                means = figure_means(left[stretch], sound[stretch], figure_blocks)
+                level = np.average(left[log], weights=rest) if rest.any() else means.mean()
+                errors.append(np.asarray(means - level, dtype=np.float64))
+        raw = tested[0].errors if tested else tuple(errors)
+        name, parameters = candidate.name, solution.parameters
+        tested.append(LeftOutErrors(name, tuple(errors), raw, parameters, solution.endless))
+    helping = (k for k, test in enumerate(tested) if k and test.pooled <= CLEARLY * test.pooled_raw)
+    number = simplest(tested, (0, *helping))
+    model = fits.finish(solved[number][1])
+    error = _lasting_error(model, tested[number].errors[len(stacked.ramps) :], pairs, figure_blocks)
+    dof = float(max(len(pairs.ramps) - 1, 1))
+    model = replace(model, model_error=error, model_error_dof=dof)
+    return TermChoice(tuple(tested), tested[number], model)
+
+
+def _lasting_error(
+    model: ThermalModel, of_pairs: Sequence[Array], stacked: Stack, figure_blocks: int
+) -> float:
+    """What lasts in errors on left-out pairs of stretches beyond noise and coefficients: at rest or
+    while the temperature changes, whichever is larger.
+    """
+    rest_degc = model.nearest_fitted(0.0)
+    stretches: list[tuple[Array, list[Array], Mask]] = []
+    errors = iter(of_pairs)
+    for log in stacked.logs:
+        evaluation = evaluate_terms(model, log.time, log.case, log.env, rest_degc, log.starts)
+        parts = uncertainty.explain_parts(
+            model, log, evaluation.sensitivities, figure_blocks, of_rest=True
+        )
+        for rows, covariances in parts:
+            error = next(errors)
+            if error.size == len(rows):
+                minutes = np.maximum(np.ptp(log.time[rows], axis=1), 1.0) / SECONDS_PER_MINUTE
+                rate = np.ptp(log.case[rows], axis=1) / minutes
+                stretches.append((error, covariances, rate > MOVING_DEGC_MIN))
+    sizes = [0.0]
+    for moving in (True, False):
+        # errors of the runs, and the products of neighbouring ones that noise and coefficients make
+        run_errors: list[Array] = []
+        products: list[Array] = []
+        for error, covariances, changing in stretches:
+            for first, stop in chunks.find_runs(changing == moving).tolist():
+                run_errors.append(error[first:stop])
+                for k, at_lag in zip(uncertainty.NEIGHBOURING, covariances, strict=True):
+                    products.append(at_lag[first : max(stop - k, first)])
+        if run_errors:
+            expected = np.concatenate(products)
+            explained = expected.sum() / max(expected.size, 1)
+            sizes.append(uncertainty.model_error(run_errors, explained))
+    return max(sizes)
