@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.errors import FitError
 from calibkit.instruments.bias import (
     at_rest,
     compensate,
@@ -520,5 +519,4 @@ def test_hysteresis_is_shown_by_cooling_against_heating():
 def test_hysteresis_needs_both_directions(logs, choice):
     """Heating alone shows none."""
     heating = [log for log in fitted(logs) if "heating" in log.name]
-    with pytest.raises(FitError, match="heating and cooling"):
-        at_rest.compare_directions(choice.model, heating)
+    assert at_rest.compare_directions(choice.model, heating) is None

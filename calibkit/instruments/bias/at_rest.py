@@ -18,9 +18,8 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.errors import FitError
 from calibkit.frame import Remark
-from calibkit.instruments.bias import drift_choice as decision, forms
+from calibkit.instruments.bias import drift_choice, forms
 from calibkit.instruments.bias.compensate import TURN_ON, DriftModel
 from calibkit.instruments.bias.numeric import bank
 from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
@@ -95,8 +94,28 @@ def state_bias(
         statement.flags.append(NO_BIAS)
     else:
         _state_at_rest(statement, model.thermal, logs, recipe)
-        statement.flags += [*_flag_hysteresis(model.thermal), *_say_where_observed(logs)]
-    _state_hysteresis(statement, model, logs)
+        statement.flags += _say_where_observed(logs)
+    # of the indication, and of what the model leaves; without ramps both ways nothing is compared
+    thermal = [log.thermal for log in logs]
+    curves = [("hysteresis_before", "indication", compare_directions(None, thermal))]
+    of_turn_on = None
+    if model.thermal is not None:
+        after = compare_directions(model.thermal, thermal)
+        curves.append(("hysteresis", "left by the model", after))
+        of_turn_on = drift_choice.compare_turn_on(model.thermal, logs)
+    for name, words, side in curves:
+        if side is None:
+            return statement
+        statement.hysteresis.append((words, side))
+        statement.figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
+        points = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
+        for degc, value, u in points:
+            figure_name = f"{name}_at_{degc:g}_degc"
+            statement.figures.append(Figure(figure_name, float(value), "deg/h", float(u)))
+    # turn-on biases that differ by the way are a constant part of the hysteresis, or chance
+    if of_turn_on is not None:
+        name = "turn_on_bias_cooling_less_heating"
+        statement.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))
     return statement
 
 
@@ -118,9 +137,13 @@ def _state_at_rest(
             "model error", rate, thermal.model_error, "A", dof=thermal.model_error_dof
         ),
     ]
-    half_spread = _half_spread(thermal) / np.sqrt(3.0)
-    if half_spread:
-        parts.append(gum.UncertaintyComponent("hysteresis", rate, half_spread, "B"))
+    # half the spread by where the gyro came from
+    spread = (
+        thermal.bank.hysteresis(thermal.coefficients) if isinstance(thermal, BankModel) else 0.0
+    )
+    if spread:
+        u_hysteresis = spread / np.sqrt(3.0)
+        parts.append(gum.UncertaintyComponent("hysteresis", rate, u_hysteresis, "B"))
     combined = gum.combine(parts)
     u, dof = combined.standard_uncertainty, number_or_none(combined.effective_dof)
 
@@ -155,26 +178,12 @@ def _state_at_rest(
     statement.at_rest = KeyValue(name, bias, "°/h", u)
     for log, value in zip(logs, thermal.turn_on.tolist(), strict=True):
         statement.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
-
-
-def _half_spread(model: OnLevels) -> float:
-    """Half the spread [°/h] of the rate at rest at one temperature by where the gyro came from."""
-    return model.bank.hysteresis(model.coefficients) if isinstance(model, BankModel) else 0.0
-
-
-def _flag_hysteresis(thermal: OnLevels) -> list[str]:
-    """Flag that the rate at rest depends on which way the gyro came, by more than is known of it
-    otherwise.
-    """
-    spread = _half_spread(thermal)
-    if spread <= thermal.model_error:
-        return []
-    flag = (
-        f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
-        " way the gyro came is in their uncertainty, and in that of a log until the temperature"
-        " has turned over the width of the hysteresis"
-    )
-    return [flag]
+    if spread > thermal.model_error:
+        statement.flags.append(
+            f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
+            " way the gyro came is in their uncertainty, and in that of a log until the temperature"
+            " has turned over the width of the hysteresis"
+        )
 
 
 def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
@@ -215,49 +224,13 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     )
 
 
-def _state_hysteresis(
-    statement: StatedBias, model: DriftModel, logs: Sequence[PreparedLog]
-) -> None:
-    """State the hysteresis (cooling less heating at equal case temperature) of the indication and
-    of the residual drift of the model, if there is one; nothing without ramps both ways.
-
-    The turn-on biases of cooling less those of heating logs are a constant part of the hysteresis,
-    or chance.
-    """
-    thermal = [log.thermal for log in logs]
-    try:
-        before = compare_directions(None, thermal)
-    except FitError:
-        return
-    after, of_turn_on = None, None
-    if model.thermal is not None:
-        after = compare_directions(model.thermal, thermal)
-        of_turn_on = decision.compare_turn_on(model.thermal, logs)
-    curves = (
-        ("hysteresis_before", "indication", before),
-        ("hysteresis", "left by the model", after),
-    )
-    for name, words, side in curves:
-        if side is None:
-            continue
-        statement.hysteresis.append((words, side))
-        statement.figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
-        points = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
-        for degc, value, u in points:
-            figure_name = f"{name}_at_{degc:g}_degc"
-            statement.figures.append(Figure(figure_name, float(value), "deg/h", float(u)))
-    if of_turn_on is not None:
-        name = "turn_on_bias_cooling_less_heating"
-        statement.figures.append(Figure(name, of_turn_on[0], "deg/h", of_turn_on[1]))
-
-
-def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hysteresis:
+def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hysteresis | None:
     """Compare the residual drift of a model (without one, the indication) on heating and on cooling
     ramps at equal case temperature.
 
     The mean of each log, which contains its turn-on bias, is removed first: the result is the shape
-    of the hysteresis without its constant part. Raises FitError if no temperature was passed in
-    both directions.
+    of the hysteresis without its constant part. None if no temperature was passed in both
+    directions.
     """
     parts = []
     for log in logs:
@@ -278,8 +251,4 @@ def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hy
             bins.append(
                 ((k + 0.5) * HYSTERESIS_BIN_DEGC, down.mean() - up.mean(), np.sqrt(variance))
             )
-    if not bins:
-        raise FitError(
-            "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
-        )
-    return Hysteresis(*np.array(bins).T)
+    return Hysteresis(*np.array(bins).T) if bins else None

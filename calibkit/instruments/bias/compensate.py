@@ -379,24 +379,6 @@ class LogFigures:
     output: Array
     """Compensated block means [n, °/h], recursive."""
 
-    @property
-    def reduction(self) -> float:
-        """Ratio of the drift rms before to that after."""
-        return self.before / self.after if self.after > 0.0 else float("inf")
-
-    def figures(self) -> list[Figure]:
-        """Figures of drift_rate.json."""
-        left, u = self.split.left, self.split.left_uncertainty
-        return [
-            Figure(f"drift_rms_before.{self.name}", self.before, "deg/h", 0.0),
-            Figure(f"drift_rms_after.{self.name}", self.after, "deg/h", 0.0),
-            Figure(f"noise_rms.{self.name}", self.split.noise, "deg/h", 0.0),
-            Figure(f"drift_left_rms.{self.name}", left, "deg/h", u),
-            Figure(f"rate_gain_recursive.{self.name}", self.gain_recursive, "1", 0.0),
-            Figure(f"one_step_rms_after.{self.name}", self.after_one_step, "deg/h", 0.0),
-            Figure(f"rate_gain_one_step.{self.name}", self.gain_one_step, "1", 0.0),
-        ]
-
     @classmethod
     def summarize(cls, name: str, blocks: DriftBlocks, model: DriftModel) -> Self:
         """Figures of one log from its block means."""

@@ -167,8 +167,8 @@ def left_out_rates(
 
 
 def choose_sides(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
-    """Polynomials of each side, of the order in the recipe or the best by leave-one-rate-out, or
-    None.
+    """Polynomials of each side with ramps, or None where the order is not clearly better than no
+    compensation, or where the other side has none.
     """
     choices = []
     for side in ("both",) if spec.sides == "joint" else ("heating", "cooling"):
@@ -181,14 +181,12 @@ def choose_sides(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
         return choices
     # the recursion of one side alone would follow only half of a thermal cycle, and keep the
     # difference as a bias
-    withdrawn = []
-    for one_side in choices:
-        flags = one_side.flags
+    for k, one_side in enumerate(choices):
         if one_side.polynomial is not None:
             reason = "alone it would leave a bias after a thermal cycle"
-            flags = (*flags, f"gradient_rate {one_side.side}: not exported: {reason}")
-        withdrawn.append(replace(one_side, polynomial=None, flags=flags))
-    return withdrawn
+            flag = f"gradient_rate {one_side.side}: not exported: {reason}"
+            choices[k] = replace(one_side, polynomial=None, flags=(*one_side.flags, flag))
+    return choices
 
 
 def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideChoice:
@@ -287,7 +285,17 @@ class Export:
                 Figure("left_out_drift_rms", split.left, "deg/h", split.left_uncertainty),
             ]
         for log in logs:
-            figures += log.figures()
+            for name, value, unit in (
+                ("drift_rms_before", log.before, "deg/h"),
+                ("drift_rms_after", log.after, "deg/h"),
+                ("noise_rms", log.split.noise, "deg/h"),
+                ("drift_left_rms", log.split.left, "deg/h"),
+                ("rate_gain_recursive", log.gain_recursive, "1"),
+                ("one_step_rms_after", log.after_one_step, "deg/h"),
+                ("rate_gain_one_step", log.gain_one_step, "1"),
+            ):
+                u = log.split.left_uncertainty if name == "drift_left_rms" else 0.0
+                figures.append(Figure(f"{name}.{log.name}", value, unit, u))
         flags = [*self.flags]
         if recipe.drift.compensation == "one_step":
             flags.append(
@@ -386,41 +394,38 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
     thermal = export.model.thermal
     if thermal is None:
         return export
-    turn_on_difference, short = compare_turn_on(thermal, logs), _flag_short_soaks(thermal, logs)
-    if turn_on_difference is None or abs(turn_on_difference[0]) <= CHANCE * turn_on_difference[1]:
-        return replace(export, flags=(*export.flags, *short[1:]))
-    difference, u = turn_on_difference
-    cause = "the gyro has a hysteresis that the model does not follow"
-    cause = f"{short[0]}, or {cause}" if short else cause
-    wider = replace(thermal, model_error=math.hypot(thermal.model_error, 0.5 * difference))
-    flag = (
-        f"turn-on biases cooling less heating {difference:+.3f} deg/h (u {u:.2g}), expected 0:"
-        f" {cause}; half of it is in the uncertainty"
-    )
-    return replace(export, model=replace(export.model, thermal=wider), flags=(*export.flags, flag))
-
-
-def _flag_short_soaks(thermal: OnLevels, logs: Sequence[PreparedLog]) -> tuple[str, ...]:
-    """What is said of the shortest soak if the coil's slowest lag does not settle in it: as a
-    cause, and as a flag where more than UNSETTLED of a change of temperature is left.
-    """
-    if isinstance(thermal, BankModel):
-        _, lag_s, _ = thermal.static_lag  # the slower of its two lags
-    else:
-        lag_s = max(thermal.lags, default=0.0)
+    flags = [*export.flags]
+    # whether the slowest lag of the coil settles in the shortest soak
+    lags = thermal.static_lag[:2] if isinstance(thermal, BankModel) else thermal.lags
+    lag_s = max(lags, default=0.0)
     soaks = [log.raw.time[-1] - log.raw.time[log.ramps[-1].stop - 1] for log in logs]
     shortest, settling_s = float(min(soaks)), SETTLED_LAGS * lag_s
-    if shortest >= settling_s:
-        return ()
     minutes, would_do = shortest / SECONDS_PER_MINUTE, settling_s / SECONDS_PER_MINUTE
-    left = math.exp(-shortest / lag_s)
-    flag = (
-        f"soaks of {minutes:.0f} min leave {left:.0%} of a change of temperature in this coil"
-        f" ({would_do:.0f} min would do): if a log began before the coil was at rest, drift at rest"
-        " is off by more than its uncertainty says. Begin each log at rest, or soak longer"
-    )
-    cause = f"soaks of {minutes:.0f} min are too short for this coil ({would_do:.0f} min would do)"
-    return (cause, flag) if left > UNSETTLED else (cause,)
+    cause = "the gyro has a hysteresis that the model does not follow"
+    if shortest < settling_s:
+        cause = (
+            f"soaks of {minutes:.0f} min are too short for this coil ({would_do:.0f} min would do),"
+            f" or {cause}"
+        )
+    turn_on_difference = compare_turn_on(thermal, logs)
+    if turn_on_difference is not None:
+        difference, u = turn_on_difference
+        if abs(difference) > CHANCE * u:
+            error = math.hypot(thermal.model_error, 0.5 * difference)
+            wider = replace(export.model, thermal=replace(thermal, model_error=error))
+            flags.append(
+                f"turn-on biases cooling less heating {difference:+.3f} deg/h (u {u:.2g}), expected"
+                f" 0: {cause}; half of it is in the uncertainty"
+            )
+            return replace(export, model=wider, flags=tuple(flags))
+    left = math.exp(-shortest / lag_s) if shortest < settling_s else 0.0
+    if left > UNSETTLED:
+        flags.append(
+            f"soaks of {minutes:.0f} min leave {left:.0%} of a change of temperature in this coil"
+            f" ({would_do:.0f} min would do): if a log began before the coil was at rest, drift at"
+            " rest is off by more than its uncertainty says. Begin each log at rest, or soak longer"
+        )
+    return replace(export, flags=tuple(flags))
 
 
 def flag_one_way(logs: Sequence[PreparedLog], model: DriftModel) -> list[str]:

@@ -158,7 +158,7 @@ def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[s
         "noise_rms": figures.split.noise,
         "drift_left_rms": figures.split.left,
         "drift_left_standard_uncertainty": figures.split.left_uncertainty,
-        "reduction": figures.reduction,
+        "reduction": figures.before / figures.after if figures.after > 0.0 else float("inf"),
         "rate_gain": figures.gain_recursive if model.mode == "recursive" else figures.gain_one_step,
         "one_step": {"drift_rms_after": figures.after_one_step, "rate_gain": figures.gain_one_step},
         "unit": "deg/h",

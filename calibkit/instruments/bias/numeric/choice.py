@@ -43,6 +43,11 @@ from calibkit.numeric.thermal.left_out import (
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel
 
+BANK = "bank of lags"
+LIKELY = 0.5
+"""Probability from which a term that is not modelled is flagged."""
+LEAST_RAMPS = 3
+"""Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
 FURTHER = {"g": "table over temperature", "h": "hysteresis", "w": "warm-up"}
 """Further terms of a bank, and what they describe."""
 ASKED = {"g": 1.0, "h": 0.0, "w": 1.0}
@@ -64,34 +69,29 @@ class Unmodelled:
 
 
 @dataclass(frozen=True, slots=True)
-class Grown:
-    """Bank of lags with the further terms [letters] that it has, and those that it has not."""
+class _Fitted:
+    """Candidate by its name, with its solution on all ramps."""
 
-    letters: str
-    solution: bank_fit.BankSolution
+    name: str
+    solution: fits.TermSolution | bank_fit.BankSolution
     unmodelled: tuple[Unmodelled, ...] = ()
-
-    @property
-    def name(self) -> str:
-        """Names of the further terms, each after a comma."""
-        return "".join(f", {FURTHER[letter]}" for letter in self.letters)
+    """Terms that left-out ramps do not ask for, or the evidence does not."""
 
 
 def grow(
     rows: WhitenedRows, remaining_rows: Sequence[WhitenedRows], *, one_sided: bool
-) -> Iterator[Grown]:
+) -> Iterator[_Fitted]:
     """Bank of lags, then with one further term after the other, the likeliest first, as long as one
     helps. Ramps of one direction show no hysteresis.
     """
-    bank = Grown("", bank_fit.solve(bank_fit.state_problem(rows)))
+    name, letters, before = BANK, "", bank_fit.solve(bank_fit.state_problem(rows))
     absent = set(FURTHER) - ({"h"} if one_sided else set())
     while absent:
-        before = bank.solution
         solutions, gains = {}, {}
         for letter in sorted(absent):
             # at the static lag without the term
             problem = bank_fit.state_problem(
-                before.problem.rows, bank.letters + letter, drift=before.problem.drift
+                before.problem.rows, letters + letter, drift=before.problem.drift
             )
             solutions[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
             gains[letter] = solutions[letter].posterior.log_integral - before.posterior.log_integral
@@ -105,12 +105,13 @@ def grow(
             for letter, gain in gains.items():
                 size, odds = solutions[letter].change_from(before), float(np.exp(-gain))
                 unmodelled.append(Unmodelled(FURTHER[letter], size, 1.0 / (1.0 + odds)))
-            yield replace(bank, unmodelled=tuple(unmodelled))
+            yield _Fitted(name, before, tuple(unmodelled))
             return
-        yield bank
+        yield _Fitted(name, before)
         absent -= {letter}
-        bank = Grown(bank.letters + letter, bank_fit.solve(solutions[letter].problem))
-    yield bank
+        name, letters = f"{name}, {FURTHER[letter]}", letters + letter
+        before = bank_fit.solve(solutions[letter].problem)
+    yield _Fitted(name, before)
 
 
 def _left_out_ramps_agree(
@@ -140,13 +141,6 @@ def _left_out_ramps_agree(
     return bool(increase.mean() < chance)
 
 
-BANK = "bank of lags"
-LIKELY = 0.5
-"""Probability from which a term that is not modelled is flagged."""
-LEAST_RAMPS = 3
-"""Fewest ramps for leaving one out: one more than the two sides of a thermal cycle."""
-
-
 CANDIDATES = (
     Candidate("level T", "level", STATIC[:2]),
     Candidate("level T²", "level", STATIC[:3]),
@@ -159,22 +153,6 @@ CANDIDATES = (
     Candidate("lagged, all terms", "lagged", fits.LAGGED_TERMS),
     Candidate(BANK, "bank", ()),
 )
-
-
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """Candidate with its solution on all ramps."""
-
-    candidate: Candidate
-    solution: fits.TermSolution | bank_fit.BankSolution
-    unmodelled: tuple[Unmodelled, ...] = ()
-    """Terms that left-out ramps do not ask for, or the evidence does not."""
-
-    def finish(self) -> OnLevels:
-        """Drift model in raw units."""
-        if isinstance(self.solution, bank_fit.BankSolution):
-            return self.solution.finish()
-        return fits.finish(self.solution)
 
 
 def _helps(test: LeftOutErrors) -> bool:
@@ -238,31 +216,38 @@ def choose(
     changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
     one_sided = bool(np.all(np.sign(changes) == np.sign(changes[0])))
     remaining_rows = leave_out(stacked, basis.rows)
-    solved, reasons = solve(candidates, basis)
-    refused = tuple(reasons)
-    fitted = [_Fitted(*pair) for pair in solved]
-    last_bank = None
-    for candidate in candidates:
-        if candidate.form == "bank":
-            for bank in grow(basis.rows, remaining_rows, one_sided=one_sided):
-                candidate_bank, last_bank = (
-                    replace(candidate, name=candidate.name + bank.name),
-                    bank.solution,
-                )
-                fitted.append(_Fitted(candidate_bank, bank.solution, bank.unmodelled))
-    tested = tuple(
-        _left_out(fit, stacked, remaining_rows, figure_blocks, last_bank) for fit in fitted
-    )
+    solved, refused = solve(candidates, basis)
+    fitted = [_Fitted(candidate.name, solution) for candidate, solution in solved]
+    last_bank: bank_fit.BankSolution | None = None
+    if any(candidate.form == "bank" for candidate in candidates):
+        fitted += grow(basis.rows, remaining_rows, one_sided=one_sided)
+        solution = fitted[-1].solution
+        last_bank = solution if isinstance(solution, bank_fit.BankSolution) else None
+    # errors on each ramp, fitted to all other ramps; lags start from the fit to all ramps
+    sound = basis.rows.sound
+    raw = left_out_errors((np.zeros(1) for _ in stacked.ramps), stacked, sound, figure_blocks)
+    results = []
+    for fit in fitted:
+        ramp_drifts = zip(fit.solution.leave_out(remaining_rows), stacked.ramps, strict=True)
+        predicted: Iterable[Array] = (drift[rows] for drift, rows in ramp_drifts)
+        if last_bank is not None:  # which knows how unsettled logs start
+            predicted = last_bank.with_own_start(predicted)
+        errors = left_out_errors(predicted, stacked, sound, figure_blocks)
+        parameters, endless = fit.solution.parameters, fit.solution.endless
+        results.append(LeftOutErrors(fit.name, errors, raw, parameters, endless))
+    tested = tuple(results)
     best = _best_of(tested, one_sided=one_sided)
     if best is None:
-        return ThermalChoice(
-            tested, refused, None, None, _nothing_helps(tested, stacked.ramp_names, refused)
-        )
-    model = fitted[best].finish()
+        reason = _nothing_helps(tested, stacked.ramp_names, refused)
+        return ThermalChoice(tested, tuple(refused), None, None, reason)
+    chosen, solution = tested[best], fitted[best].solution
+    model: OnLevels = (
+        fits.finish(solution) if isinstance(solution, fits.TermSolution) else solution.finish()
+    )
     evaluations = [evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [evaluation.sensitivities for evaluation in evaluations]
     explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
-    variance, flags = uncertainty.model_error(tested[best].errors, explained) ** 2, [*model.flags]
+    variance, flags = uncertainty.model_error(chosen.errors, explained) ** 2, [*model.flags]
     for term in fitted[best].unmodelled:
         variance += term.probability * term.size**2
         if term.probability > LIKELY:
@@ -277,7 +262,20 @@ def choose(
         model_error_dof=float(len(stacked.ramps) - 1),
         flags=tuple(flags),
     )
-    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best], tested))
+    smallest = min((test for test in tested if _helps(test)), key=lambda test: test.pooled)
+    reason = (
+        f"{chosen.name}: {chosen.pooled:.3g} deg/h on left-out ramps against"
+        f" {chosen.pooled_raw:.3g} deg/h raw and {split_noise(chosen.errors).noise:.3g} deg/h of"
+        " noise alone, "
+    )
+    if smallest is chosen:
+        reason += "the smallest error of the candidates"
+    else:
+        reason += (
+            "the simplest model within the noise of the best on left-out ramps"
+            f" ({smallest.name}, {smallest.pooled:.3g} deg/h)"
+        )
+    return ThermalChoice(tested, tuple(refused), chosen, model, reason)
 
 
 def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int | None:
@@ -296,20 +294,6 @@ def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int
     return simplest(tested, helping) if helping else None
 
 
-def _why(exported: LeftOutErrors, tested: Sequence[LeftOutErrors]) -> str:
-    best = min((test for test in tested if _helps(test)), key=lambda test: test.pooled)
-    left = (
-        f"{exported.pooled:.3g} deg/h on left-out ramps against {exported.pooled_raw:.3g} deg/h raw"
-        f" and {split_noise(exported.errors).noise:.3g} deg/h of noise alone"
-    )
-    if best is exported:
-        return f"{exported.name}: {left}, the smallest error of the candidates"
-    return (
-        f"{exported.name}: {left}, the simplest model within the noise of the best on"
-        f" left-out ramps ({best.name}, {best.pooled:.3g} deg/h)"
-    )
-
-
 def _nothing_helps(
     tested: Sequence[LeftOutErrors], ramps: Sequence[str], refused: Sequence[str]
 ) -> str:
@@ -326,28 +310,6 @@ def _nothing_helps(
         f"the best candidate ({best.name}) leaves {best.pooled:.3g} deg/h on left-out"
         f" ramps against {best.pooled_raw:.3g} deg/h raw{harm}: no drift term"
     )
-
-
-def _left_out(
-    fitted: _Fitted,
-    stacked: Stack,
-    remaining_rows: Sequence[WhitenedRows],
-    figure_blocks: int,
-    last_bank: bank_fit.BankSolution | None,
-) -> LeftOutErrors:
-    """Errors of a candidate on each ramp, fitted to all other ramps; lags start from the fit to all
-    ramps. The bank, if there is one, knows how unsettled logs start.
-    """
-    solution = fitted.solution
-    sound = solution.rows.sound
-    none = (np.zeros(1) for _ in stacked.ramps)
-    raw = left_out_errors(none, stacked, sound, figure_blocks)
-    ramp_drifts = zip(solution.leave_out(remaining_rows), stacked.ramps, strict=True)
-    predicted: Iterable[Array] = (drift[rows] for drift, rows in ramp_drifts)
-    if last_bank is not None:
-        predicted = last_bank.with_own_start(predicted)
-    errors = left_out_errors(predicted, stacked, sound, figure_blocks)
-    return LeftOutErrors(fitted.candidate.name, errors, raw, solution.parameters, solution.endless)
 
 
 # Channels at rest beside one thermometer: stretches of power-ons are left out
