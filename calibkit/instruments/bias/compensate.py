@@ -101,13 +101,16 @@ class ChannelBias:
     bias_uncertainty: uncertainty.Along
 
 
-def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[ChannelBias]:
+def follow_bias(
+    log: Log, raw: Log, model: Model, spec: ThermalRecipe
+) -> tuple[list[ChannelBias], list[str]]:
     """Bias of one channel along each power-on of a log, of which `raw` is as it was read, at the
-    model interval, or at the log's own where that is longer.
+    model interval, or at the log's own where that is longer; flags of temperatures and rates
+    outside the fitted ranges, with the share of the log, and notes on the power-ons.
     """
     fitted, name = forms.read_terms(model), model.name
     interval_s = max(model.value("interval"), float(np.ceil(log.steps.usual - 1e-6)))
-    drifts = []
+    drifts, temperature_outside, rate_outside, unmeasured = [], [], [], []
     for power_on in power_ons.find_power_ons([log], [raw], spec.thermal, interval_s):
         blocks = power_on.of_channel(name)
 
@@ -120,7 +123,20 @@ def follow_bias(log: Log, raw: Log, model: Model, spec: ThermalRecipe) -> list[C
         evaluation = warmer_by(0.0)
         bias_uncertainty = uncertainty.combine_along(fitted, evaluation, effects)
         drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty))
-    return drifts
+        temperature_outside.append(evaluation.temperature_clamped)
+        rate_outside.append(evaluation.rate_clamped | evaluation.gradient_clamped)
+        unmeasured.append(evaluation.unmeasured)
+    flags = []
+    for excess, masks in (
+        ("temperature outside the fitted range", temperature_outside),
+        ("temperature rate outside the fitted range", rate_outside),
+        ("temperature changes in a direction that was not fitted", unmeasured),
+    ):
+        share = float(np.mean(np.concatenate(masks)))
+        # a constant holds everywhere
+        if share > FLAGGED_SHARE and any(fitted.coefficients[1:]):
+            flags.append(f"{log.file}: {name}: {excess} over {100.0 * share:.0f} %")
+    return drifts, [*flags, *(note for drift in drifts for note in drift.power_on.notes)]
 
 
 def compensate_channels(
@@ -129,54 +145,25 @@ def compensate_channels(
     """Compensated channels [rows] of a log, columns that the recipe adds, and flags."""
     columns, added = {}, {}
     flags: list[str] = []
+    time = values(log.frame, "time_s")
     for name, model in models.items():
-        drifts = follow_bias(log, raw, model, spec)
-        bias = _to_rows(log, drifts, [drift.evaluation.drift for drift in drifts])
+        drifts, channel_flags = follow_bias(log, raw, model, spec)
+        flags += channel_flags
+        bias, standard = np.empty((2, time.size))
+        for drift in drifts:
+            for _, first, stop, begins in drift.power_on.spans:
+                instants = begins + (time[first:stop] - time[first])
+                at_blocks = drift.power_on.blocks.time
+                u = drift.bias_uncertainty.standard
+                bias[first:stop] = np.interp(instants, at_blocks, drift.evaluation.drift)
+                standard[first:stop] = np.interp(instants, at_blocks, u)
         columns[name] = values(log.frame, name) - bias
         stem, _, unit = name.rpartition("_")
         if spec.output.drift:
             added[f"{stem}_drift_{unit}"] = bias
         if spec.output.rate_uncertainty:
-            standard = [drift.bias_uncertainty.standard for drift in drifts]
-            added[f"{stem}_standard_uncertainty_{unit}"] = _to_rows(log, drifts, standard)
-        flags += _flag_ranges(log.file, model, drifts)
+            added[f"{stem}_standard_uncertainty_{unit}"] = standard
     return columns, added, tuple(dict.fromkeys(flags))
-
-
-def _to_rows(log: Log, drifts: Sequence[ChannelBias], block_values: Sequence[Array]) -> Array:
-    """Values of blocks interpolated to the rows [n] of one log."""
-    time = values(log.frame, "time_s")
-    rows = np.empty(time.size)
-    for drift, of_blocks in zip(drifts, block_values, strict=True):
-        for _, first, stop, begins in drift.power_on.spans:
-            passed = time[first:stop] - time[first]
-            rows[first:stop] = np.interp(begins + passed, drift.power_on.blocks.time, of_blocks)
-    return rows
-
-
-def _flag_ranges(file: str, model: Model, drifts: Sequence[ChannelBias]) -> list[str]:
-    """Flags of temperatures and rates outside the fitted ranges, with the share of the log, where
-    the model has a term beside the constant; then the notes on the power-ons.
-    """
-    evaluations = [drift.evaluation for drift in drifts]
-    outside = {
-        "temperature outside the fitted range": [
-            evaluation.temperature_clamped for evaluation in evaluations
-        ],
-        "temperature rate outside the fitted range": [
-            evaluation.rate_clamped | evaluation.gradient_clamped for evaluation in evaluations
-        ],
-        "temperature changes in a direction that was not fitted": [
-            evaluation.unmeasured for evaluation in evaluations
-        ],
-    }
-    flags = []
-    if any(forms.read_terms(model).coefficients[1:]):
-        for excess, masks in outside.items():
-            share = float(np.mean(np.concatenate(masks)))
-            if share > FLAGGED_SHARE:
-                flags.append(f"{file}: {model.name}: {excess} over {100.0 * share:.0f} %")
-    return [*flags, *(note for drift in drifts for note in drift.power_on.notes)]
 
 
 def channel_entry(
@@ -188,7 +175,8 @@ def channel_entry(
     entries = []
     flags: list[str] = []
     for name, model in models.items():
-        drifts = follow_bias(log, raw, model, spec)
+        drifts, channel_flags = follow_bias(log, raw, model, spec)
+        flags += channel_flags
         logged = [drift.power_on.indications[name] for drift in drifts]
         left = [y - drift.evaluation.drift for y, drift in zip(logged, drifts, strict=True)]
         before, after = (
@@ -209,7 +197,6 @@ def channel_entry(
             "reduction": before / after if after else None,
         }
         entries.append(entry | compared)
-        flags += _flag_ranges(log.file, model, drifts)
     return {
         "name": log.file,
         "sha256": log.sha256,
@@ -219,8 +206,6 @@ def channel_entry(
     }
 
 
-FLAGGED_SHARE = 0.005
-"""Largest share of a log that may be held or clamped without a flag."""
 GRADIENT_TERMS = {"s_grad", "s_grad2", "s_grad_rate"}
 """Terms of the gradient between case and chamber air."""
 Mode = Literal["recursive", "one_step"]

@@ -258,9 +258,23 @@ def _drift(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
         source = _recursive(draft, models, spec.segments.slope_window_s)
         formula, condition, followed_ranges = RECURSIVE, "", []
     else:
-        source, condition = _on_levels(draft, models[0], spec.reference_temp_degc)
-        formula = FORMULA.format(reference=spec.reference_temp_degc)
-        followed_ranges = [thermal_steps.say_followed(thermal_steps.followed(models[0]))]
+        model, reference_degc = models[0], spec.reference_temp_degc
+        formula, condition = FORMULA.format(reference=reference_degc), ""
+        h, followed = Fraction(model.value("interval")), thermal_steps.followed(model)
+        middle, half = exact.span(*model.valid[CASE])
+        followed_ranges = [thermal_steps.say_followed(followed)]
+        # the map clamps it and sets the flag
+        draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
+        draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
+        fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
+        if model.form == BANK.name:
+            speed = fastest / 60 / half
+            source = firmware_bank.follow_bank(draft, model, h, speed, reference_degc)
+        else:
+            source = thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half))
+        if model.form != LEVEL.name or draft.padded or thermal_steps.uses(model, RATE):
+            highest = exact.round_to(float(fastest), 3, up=False)
+            condition = f"the case moves by no more than {highest:.3g} degC/min"
     meaning = "drift, to be subtracted from the indication"
     draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
     for model in models:
@@ -275,29 +289,6 @@ def _drift(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
     rate = max(thermal_steps.largest(model, RATE) for model in models)
     drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
     return replace(drift, trials=_thermal_history(drift))
-
-
-def _on_levels(draft: Draft, model: Model, reference_degc: float) -> tuple[str, str]:
-    """Name of the drift of a level, lagged or bank model, zero at rest at the reference
-    temperature, and the condition under which it is followed, in words.
-    """
-    h = Fraction(model.value("interval"))
-    middle, half = exact.span(*model.valid[CASE])
-    followed = thermal_steps.followed(model)
-    # the map clamps it and sets the flag
-    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
-    draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
-    fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
-    if model.form == BANK.name:
-        speed = fastest / 60 / half
-        source = firmware_bank.follow_bank(draft, model, h, speed, reference_degc)
-    else:
-        source = thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half))
-    lagged = model.form != LEVEL.name
-    if not (lagged or draft.padded or thermal_steps.uses(model, RATE)):
-        return source, ""
-    highest = exact.round_to(float(fastest), 3, up=False)
-    return source, f"the case moves by no more than {highest:.3g} degC/min"
 
 
 def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> str:
@@ -323,8 +314,41 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.sum("apart", factor(CASE), factor(thermal_steps.AIR, -1))
     sides, largest = [], Fraction(0)
     for model in models:
-        side, bound = _side(draft, model)
-        sides.append(side)
+        name, (low, high) = model.name, model.valid[RATE]
+        r_middle, r_half = draft.map(
+            f"rate_{name}", AIR_RATE, (low, high), flag="RATE_CLAMPED", group=name
+        )
+        g_middle, g_half = draft.map(
+            f"gradient_{name}",
+            "apart",
+            model.valid[GRADIENT],
+            flag="GRADIENT_CLAMPED",
+            group=name,
+        )
+        over_rate = [
+            exact.mapped(numbers(model, *names), r_middle, r_half)
+            for names in rate_names(len(model.coefficients) // 3 - 1)
+        ]
+        # increment Σ_j a_j(r) G^j as polynomials of the mapped rate times powers of the mapped
+        # gradient, and its largest magnitude [°/h]
+        terms: list[list[ChainTerm]] = []
+        bound = Fraction(0)
+        for i in (2, 1, 0):
+            parts = [
+                exact.scale(over_rate[j], comb(j, i) * g_middle ** (j - i) * g_half**i)
+                for j in range(i, 3)
+            ]
+            factors, polynomial = (f"gradient_{name}",) * i, exact.add(*parts)
+            terms.append(
+                draft.polynomial(
+                    f"a_{name}_{i}", polynomial, f"rate_{name}", *factors, order=HIGHEST_RATE_ORDER
+                )
+            )
+            bound += sum(map(abs, polynomial))
+        value = draft.sum(f"increment_{name}", *terms)
+        sign = 1 if low > 0 else -1 if high < 0 else 0
+        moving = draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,))
+        sides.append(Case(value, sign, moving, name))
         largest = max(largest, bound)
     draft.steps.append(Select("increment", AIR_RATE, tuple(sides), "HELD"))
     longest = Fraction(2) ** exact.power_of_two(LONGEST_DRIFT * largest)
@@ -336,48 +360,6 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.limit("drift", "total", -longest, longest, "DRIFT_LIMITED")
     draft.limits |= {"drift_before": longest, "increment_before": largest}
     return "drift"
-
-
-def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
-    """Increment of one side as polynomials of the mapped rate times powers of the mapped gradient,
-    and its largest magnitude [°/h].
-    """
-    name, (low, high) = model.name, model.valid[RATE]
-    r_middle, r_half = draft.map(
-        f"rate_{name}", AIR_RATE, (low, high), flag="RATE_CLAMPED", group=name
-    )
-    g_middle, g_half = draft.map(
-        f"gradient_{name}",
-        "apart",
-        model.valid[GRADIENT],
-        flag="GRADIENT_CLAMPED",
-        group=name,
-    )
-    over_rate = [
-        exact.mapped(numbers(model, *names), r_middle, r_half)
-        for names in rate_names(len(model.coefficients) // 3 - 1)
-    ]
-    terms: list[list[ChainTerm]] = []
-    largest = Fraction(0)
-    for i in (2, 1, 0):
-        parts = [
-            exact.scale(over_rate[j], comb(j, i) * g_middle ** (j - i) * g_half**i)
-            for j in range(i, 3)
-        ]
-        factors, polynomial = (f"gradient_{name}",) * i, exact.add(*parts)
-        terms.append(
-            draft.polynomial(
-                f"a_{name}_{i}", polynomial, f"rate_{name}", *factors, order=HIGHEST_RATE_ORDER
-            )
-        )
-        largest += sum(map(abs, polynomial))
-    value = draft.sum(f"increment_{name}", *terms)
-    return Case(
-        value,
-        1 if low > 0 else -1 if high < 0 else 0,
-        draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,)),
-        name,
-    ), largest
 
 
 def _thermal_history(chain: Chain) -> Trials:

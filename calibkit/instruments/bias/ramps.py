@@ -148,31 +148,65 @@ def prepare(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> 
 def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -> PreparedLog:
     """Segments, denoised indication and block means of a checked log."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
+    spec = recipe.denoise
+    parts, slope = _cut(log, recipe)
+    moving = [segment for segment in parts if segment.kind == "ramp"]
     try:
         blocks = intervals.Intervals.find(time, recipe.drift.interval_s, log.steps.usual)
+        means = [blocks.means(column) for column in (time, case, env)]
+        raw = published.DriftBlocks.fill(blocks, [*means, blocks.means(gyro)], slope)
+        del slope  # a column, and denoising takes four
+        denoised, noise = raw, []
+        if spec.enabled:
+            # in one piece: cut at the ends of its ramps, short soaks keep waves of noise and the
+            # pieces meet in steps
+            smooth = denoise(
+                gyro,
+                wavelet=spec.wavelet,
+                levels=None if spec.levels == "auto" else spec.levels,
+                threshold=spec.threshold,
+                rule=spec.rule,
+                extension=spec.extension,
+            )
+            denoised = raw._replace(indication=blocks.filled(blocks.means(smooth.signal)))
+            for k in range(smooth.levels):
+                for kind, sizes in (("noise", smooth.noise), ("threshold", smooth.thresholds)):
+                    noise.append(
+                        Figure(f"{log.name}.{kind}_{k + 1}", float(sizes[k]), "deg/h", 0.0)
+                    )
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    parts, slope = _cut(log, recipe)
-    means = [blocks.means(column) for column in (time, case, env)]
-    raw = published.DriftBlocks.fill(blocks, [*means, blocks.means(gyro)], slope)
-    del slope  # a column, and denoising takes four
-    smooth, noise = _denoised(log, gyro, blocks, recipe)
     coarse = [
         f"{column} is read in steps of {segments.quantum(column_values):g} °C: its rate is taken"
         " over as many minutes as that needs"
         for column, column_values in (("temp_case_degc", case), ("temp_env_degc", env))
         if segments.coarse(column_values, recipe.segments.slope_window_s)
     ]
+    if not moving:
+        raise FrameError(
+            f"{log.file}: no ramp found: the chamber air moves from {env.min():g} to"
+            f" {env.max():g} °C",
+            hint=(
+                "check the chamber column, or lower [segments] ramp_min_degc_min and"
+                " ramp_min_span_degc"
+            ),
+        )
+    # ramps are named by their log, and numbered if it has several
+    ramps = []
+    for k, segment in enumerate(moving, start=1):
+        name = log.name if len(moving) == 1 else f"{log.name}:{k}"
+        start, last = blocks.of_row(segment.start), blocks.of_row(segment.stop - 1)
+        ramps.append(Ramp(name, start, last + 1, segment.rate))
     # a soak belongs to the ramp before it, the first soak to the first ramp
-    begins = [segment.start for segment in parts if segment.kind == "ramp"][1:]
+    begins = [segment.start for segment in moving][1:]
     return PreparedLog(
         log.name,
         Input.of(log),
         raw,
-        raw._replace(indication=blocks.filled(smooth)),
+        denoised,
         pooled_fit.thermal_blocks(log.name, blocks, means, gyro, begins),
-        _ramps(log, parts, blocks, env),
-        noise,
+        tuple(ramps),
+        tuple(noise),
         tuple(f"{log.file}: {note}" for note in (*log.notes, *coarse))
         + tuple(str(finding) for finding in findings if finding.flagged),
     )
@@ -227,16 +261,15 @@ def _find_segments(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Se
     low, high = log.extremes("temp_env_degc")
     spec = recipe.segments
     limits = {"ramp_min": spec.ramp_min_degc_min, "min_span": spec.ramp_min_span_degc}
-    first: tuple[list[segments.Segment], Array] | None = None
+    tried = []
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
         slope = segments.measured_slope(time, env, window)
         parts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
         if any(segment.kind == "ramp" for segment in parts) or high - low < spec.ramp_min_span_degc:
             return parts, slope
-        first = first or (parts, slope)
-    assert first is not None  # noqa: S101 (the loop runs at least once)
-    return first
+        tried.append((parts, slope))
+    return tried[0]
 
 
 def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
@@ -268,56 +301,3 @@ def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
     except (FitError, FrameError) as error:
         findings.append(Finding.of(error))
     return Examined(tuple(findings), conditions)
-
-
-def _denoised(
-    log: Log, gyro: Array, blocks: intervals.Intervals, recipe: FogThermalRecipe
-) -> tuple[Array, tuple[Figure, ...]]:
-    """Block means [m] of the denoised indication, and figures of noise and thresholds per level.
-
-    A log is denoised in one piece: cut at the ends of its ramps, short soaks keep waves of noise
-    and the pieces meet in steps.
-    """
-    spec = recipe.denoise
-    if not spec.enabled:
-        return blocks.means(gyro), ()
-    try:
-        smooth = denoise(
-            gyro,
-            wavelet=spec.wavelet,
-            levels=None if spec.levels == "auto" else spec.levels,
-            threshold=spec.threshold,
-            rule=spec.rule,
-            extension=spec.extension,
-        )
-    except FitError as error:
-        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    noise = []
-    for k in range(smooth.levels):
-        for kind, sizes in (("noise", smooth.noise), ("threshold", smooth.thresholds)):
-            noise.append(Figure(f"{log.name}.{kind}_{k + 1}", float(sizes[k]), "deg/h", 0.0))
-    means = blocks.means(smooth.signal)
-    return means, tuple(noise)
-
-
-def _ramps(
-    log: Log, parts: Sequence[segments.Segment], blocks: intervals.Intervals, env: Array
-) -> tuple[Ramp, ...]:
-    """Ramps in model intervals, named by their log (and numbered if it has several)."""
-    moving = [segment for segment in parts if segment.kind == "ramp"]
-    if not moving:
-        raise FrameError(
-            f"{log.file}: no ramp found: the chamber air moves from {env.min():g} to"
-            f" {env.max():g} °C",
-            hint=(
-                "check the chamber column, or lower [segments] ramp_min_degc_min and"
-                " ramp_min_span_degc"
-            ),
-        )
-    names = (
-        [log.name] if len(moving) == 1 else [f"{log.name}:{k}" for k in range(1, len(moving) + 1)]
-    )
-    return tuple(
-        Ramp(name, blocks.of_row(segment.start), blocks.of_row(segment.stop - 1) + 1, segment.rate)
-        for name, segment in zip(names, moving, strict=True)
-    )
