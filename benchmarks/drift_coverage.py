@@ -21,7 +21,7 @@ import numpy as np
 from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
 from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, fits, pooled_fit, uncertainty
+from calibkit.numeric.thermal import coil, evaluate, fits, pooled_fit
 from calibkit.numeric.thermal.terms import (
     TERMS,
     Drivers,
@@ -146,7 +146,7 @@ def compared(
     standard ones without.
     """
     found = bank.evaluate(model, blocks.time, blocks.case, blocks.env)
-    parts = uncertainty.contributions(model, found)
+    parts = evaluate.contributions(model, found)
     _, _, values, dof = zip(*parts, strict=True)
     _, _, expanded = gum.expand_along(np.stack(values), np.array(dof))
     seconds = log.columns["time_s"].astype(np.float64)

@@ -34,7 +34,7 @@ import numpy as np
 from calibkit.instruments.bias import compensate, drift_choice as decision, simulate_fog as fog
 from calibkit.instruments.bias.numeric import bank, choice
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import uncertainty
+from calibkit.numeric.thermal import evaluate
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
@@ -99,7 +99,7 @@ class Judged:
 
 def stated(model: OnLevels, found: Evaluation) -> Array:
     """Expanded uncertainty [n, °/h] of the drift."""
-    _, _, parts, dofs = zip(*uncertainty.contributions(model, found), strict=True)
+    _, _, parts, dofs = zip(*evaluate.contributions(model, found), strict=True)
     return gum.expand_along(np.stack(parts), np.array(dofs))[2]
 
 
@@ -146,7 +146,7 @@ def reductions_of_release(
 
 def is_rejected(model: OnLevels, log: ThermalLog, there: Evaluation) -> bool:
     """Whether `validate` finds the errors of a log larger than stated."""
-    along = uncertainty.combine_along(model, there, ())
+    along = evaluate.combine_along(model, there, ())
     left = log.indication - there.drift
     found, _, _ = compensate.compare_means(left, along, model.noise, BLOCKS)
     return bool(found["rms_error_over_uncertainty"] > found["largest_rms_error_over_uncertainty"])

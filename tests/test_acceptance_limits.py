@@ -63,7 +63,8 @@ def fog_gain(value, **limits):
 def fog_fit(figures, share=0.25, **limits):
     """Criteria of a fit in recursive mode."""
     model = SimpleNamespace(mode="recursive", exported=True)
-    return fog_judged(figures, limits, model=model, reduction=("drift reduction", 1.0 / share))
+    reduction = "drift reduction on withheld ramps", 1.0 / share
+    return fog_judged(figures, limits, model=model, reduction=reduction)
 
 
 def fog_judged(figures, limits, *, model=None, reduction=None, **logs):

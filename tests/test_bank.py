@@ -11,7 +11,7 @@ import pytest
 from calibkit.instruments.bias import compensate, drift_choice as decision
 from calibkit.instruments.bias.numeric import bank, bank_fit, choice, evidence
 from calibkit.numeric.thermal import fits, left_out
-from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT
 

@@ -11,7 +11,7 @@ from calibkit.errors import CoefficientError
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank, published
 from calibkit.instruments.bias.numeric.bank import Bank, BankModel
-from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from naive import sensitivities
 

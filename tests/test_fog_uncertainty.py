@@ -17,7 +17,7 @@ from calibkit.instruments.bias import compensate, compensate as uncertainty, for
 from calibkit.instruments.bias.numeric import bank
 from calibkit.instruments.bias.numeric.published import DriftBlocks
 from calibkit.numeric import gum
-from calibkit.numeric.thermal import uncertainty as uncertainty_of_thermal
+from calibkit.numeric.thermal import evaluate
 from calibkit.recipe import TypeB
 from calibkit.report import budget
 from firmware_runs import cached
@@ -361,9 +361,7 @@ def test_what_a_hysteresis_was_before_a_log_is_unknown_until_it_has_turned(tmp_p
     assert spread > 0.01  # °/h
     assert found.unknown_start[0] == pytest.approx(spread)
     assert found.unknown_start[-1] == 0.0
-    parts = {
-        name: values for name, _, values, _ in uncertainty_of_thermal.contributions(model, found)
-    }
+    parts = {name: values for name, _, values, _ in evaluate.contributions(model, found)}
     assert parts["hysteresis of what was before"][0] == pytest.approx(spread / math.sqrt(3.0))
     starts = [
         bank.evaluate(model, np.arange(-9e4, 6000.0, 10.0), np.concatenate([came, case]), case)

@@ -17,7 +17,7 @@ from calibkit.ingest import logs_on_disk
 from calibkit.instruments.bias import power_ons, simulate
 from calibkit.instruments.bias.numeric import choice
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, evaluate, pooled_fit, uncertainty
+from calibkit.numeric.thermal import coil, evaluate, pooled_fit
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
@@ -169,7 +169,7 @@ def coverage():
         found = evaluate.evaluate_wide(
             model, power_on(unseen, np.ones(unseen.time.size, bool)).blocks, 25.0
         )
-        _, _, parts, dof = zip(*uncertainty.contributions(model, found), strict=True)
+        _, _, parts, dof = zip(*evaluate.contributions(model, found), strict=True)
         _, _, expanded = gum.expand_along(np.stack(parts), np.array(dof))
         shares.append(float(np.mean(np.abs(found.drift - unseen.indication) <= expanded)))
     return np.array(shares)

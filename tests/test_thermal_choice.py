@@ -18,16 +18,14 @@ from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
+    evaluate,
     fits,
     left_out,
-    noise as thermal_noise,
     pooled_fit,
-    uncertainty,
 )
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors, choose_simplest
-from calibkit.numeric.thermal.noise import BlockNoise
-from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.pooled_fit import BlockNoise, ThermalLog
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 from drift_fits import block_log, fit_lagged, fit_level
@@ -65,13 +63,13 @@ def fitted(logs, **kwargs):
 
 def drift_uncertainty(model, found):
     """Return the standard uncertainty [n, °/h] that the contributions make together."""
-    return np.sqrt(sum(part[2] ** 2 for part in uncertainty.contributions(model, found)))
+    return np.sqrt(sum(part[2] ** 2 for part in evaluate.contributions(model, found)))
 
 
 def explained(model, logs):
     """Return what type A and flicker make of neighbouring 100 s means on these logs."""
     along = [bank.evaluate(model, log.time, log.case, log.env).sensitivities for log in logs]
-    return uncertainty.explained(model, logs, along, 10)
+    return evaluate.explained(model, logs, along, 10)
 
 
 def withheld(logs, model):
@@ -327,7 +325,7 @@ def test_what_is_common_to_a_log_is_no_error_about_its_mean():
     )
     assert np.allclose(found.about_mean().sensitivities, np.column_stack([np.zeros(400), along]))
     u = np.full(400, 0.01)
-    stated = uncertainty.Along(along, [], u, u, np.full(400, 3.0), np.full(400, 0.5))
+    stated = evaluate.Along(along, [], u, u, np.full(400, 3.0), np.full(400, 0.5))
     compared, _, limit = compensate.compare_means(along, stated, BlockNoise(0.0, 0.0), 10)
     assert compared["share_within_expanded_uncertainty"] == pytest.approx(0.5, abs=0.03)
     assert np.allclose(limit, 3.0)
@@ -338,9 +336,9 @@ def test_model_error_is_what_lasts_in_left_out_ramps():
     rng = np.random.default_rng(0)
     white = [rng.normal(0.0, 0.05, 4000) for _ in range(4)]
     slow = 0.02 * np.sqrt(2.0) * np.sin(np.arange(4000) / 60.0)
-    assert uncertainty.model_error(white) < 0.01  # °/h
-    assert uncertainty.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
-    assert uncertainty.model_error([]) == 0.0
+    assert evaluate.model_error(white) < 0.01  # °/h
+    assert evaluate.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
+    assert evaluate.model_error([]) == 0.0
 
 
 def test_what_type_a_and_flicker_explain_is_no_model_error(logs, choice):
@@ -353,8 +351,8 @@ def test_what_type_a_and_flicker_explain_is_no_model_error(logs, choice):
     loud = replace(model, noise=replace(model.noise, flicker=0.02))
     known = [explained(m, fitted(logs)) for m in (quiet, loud)]
     assert known[0] == 0.0
-    assert uncertainty.model_error(errors, known[0]) == pytest.approx(0.0095, abs=0.0005)
-    assert uncertainty.model_error(errors, known[1]) == 0.0
+    assert evaluate.model_error(errors, known[0]) == pytest.approx(0.0095, abs=0.0005)
+    assert evaluate.model_error(errors, known[1]) == 0.0
 
 
 def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice):
@@ -490,7 +488,7 @@ def test_noise_is_told_into_white_and_flicker():
         turned = flicker.Turned.of_logs(
             np.repeat(np.arange(8), 500), np.tile(np.arange(500), 8), np.ones(4000)
         )
-        found = thermal_noise.estimate(turned, design, np.concatenate(seen))
+        found = pooled_fit.estimate_noise(turned, design, np.concatenate(seen))
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
 

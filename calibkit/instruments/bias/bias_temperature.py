@@ -22,7 +22,6 @@ from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.coefficients import Input, Model, Record, StageResult, at_most
 from calibkit.errors import FitError
-from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
 from calibkit.fit.unseen import unseen
 from calibkit.forms import POLYNOMIAL, components_of, power_unit
@@ -51,19 +50,19 @@ from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
-from calibkit.report.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
+    from calibkit.fit.shared import Shared
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
-    from calibkit.report.summary import Summary
+    from calibkit.report.table import Table
 
 
 Recipe = BiasTemperatureRecipe

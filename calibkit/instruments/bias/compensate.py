@@ -4,7 +4,7 @@
     published, recursive         ω_k − D_k,  D_k = D_(k−1) + Δ_k (`published.increments`)
     published, one_step          ω_k − (ω_(k−1) + Δ_k), which removes the true rate too
 
-    u² = xᵀ C x + e² + Δ²/3 + h²/3 + Σ type B           (`numeric.thermal.uncertainty`)
+    u² = xᵀ C x + e² + Δ²/3 + h²/3 + Σ type B           (`numeric.thermal.evaluate`)
     |mean of 100 s| ≤ √(U² + (2 u_noise)²) for 95 % of the means
 
 D is evaluated on block means at the model interval, as in the fit, and interpolated to the rows of
@@ -35,11 +35,10 @@ from calibkit.instruments.bias.recipe import FogThermalRecipe, ThermalRecipe
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.flicker import Flicker
-from calibkit.numeric.thermal import left_out, uncertainty
+from calibkit.numeric.thermal import evaluate, left_out
 from calibkit.numeric.thermal.evaluate import Evaluation, evaluate_wide
 from calibkit.numeric.thermal.left_out import blocks_per_figure
-from calibkit.numeric.thermal.noise import BlockNoise
-from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.pooled_fit import BlockNoise, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel
 from calibkit.recipe import TypeB, type_b
 from calibkit.report import budget
@@ -49,7 +48,7 @@ FLAGGED_SHARE = 0.005
 
 
 def compare_means(
-    residual: Array, bias_uncertainty: uncertainty.Along, noise: BlockNoise, group: int
+    residual: Array, bias_uncertainty: evaluate.Along, noise: BlockNoise, group: int
 ) -> tuple[dict[str, float], Array, Array]:
     """Errors [n] of a log as means over a group of blocks about the log's mean, against the
     uncertainty of the bias and of the bias less its mean: number of means, the share within U and
@@ -98,7 +97,7 @@ class ChannelBias:
 
     power_on: PowerOn
     evaluation: Evaluation
-    bias_uncertainty: uncertainty.Along
+    bias_uncertainty: evaluate.Along
 
 
 def follow_bias(
@@ -121,7 +120,7 @@ def follow_bias(
         case = {power_ons.CASE: lambda step: warmer_by(step).drift}
         effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
         evaluation = warmer_by(0.0)
-        bias_uncertainty = uncertainty.combine_along(fitted, evaluation, effects)
+        bias_uncertainty = evaluate.combine_along(fitted, evaluation, effects)
         drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty))
         temperature_outside.append(evaluation.temperature_clamped)
         rate_outside.append(evaluation.rate_clamped | evaluation.gradient_clamped)
@@ -423,7 +422,7 @@ def along_blocks(
     terms: Sequence[TypeB],
     *,
     long_at_rest: bool = False,
-) -> uncertainty.Along:
+) -> evaluate.Along:
     """Uncertainty of the drift along block means: type A, model error, clamping, hysteresis, and
     type B terms; raises UsageError without a model on levels.
 
@@ -454,7 +453,7 @@ def along_blocks(
         "temp_env_degc": lambda step: warmer_by(0.0, step).drift,
     }
     effects = type_b.effects_along(terms, RESULT, time.size, thermometers)
-    return uncertainty.combine_along(thermal, warmer_by(0.0, 0.0), effects)
+    return evaluate.combine_along(thermal, warmer_by(0.0, 0.0), effects)
 
 
 def state_along_logs(
@@ -467,7 +466,7 @@ def state_along_logs(
         return []
     entries = []
 
-    def state(place: str, degc: float, drift_uncertainty: uncertainty.Along, row: int) -> None:
+    def state(place: str, degc: float, drift_uncertainty: evaluate.Along, row: int) -> None:
         drift = float(drift_uncertainty.drift[row])
         parts = [
             gum.UncertaintyComponent(name, drift, float(values[row]), kind, dof=dof)

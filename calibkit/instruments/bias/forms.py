@@ -31,7 +31,7 @@ from calibkit.instruments.bias.numeric.bank import (
     OnLevels,
 )
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.numeric.thermal.terms import (
     CASE,
     DRIVERS,

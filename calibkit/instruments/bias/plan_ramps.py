@@ -23,8 +23,7 @@ from calibkit.instruments.bias.numeric import bank as forward, bank_fit, evidenc
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.instruments.bias.simulate_fog import FogGyro
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import BlockNoise
-from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog, WhitenedRows
+from calibkit.numeric.thermal.pooled_fit import BlockNoise, Stack, ThermalLog, WhitenedRows
 from calibkit.planning.exchange import invert
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Sources, Tour

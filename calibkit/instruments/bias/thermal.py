@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit import check as checks, units
-from calibkit.arrays import Array
 from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.coefficients import (
@@ -40,7 +39,6 @@ from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
 from calibkit.instruments.bias.figures import ChannelCurves, Course, ThermalReport
 from calibkit.instruments.bias.numeric import choice
-from calibkit.instruments.bias.power_ons import PowerOn
 from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
 from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import rms
@@ -50,7 +48,6 @@ from calibkit.numeric.thermal.left_out import (
     blocks_per_figure,
 )
 from calibkit.numeric.thermal.pooled_fit import Stack
-from calibkit.numeric.thermal.terms import ThermalModel
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
@@ -59,10 +56,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.arrays import Array
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.bias.power_ons import PowerOn
+    from calibkit.numeric.thermal.terms import ThermalModel
 
 
 Recipe = ThermalRecipe

@@ -1,12 +1,17 @@
-"""Joint fit of a bias over temperature to many logs of one instrument.
+"""Joint fit of a bias over temperature to many logs of one instrument, at the noise of its blocks.
 
-    y = b0 + t_j + Σ_k c_k x_k + flicker + white        block of log j
+    y = b0 + t_j + Σ_k c_k x_k + e,   V = Cov e = σ² D⁻¹ + B² K,   means of D blocks of log j   (1)
+    -2 log L_R = Σ ln(1 + ρ λ) + ln|Xᵀ V⁻¹ X| + ν ln σ̂²,   ρ = B²/σ²                            (2)
 
 x_k are the terms of temperature, its rate and lagged temperatures (`terms`, scaled), c_k what is
-sought. t_j is the turn-on bias of log j: free, or random with a variance that the logs tell. Rows
-are means of groups of blocks, whitened by the covariance of both noises: a fit is plain least
-squares of them. A long soak has many rows but little news, as flicker noise says; nothing else
-keeps soaks from outvoting ramps.
+sought. t_j is the turn-on bias of log j: free, or random with a variance that the logs tell. K is
+the kernel of flicker noise along a log, λ its eigenvalues beside D⁻¹: `flicker.Turned` turns the
+means of a log so that their variances are σ² (1 + ρ λ). A fit is plain least squares of rows that
+are turned and divided by their noise. White noise averages out; flicker noise (bias instability)
+and model misfit do not and dominate the uncertainty of drift coefficients. Both are modelled as
+flicker noise of level B by restricted maximum likelihood. Unlike a kernel estimate (Newey & West
+1987), this keeps correlation that is as long as the log. A long soak has many rows but little news,
+as flicker noise says; nothing else keeps soaks from outvoting ramps.
 
 Samples that stand out of their block (`spikes`), and blocks that stand out of their neighbours and
 of what all terms explain (`sound_blocks`), are left out.
@@ -24,10 +29,84 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA, mad_sigma
-from calibkit.numeric.flicker import Turned
+from calibkit.numeric.flicker import Turned, kernel
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
-from calibkit.numeric.thermal.noise import MOST_GROUPS, BlockNoise, estimate
+
+LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
+"""Grid of flicker levels, in standard deviations of the white noise of a group."""
+MOST_GROUPS = 250
+"""Largest number of groups of a log: the size of the matrices that are factored."""
+DEPENDENT_EIGENVALUE = 1e-12
+"""Eigenvalue of a correlation matrix below which its columns count as dependent."""
+
+
+@dataclass(frozen=True, slots=True)
+class BlockNoise:
+    """Variance of the white noise of a row [(°/h)²] and level B of the flicker noise [°/h]."""
+
+    white_variance: float
+    flicker: float
+
+
+def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockNoise:
+    """White variance of a row and flicker level of blocks with a design [m, k] and indication [m],
+    with a free offset of each log and common coefficients.
+
+    The level is the root mean square over the posterior for a flat prior on B over the white noise
+    of a group of usual size. The maximum of the likelihood would understate a level near zero, as
+    half of the time it lies on the boundary.
+    """
+    rotated = rotation.rows(np.column_stack([np.ones(indication.size), design, indication]))
+    parts = [(rotation.flicker[rows], rotated[rows]) for rows, _ in rotation.parts]
+    restricted_fits = [_restricted(parts, float(level) ** 2 / rotation.typical) for level in LEVELS]
+    likelihood = np.array([value for value, _ in restricted_fits])
+    share = np.exp(-0.5 * (likelihood - likelihood.min())) * np.gradient(LEVELS)
+    share /= share.sum()
+    white = np.array([variance for _, variance in restricted_fits])
+    square = share @ (LEVELS**2 * white)
+    return BlockNoise(float(share @ white), float(np.sqrt(square / rotation.typical)))
+
+
+def _restricted(rotated_logs: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
+    """(2) at a ratio ρ, and the white variance that maximises it, of logs that are turned: λ [m] of
+    each, and its rows [m, 1 + k + 1] of a level, of the design and of the indication.
+    """
+    size = rotated_logs[0][1].shape[1] - 1
+    total = np.zeros((size, size))
+    determinant, rows = 0.0, 0
+    for eigenvalues, rotated in rotated_logs:
+        spread = 1.0 + ratio * eigenvalues
+        moment = (rotated / spread[:, None]).T @ rotated
+        total += moment[1:, 1:] - np.outer(moment[0, 1:], moment[0, 1:]) / moment[0, 0]
+        determinant += float(np.sum(np.log(spread)) + np.log(moment[0, 0]))
+        rows += spread.size - 1
+    length = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
+    length = np.where(length > 0.0, length, 1.0)
+    gram_values, vectors = np.linalg.eigh(total[:-1, :-1] / np.outer(length, length))
+    gram_values = np.maximum(gram_values, DEPENDENT_EIGENVALUE)
+    turned_right = vectors.T @ (total[:-1, -1] / length)
+    square = float(total[-1, -1] - np.sum(turned_right**2 / gram_values))
+    dof = max(rows - size + 1, 1)
+    variance = max(square, np.finfo(float).tiny) / dof
+    determinant += float(np.sum(np.log(gram_values)) + 2.0 * np.sum(np.log(length)))
+    return determinant + dof * float(np.log(variance)), variance
+
+
+def covariance_of(estimator: Array, design: Array, indication: Array) -> Array:
+    """Covariance [p, p] of what an estimator P [p, n] makes of an indication [n], σ² P Pᵀ +
+    B² P K Pᵀ; the noise is that about a design [n, k], whose first column is 1.
+    """
+    starts = np.arange(0, indication.size, -(-indication.size // MOST_GROUPS))
+    count = np.diff(np.append(starts, indication.size)).astype(np.float64)
+    sums = np.add.reduceat(np.column_stack([design[:, 1:], indication]), starts, axis=0)
+    means = sums / count[:, None]
+    rotation = Turned.of_logs(np.zeros_like(starts), np.arange(count.size), count)
+    noise = estimate_noise(rotation, means[:, :-1], means[:, -1])
+    P = np.add.reduceat(estimator, starts, axis=1)
+    of_flicker = noise.flicker**2 * P @ kernel(count.size) @ P.T
+    return np.asarray(noise.white_variance * estimator @ estimator.T + of_flicker, dtype=np.float64)
+
 
 SAMPLE_SPIKE = 5.0
 """Deviation from the median of the interval, in standard deviations, above which a sample is a
@@ -246,7 +325,7 @@ class WhitenedRows:
         """
         design = np.zeros((left.size, 0)) if columns is None else columns
         means = self.means(np.column_stack([design, left]))
-        noise = estimate(self.rotation, means[:, :-1], means[:, -1])
+        noise = estimate_noise(self.rotation, means[:, :-1], means[:, -1])
         least_variance = (LEAST_NOISE * float(np.std(self.stacked.indication))) ** 2 or 1.0
         return replace(
             self, noise=replace(noise, white_variance=max(noise.white_variance, least_variance))

@@ -18,7 +18,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.thermal.noise import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import BlockNoise
 
 Span = tuple[float, float]
 

@@ -23,8 +23,7 @@ from calibkit.instruments.bias.numeric.bank import Bank, BankModel
 from calibkit.instruments.bias.numeric.evidence import FLAT, Gram, Posterior, VariancePrior
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
-from calibkit.numeric.thermal.noise import BlockNoise
-from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
+from calibkit.numeric.thermal.pooled_fit import BlockNoise, Stack, WhitenedRows
 from calibkit.numeric.thermal.terms import Span, Valid
 
 UNUSED: Span = (0.0, 0.0)

@@ -20,11 +20,10 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.instruments.bias.numeric import bank_fit
-from calibkit.instruments.bias.numeric.bank import OnLevels, evaluate
+from calibkit.instruments.bias.numeric import bank, bank_fit
+from calibkit.instruments.bias.numeric.bank import OnLevels
 from calibkit.numeric import chunks
-from calibkit.numeric.thermal import fits, uncertainty
-from calibkit.numeric.thermal.evaluate import evaluate_terms
+from calibkit.numeric.thermal import evaluate, fits
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,
     FIGURE_BLOCKS,
@@ -244,10 +243,10 @@ def choose(
     model: OnLevels = (
         fits.finish(solution) if isinstance(solution, fits.TermSolution) else solution.finish()
     )
-    evaluations = [evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
+    evaluations = [bank.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [evaluation.sensitivities for evaluation in evaluations]
-    explained = uncertainty.explained(model, stacked.logs, sensitivities, figure_blocks)
-    variance, flags = uncertainty.model_error(chosen.errors, explained) ** 2, [*model.flags]
+    explained = evaluate.explained(model, stacked.logs, sensitivities, figure_blocks)
+    variance, flags = evaluate.model_error(chosen.errors, explained) ** 2, [*model.flags]
     for term in fitted[best].unmodelled:
         variance += term.probability * term.size**2
         if term.probability > LIKELY:
@@ -406,8 +405,10 @@ def _lasting_error(
     stretches: list[tuple[Array, list[Array], Mask]] = []
     errors = iter(of_pairs)
     for log in stacked.logs:
-        evaluation = evaluate_terms(model, log.time, log.case, log.env, rest_degc, log.starts)
-        parts = uncertainty.explain_parts(
+        evaluation = evaluate.evaluate_terms(
+            model, log.time, log.case, log.env, rest_degc, log.starts
+        )
+        parts = evaluate.explain_parts(
             model, log, evaluation.sensitivities, figure_blocks, of_rest=True
         )
         for rows, covariances in parts:
@@ -424,10 +425,10 @@ def _lasting_error(
         for error, covariances, changing in stretches:
             for first, stop in chunks.find_runs(changing == moving).tolist():
                 run_errors.append(error[first:stop])
-                for k, at_lag in zip(uncertainty.NEIGHBOURING, covariances, strict=True):
+                for k, at_lag in zip(evaluate.NEIGHBOURING, covariances, strict=True):
                     products.append(at_lag[first : max(stop - k, first)])
         if run_errors:
             expected = np.concatenate(products)
             explained = expected.sum() / max(expected.size, 1)
-            sizes.append(uncertainty.model_error(run_errors, explained))
+            sizes.append(evaluate.model_error(run_errors, explained))
     return max(sizes)

@@ -30,7 +30,7 @@ from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
-from calibkit.numeric.thermal import noise
+from calibkit.numeric.thermal import pooled_fit
 
 TERMS = ("a0", "a1", "a2")
 FEWEST_INTERVALS = 7
@@ -114,7 +114,7 @@ class DriftBlocks(NamedTuple):
         gradient = self.gradient[:-1]
         return RampFit(
             line.coefficients[-3:],
-            noise.covariance_of(P, self._levels(), self.indication if raw is None else raw),
+            pooled_fit.covariance_of(P, self._levels(), self.indication if raw is None else raw),
             np.asarray(np.linalg.qr(design)[1][-3:, -3:] / np.sqrt(design.shape[0])),
             line.dof,
             line.residual_rms,
