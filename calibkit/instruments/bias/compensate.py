@@ -14,7 +14,7 @@ the log. Absolutely, the rate at rest of the fit and the turn-on bias of one mor
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, cast
 
 import numpy as np
 
@@ -107,7 +107,8 @@ def follow_bias(
     model interval, or at the log's own where that is longer; flags of temperatures and rates
     outside the fitted ranges, with the share of the log, and notes on the power-ons.
     """
-    fitted, name = forms.read_terms(model), model.name
+    # whose form is one of terms
+    fitted, name = cast("ThermalModel", forms.read_thermal(model)), model.name
     interval_s = max(model.value("interval"), float(np.ceil(log.steps.usual - 1e-6)))
     drifts, temperature_outside, rate_outside, unmeasured = [], [], [], []
     for power_on in power_ons.find_power_ons([log], [raw], spec.thermal, interval_s):
@@ -185,7 +186,7 @@ def channel_entry(
         compared, _, _ = compare_means(
             left[longest],
             drifts[longest].bias_uncertainty,
-            forms.read_terms(model).noise,
+            forms.read_thermal(model).noise,
             blocks_per_figure(model.value("interval")),
         )
         entry = {

@@ -320,15 +320,6 @@ def write_thermal(
     )
 
 
-def read_thermal(model: Model) -> OnLevels:
-    """Model on levels: the inverse of `write_thermal`, without the turn-on biases of the logs.
-
-    Older files do not state the degrees of freedom of the model error: these are then infinite, and
-    flagged.
-    """
-    return _read_bank_model(model) if model.form == BANK.name else read_terms(model)
-
-
 def _read_bank_model(model: Model) -> BankModel:
     """Bank of lags."""
     values = BANK.read(model)
@@ -349,8 +340,14 @@ def _read_bank_model(model: Model) -> BankModel:
     )
 
 
-def read_terms(model: Model) -> ThermalModel:
-    """Level or lagged model."""
+def read_thermal(model: Model) -> OnLevels:
+    """Model on levels: the inverse of `write_thermal`, without the turn-on biases of the logs.
+
+    Older files do not state the degrees of freedom of the model error: these are then infinite, and
+    flagged.
+    """
+    if model.form == BANK.name:
+        return _read_bank_model(model)
     lags = LAGS[: len(model.coefficients) - len(TERMS)]
     dof_is_stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
     return ThermalModel(
