@@ -148,15 +148,19 @@ def test_the_indication_of_a_bent_response_is_the_formula():
 
 
 @pytest.mark.parametrize(
-    "bends",
-    [{"c3": -2e6}, {"c3": -2e6, "e3": 2e6}],
+    "values",
+    [
+        {"K0": 1e4, "F0": 20.0, "c3": -2e6},
+        {"K0": 1e4, "K1": 0.0, "K2": 0.0, "F0": 20.0, "F1": 0.0, "F2": 0.0}
+        | {"c3": -2e6, "d3": 0.0, "e3": 2e6},
+    ],
     ids=["everywhere", "in the middle of the temperatures"],
 )
-def test_a_response_that_falls_with_the_rate_has_no_rates(bends):
+def test_a_response_that_falls_with_the_rate_has_no_rates(values):
     """A cubic that turns back within the fitted rates is refused by name, also where it rises at
     both ends of the temperature.
     """
-    falling = bent({"K0": 1e4, "F0": 20.0} | bends)
+    falling = bent(values)
     line = model(forms.LINE, {"K": 1e4, "F0": 20.0})
     matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=falling)
     with pytest.raises(CoefficientError, match="not monotonic"):

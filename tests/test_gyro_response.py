@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 import calibkit
-from calibkit.instruments.gyro_scale import bent_response, equation
+from calibkit.instruments.gyro_scale import equation
 
 RATES = np.array([1.0, 3.0, 10.0, 30.0, 50.0, 70.0, 90.0, 110.0, 130.0, 150.0])
 RATES = np.concatenate((-RATES[::-1], RATES))
@@ -27,7 +27,7 @@ def rows_of(shape, seed=0, *, runs=1):
 
 def powers_of(shape, seed=0, *, runs=1):
     """Powers that are chosen."""
-    return bent_response.choose(rows_of(shape, seed, runs=runs), TERMS).powers
+    return equation.choose_powers(rows_of(shape, seed, runs=runs), TERMS).powers
 
 
 TERMS = equation.ResponseTerms(fastest_dps=150.0)
@@ -53,7 +53,7 @@ def test_two_rates_show_no_shape():
     zero = np.zeros(4, dtype=int)
     rate = np.array([-1.0, 1.0, -1.0, 1.0])
     rows = equation.RateRows(rate, 1e4 * rate, zero, np.full(4, 25.0), 0.0 * rate, zero, zero)
-    assert bent_response.choose(rows, TERMS).powers == ()
+    assert equation.choose_powers(rows, TERMS).powers == ()
 
 
 def open_loop(rate, degc):

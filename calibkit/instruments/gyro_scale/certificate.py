@@ -49,7 +49,6 @@ from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.compensate import TEMPERATURE_SLACK
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 
@@ -243,8 +242,8 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
                 K = over_temperature(record, matrix.curves[k], "K")
             else:
                 temperature_input = ranged(matrix.model, forms.TEMPERATURE)
-                low = temperature_input.low - TEMPERATURE_SLACK
-                high = temperature_input.high + TEMPERATURE_SLACK
+                low = temperature_input.low - forms.TEMPERATURE_SLACK
+                high = temperature_input.high + forms.TEMPERATURE_SLACK
                 temperature_logged = forms.TEMPERATURE in matrix.model.valid
                 K = replace(
                     coefficient(file, matrix.model, name, Words(name)),

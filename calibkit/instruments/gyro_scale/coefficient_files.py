@@ -41,28 +41,33 @@ Runs = Mapping[str, tuple[TableRun, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """A gyro in all runs about one axis of the table."""
+    """A gyro in all runs about one axis of the table.
+
+    Attributes
+    ----------
+    axis : empty where every gyro lies along the one axis.
+    is_own_axis : whether it is the axis that the gyro senses most: figures of standards are of
+        it.
+    repeated : runs that `mean` is of.
+    mean : K and F0 at the mean temperature of the repeated runs; None where runs about three
+        axes give them together.
+    fitted : equation (1) of all runs.
+    in_time : whether K changes with time since the runs began.
+    curves : K, and where there is a mean F0, over temperature, where it varies.
+    figures : of all runs together.
+
+    """
 
     gyro: str
     axis: str
-    """Empty where every gyro lies along the one axis."""
     is_own_axis: bool
-    """Whether it is the axis that the gyro senses most: figures of standards are of it."""
     runs: tuple[TableRun, ...]
     repeated: tuple[TableRun, ...] = ()
-    """Runs that `mean` is of."""
     mean: Model | None = None
-    """K and F0 at the mean temperature of the repeated runs; None where runs about three axes give
-    them together.
-    """
     fitted: equation.ResponseFit | None = None
-    """Equation (1) of all runs."""
     in_time: Ordering | None = None
-    """Whether K changes with time since the runs began."""
     curves: tuple[Model, ...] = ()
-    """K, and where there is a mean F0, over temperature, where it varies."""
     figures: tuple[Figure, ...] = ()
-    """Of all runs together."""
 
     @property
     def name(self) -> str:
@@ -77,16 +82,22 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class AxesSet:
-    """Runs about three axes at one temperature."""
+    """Runs about three axes at one temperature.
+
+    Attributes
+    ----------
+    temp_degc : mean of the runs [°C]; NaN where no temperature was logged.
+    suffix : of the names of models and figures; empty for the set nearest the reference
+        temperature.
+    model : sensitivities and, where the latitude is known, biases.
+    figures : name without the suffix → figure of the input axes, and of the biases.
+
+    """
 
     temp_degc: float
-    """Mean of the runs [°C]; NaN where no temperature was logged."""
     suffix: str
-    """Of the names of models and figures; empty for the set nearest the reference temperature."""
     model: Model
-    """Sensitivities and, where the latitude is known, biases."""
     figures: Mapping[str, Figure]
-    """Name without the suffix → figure of the input axes, and of the biases."""
 
     def misalignment(self, gyro: str) -> Array:
         """Unit vector [3] of a gyro's input axis."""
@@ -95,26 +106,33 @@ class AxesSet:
 
 @dataclass(frozen=True, slots=True)
 class CampaignFit:
-    """Gyros in all runs."""
+    """Gyros in all runs.
+
+    Attributes
+    ----------
+    run_lines : lines of the single runs.
+    within_runs : whether nothing tells how scale factors about several axes repeat from run to
+        run.
+    pair : N, ε, γ and α of two gyros.
+    pair_figures : these, the interval of α, and γ of A about B's axis.
+    gammas : γ of a pair by the noise of held rates alone, of B about A's axis and of A about
+        B's.
+    sets : runs about three axes, a set for each temperature.
+    fitted : equation (1) of all runs about three axes over temperature.
+    bias_curves : biases of the gyros over temperature.
+
+    """
 
     channels: tuple[Channel, ...]
     run_lines: Lines
-    """Lines of the single runs."""
     flags: tuple[str, ...] = ()
     within_runs: bool = False
-    """Whether nothing tells how scale factors about several axes repeat from run to run."""
     pair: Model | None = None
-    """N, ε, γ and α of two gyros."""
     pair_figures: tuple[Figure, ...] = ()
-    """These, the interval of α, and γ of A about B's axis."""
     gammas: tuple[Value, Value] | None = None
-    """γ of a pair by the noise of held rates alone, of B about A's axis and of A about B's."""
     sets: tuple[AxesSet, ...] = ()
-    """Runs about three axes, a set for each temperature."""
     fitted: equation.ResponseFit | None = None
-    """Equation (1) of all runs about three axes over temperature."""
     bias_curves: tuple[Model, ...] = ()
-    """Biases of the gyros over temperature."""
 
     @property
     def own_channels(self) -> tuple[Channel, ...]:
@@ -136,16 +154,14 @@ class CampaignFit:
         """Columns of a tidy table, one row per held rate of a gyro in a run: indication less its
         straight line, in ppm of full scale.
         """
-        from pandas import DataFrame, concat  # a slow import
-
-        frames = []
+        columns: dict[str, list[Array]] = {}
         for channel, run, line in self.own_lines():
             residual, u = line.of_full_scale_ppm
-            frame = {"run": run.log.name, "gyro": channel.gyro, "table_rate_dps": line.rate_dps}
-            frame |= {"residual_ppm": residual, "standard_uncertainty_ppm": u}
-            frames.append(DataFrame(frame))
-        table = concat(frames)
-        return {str(name): table[name].to_numpy() for name in table}
+            rows = {"run": np.full(u.size, run.log.name), "gyro": np.full(u.size, channel.gyro)}
+            rows |= {"table_rate_dps": line.rate_dps, "residual_ppm": residual}
+            for name, values in (rows | {"standard_uncertainty_ppm": u}).items():
+                columns.setdefault(name, []).append(values)
+        return {name: np.concatenate(parts) for name, parts in columns.items()}
 
 
 def list_results(campaign: CampaignFit, spec: GyroRecipe) -> tuple[StageResult, ...]:
@@ -178,8 +194,30 @@ def list_results(campaign: CampaignFit, spec: GyroRecipe) -> tuple[StageResult, 
                 # a projection's bias is referred to the gyro's own K
                 K = None if channel.is_own_axis else mean.value("K")
                 figures.append(bias_figure(name, fit, vertical, K))
-        if channel.response is not None:
-            models.append(_response_model(channel.name, channel.response, channel.runs))
+        if channel.response is None:
+            continue
+        # the indication over table rate and temperature, with the parameters of the fit
+        fitted, _, terms = channel.response
+        powers, valid = range(terms.order + 1), table_runs.valid_ranges(channel.runs)
+        units = [(f"K{k}", "1/deg") for k in powers] + [(f"F{k}", "1/s") for k in powers]
+        letters = forms.BEND_LETTERS[: terms.bend_order + 1]
+        units += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
+        parameters = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")]
+        if terms.order:
+            ends = zip(("temp_middle_degc", "temp_half_degc"), terms.middle_half, strict=True)
+            parameters += [Parameter(name, degc, "degC") for name, degc in ends]
+        else:
+            valid.pop(forms.TEMPERATURE, None)
+        response = forms.RESPONSE.write_fit(
+            forms.response_name(channel.name),
+            fitted,
+            units,
+            residual_rms=rms(fitted.noise_residual),
+            residual_unit="1/s",
+            valid=valid,
+            parameters=tuple(parameters),
+        )
+        models.append(response)
     models += campaign.bias_curves
     angles = [*campaign.pair_figures]
     for axes_set in campaign.sets:
@@ -283,34 +321,6 @@ def curve_model(
         residual_rms=float(curve.noise[0]),
         residual_unit=unit,
         valid={forms.TEMPERATURE: table_runs.valid_ranges(runs)[forms.TEMPERATURE]},
-    )
-
-
-def _response_model(line: str, response: equation.ResponseFit, runs: Sequence[TableRun]) -> Model:
-    """Model of the indication over table rate and temperature."""
-    fitted, _, terms = response
-    powers = range(terms.order + 1)
-    names_and_units = [(f"K{k}", "1/deg") for k in powers] + [(f"F{k}", "1/s") for k in powers]
-    letters = forms.BEND_LETTERS[: terms.bend_order + 1]
-    names_and_units += [(f"{letter}{k}", "1/s") for letter in letters for k in terms.powers]
-    parameters = [Parameter("fastest_dps", terms.fastest_dps, "deg/s")]
-    valid = table_runs.valid_ranges(runs)
-    if terms.order:
-        middle, half = terms.middle_half
-        parameters += [
-            Parameter("temp_middle_degc", middle, "degC"),
-            Parameter("temp_half_degc", half, "degC"),
-        ]
-    else:
-        valid.pop(forms.TEMPERATURE, None)
-    return forms.RESPONSE.write_fit(
-        forms.response_name(line),
-        fitted,
-        names_and_units,
-        residual_rms=rms(fitted.noise_residual),
-        residual_unit="1/s",
-        valid=valid,
-        parameters=tuple(parameters),
     )
 
 

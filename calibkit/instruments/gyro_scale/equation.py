@@ -9,6 +9,16 @@ scale factor, c_k K(T)/K(x = 0), or is c_k + d_k x + e_k x². Without the square
 open-loop gyro leaves looks like zeros that drift within the runs, and puts K(T) farther off at the
 ends of the range than its U. The published K and F0 are those of the best straight
 line over the held rates, which takes its part of the shapes.
+
+The terms that the runs of one gyro ask for, the order over temperature and powers of the rate, are
+chosen on runs that are left out:
+
+    e_r = F_r − (fit of the other runs)_r,   less its own line in K and F0 of run r          (2)
+
+Powers are taken where the rms of e over all runs falls below `MARGIN` of that with fewer; with a
+single run each rate is left out. A fibre-optic gyro without feedback is a sine whose constants
+follow temperature: to ± 150 °/s a cubic leaves 0.11 °/s of it, the fifth power with coefficients
+that are linear in temperature 0.03 °/s; with their squares K(T) is right too.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -21,10 +31,12 @@ import numpy as np
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import DPH_PER_DPS
 from calibkit.fit import orders
-from calibkit.fit.complex_step import Numbers
+from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, solve
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.fit import rank
 
 PPM = 1e-6
 SCALE, ZERO = 0, 1
@@ -35,6 +47,12 @@ SAME_RATE = 0.01
 """Relative difference below which two held rates are one."""
 LEAST_RATES = 6
 """Fewest rates of a line with an asymmetry: three beyond its coefficients."""
+POWERS = ((3,), (2, 3), (2, 3, 4, 5), (2, 3, 4, 5, 6, 7))
+"""What is compared with the line alone, the simplest first."""
+MARGIN = 0.9
+"""Factor by which more powers must lower the error: of 40 straight lines one standard error of the
+difference by groups, as drift models are chosen by, lets more than four be bent, this factor fewer.
+"""
 ASYMMETRY = 1
 """Number of the shape |Ω|; the others are powers of the rate."""
 
@@ -89,6 +107,12 @@ class RateRows:
         products = np.bincount(self.line, off_mean * self.indication)
         return np.asarray(products / np.bincount(self.line, off_mean**2))
 
+    @classmethod
+    def of_line(cls, rate_dps: Array, row_degc: Array) -> "RateRows":
+        """Rates [n] at temperatures [n] of one line, whose indications are not known."""
+        unknown, number = np.full(rate_dps.size, np.nan), np.zeros(rate_dps.size, dtype=np.int64)
+        return cls(rate_dps, unknown, number, row_degc, unknown, number, number)
+
     def of_lines(self, line_mask: Mask) -> "RateRows":
         """Rows of some lines [lines] as one, runs numbered anew."""
         rows = line_mask[self.line]
@@ -119,19 +143,24 @@ class ResponseFit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ResponseTerms:
-    """Terms of equation (1), the same of each line."""
+    """Terms of equation (1), the same of each line.
+
+    Attributes
+    ----------
+    order : of the polynomials of K and F0.
+    middle_half : middle and half-width [°C] of the temperatures.
+    shapes : numbers of the shapes: `ASYMMETRY`, and powers of the rate.
+    fastest_dps : rate that powers of the rate are relative to.
+    bends : how the shapes change with temperature.
+
+    """
 
     lines: int = 1
     order: int = 0
-    """Of the polynomials of K and F0."""
     middle_half: tuple[float, float] = (0.0, 1.0)
-    """Middle and half-width [°C] of the temperatures."""
     shapes: tuple[int, ...] = ()
-    """Numbers of the shapes: `ASYMMETRY`, and powers of the rate."""
     fastest_dps: float = 1.0
-    """Rate that powers of the rate are relative to."""
     bends: Literal["constant", "as K", "polynomial"] = "constant"
-    """How the shapes change with temperature."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -317,3 +346,78 @@ def response_pattern(rows: RateRows) -> Array:
     line, _ = np.linalg.qr(np.column_stack((rows.rate_dps, np.ones(rate.size))))
     left, spread, _ = np.linalg.svd(at_level - line @ (line.T @ at_level), full_matrices=False)
     return np.asarray((left * spread)[:, spread > SAME_RATE], dtype=np.float64)
+
+
+def find_terms(rows: RateRows, *, varies: bool, bent: bool) -> ResponseTerms:
+    """Terms for runs of one gyro: polynomials of temperature where it `varies`, powers of the rate
+    where they are wanted (`bent`) and lower the error, and what is beside a straight line.
+
+    Where every run turns both ways, what they have of the response is part of the best straight
+    line, and what differs is an error. Runs of one direction each need the powers to share a line.
+    """
+    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
+    order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
+    # three temperatures show a slope of K and F0
+    if levels >= 3:
+        order = max(order, LOWEST_ORDER)
+    terms = ResponseTerms(
+        order=order,
+        middle_half=polynomial.middle_and_half(rows.row_degc) if order else (0.0, 1.0),
+        fastest_dps=float(np.max(np.abs(rows.rate_dps))),
+    )
+    if bent:
+        bent_terms = choose_powers(rows, terms)
+        if bent_terms.powers:
+            return bent_terms
+    asymmetry: tuple[int, ...] = (ASYMMETRY,)
+    if rows.both_ways:
+        return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
+    # |Ω| tells runs of one direction from those of the other only
+    asymmetry *= turns_both_ways(rows.rate_dps)
+    # and each run hardly tells an odd power from the even one beside it
+    candidates = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
+    best_terms = _best(rows, candidates, 0.5)
+    return replace(best_terms, shapes=asymmetry + best_terms.shapes)
+
+
+def choose_powers(rows: RateRows, terms: ResponseTerms) -> ResponseTerms:
+    """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
+    of temperature where K and F0 are.
+    """
+    bends: Literal["constant", "polynomial"] = "polynomial" if terms.order else "constant"
+    bent = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
+    return _best(rows, [terms, *bent], MARGIN)
+
+
+def _best(rows: RateRows, candidates: Sequence[ResponseTerms], margin: float) -> ResponseTerms:
+    """The first candidate whose rms error at left-out runs (at left-out rates of a single run) no
+    later one brings below `margin` times it.
+    """
+    best_terms, smallest_rms = candidates[0], _left_out_rms(rows, candidates[0])
+    for terms in candidates[1:]:
+        error = _left_out_rms(rows, terms)
+        if error < margin * smallest_rms:
+            best_terms, smallest_rms = terms, error
+    return best_terms
+
+
+def _left_out_rms(rows: RateRows, terms: ResponseTerms) -> float:
+    """Root mean square error at runs, or rates of a single run, that are left out; infinite where
+    the rest does not determine the equation.
+    """
+    design = derivative(partial(residual, rows=rows, terms=terms), terms.start)
+    single = not rows.run.any()
+    groups = np.round(rows.rate_dps, 3) if single else rows.run
+    errors = []
+    for label in np.unique(groups):
+        out = groups == label
+        if rank(design[~out]) < design.shape[1]:
+            return np.inf
+        coefficients = np.linalg.lstsq(design[~out], rows.indication[~out])[0]
+        error = rows.indication[out] - design[out] @ coefficients
+        if not single:
+            # K and F0 of a run differ from those of the others: its line tells nothing of the bend
+            line = np.column_stack((rows.rate_dps[out], np.ones(error.size)))
+            error = error - line @ np.linalg.lstsq(line, error)[0]
+        errors.append(error)
+    return rms(np.concatenate(errors))

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import ceil
 
-from calibkit.coefficients import Model, Record
+from calibkit.coefficients import Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, Quotient
@@ -61,18 +61,47 @@ def chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
         return _chain_about_base(spec, matrices[0])
     earth_dps = read_earth_rate(spec, records, OutputError)
     draft = Draft(padded=spec.export.layout == "padded")
+    full_scale_dps = Fraction(spec.full_scale("rate_dps"))
     for matrix in matrices:
         if matrix.response is not None:
             raise OutputError(
                 f"{matrix.model.name}: a response that is not a straight line has no firmware form",
                 hint="fit with response = 'line'",
             )
-        _add_quotient(draft, matrix, earth_dps, Fraction(spec.full_scale("rate_dps")))
+        (gyro,) = matrix.gyros
+        abscissa = f"u_{gyro}" if matrix.curves else ""
+        ((K,),), (F0,) = _polynomials(draft, matrix, abscissa)
+        _add_indication(draft, matrix, gyro, ([K], F0), full_scale_dps)
+        low, high = matrix.model.valid[RATE]
+        draft.ranges.append(f"rate of gyro {gyro} {exact.limits_text(low, high)} deg/s")
+        terms = draft.polynomial(f"zero_{gyro}", F0, abscissa, sign=-1)
+        draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
+        draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, abscissa))
+        source = f"rate_{gyro}"
+        draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
+        if earth_dps:
+            source = draft.sum(
+                f"inertial_{gyro}",
+                draft.polynomial("earth_rate", (Fraction(earth_dps),), ""),
+                factor(source),
+            )
+        draft.output(matrix.outputs[0], "deg/s", source, f"rate about the axis of gyro {gyro}")
     forms = [matrix.model.form for matrix in matrices]
     if isinstance(spec, GyroPairRecipe):
         pair = records[ORTHOGONALITY_FILE].model("pair")
-        _add_across(draft, pair, spec.gyros)
         forms.append(pair.form)
+        (gamma,) = numbers(pair, "gamma")
+        if abs(gamma) < 1:
+            # ω_⊥, from the rates about both axes and γ
+            first, second = (output.source for output in draft.outputs)
+            sine, gyros = exact.sqrt(1 - gamma**2), spec.gyros
+            source = draft.sum(
+                "across",
+                draft.polynomial("misalignment_first", (-gamma / sine,), "", first),
+                draft.polynomial("misalignment_second", (1 / sine,), "", second),
+            )
+            meaning = f"rate about the axis at right angles to gyro {gyros[0]} in the plane of both"
+            draft.output(f"gyro_{gyros[1]}_orthogonal_dps", "deg/s", source, meaning)
     end = ", the earth's rate left in" if earth_dps else ", zero at rest on the laboratory's table"
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
@@ -96,7 +125,34 @@ def _chain_about_base(spec: GyroTriadRecipe, matrix: GyroMatrix) -> Chain:
         _add_indication(draft, matrix, gyro, (row, bias), full_scale_dps)
         terms = draft.polynomial(f"bias_{gyro}", bias, "u", sign=-1)
         draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
-    _add_inverse(draft, S, matrix.gyros)
+    # cofactors and determinant, both divided by the determinant at mid-range
+    cofactors = [[_cofactor(S, g, a) for a in range(3)] for g in range(3)]
+    determinant = exact.add(*(exact.product(S[0][a], cofactors[0][a]) for a in range(3)))
+    middle = determinant[0]
+    if middle == 0:
+        raise OutputError(
+            "the gyros do not sense three axes", hint="log a gyro of the missing direction too"
+        )
+    varies = len(determinant if draft.padded else exact.trimmed(determinant)) > 1
+    if varies:
+        draft.sum(
+            "determinant",
+            draft.polynomial("determinant_of_s", exact.scale(determinant, 1 / middle), "u"),
+        )
+    for a, axis in enumerate(AXES):
+        others_first = sorted(range(len(matrix.gyros)), key=lambda g: g == a)
+        products = [
+            draft.polynomial(
+                f"inverse_{axis}{matrix.gyros[g]}",
+                exact.scale(cofactors[g][a], 1 / middle),
+                "u",
+                f"above_{matrix.gyros[g]}",
+            )
+            for g in others_first
+        ]
+        name = draft.sum(f"numerator_{axis}" if varies else f"rate_{axis}", *products)
+        if varies:
+            draft.steps.append(Quotient(f"rate_{axis}", name, "determinant"))
     for axis, output in zip(AXES, matrix.outputs, strict=True):
         draft.output(output, "deg/s", f"rate_{axis}", f"rate about axis {axis} of the base")
     return draft.chain(
@@ -142,83 +198,6 @@ def _add_indication(
     )
     meaning = f"indication of gyro {gyro}, counts per second"
     draft.indication(gyro_column(gyro), "1/s", meaning, fitted, full, "RATE_BEYOND")
-
-
-def _add_quotient(
-    draft: Draft, matrix: GyroMatrix, earth_dps: float, full_scale_dps: Fraction
-) -> None:
-    """Add the rate of one gyro about its own axis to the draft; earth_dps [°/s] is the earth's
-    rate, which the recipe may leave in the result.
-    """
-    (gyro,) = matrix.gyros
-    abscissa = f"u_{gyro}" if matrix.curves else ""
-    ((K,),), (F0,) = _polynomials(draft, matrix, abscissa)
-    _add_indication(draft, matrix, gyro, ([K], F0), full_scale_dps)
-    low, high = matrix.model.valid[RATE]
-    draft.ranges.append(f"rate of gyro {gyro} {exact.limits_text(low, high)} deg/s")
-    terms = draft.polynomial(f"zero_{gyro}", F0, abscissa, sign=-1)
-    draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
-    draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, abscissa))
-    source = f"rate_{gyro}"
-    draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
-    if earth_dps:
-        source = draft.sum(
-            f"inertial_{gyro}",
-            draft.polynomial("earth_rate", (Fraction(earth_dps),), ""),
-            factor(source),
-        )
-    draft.output(matrix.outputs[0], "deg/s", source, f"rate about the axis of gyro {gyro}")
-
-
-def _add_across(draft: Draft, pair: Model, gyros: Sequence[str]) -> None:
-    """Add the rate perpendicular to the first gyro's axis, in the plane of both axes, from the
-    rates about both axes and γ.
-    """
-    (gamma,) = numbers(pair, "gamma")
-    if abs(gamma) >= 1:
-        return
-    first, second = (output.source for output in draft.outputs)
-    sine = exact.sqrt(1 - gamma**2)
-    source = draft.sum(
-        "across",
-        draft.polynomial("misalignment_first", (-gamma / sine,), "", first),
-        draft.polynomial("misalignment_second", (1 / sine,), "", second),
-    )
-    meaning = f"rate about the axis at right angles to gyro {gyros[0]} in the plane of both"
-    draft.output(f"gyro_{gyros[1]}_orthogonal_dps", "deg/s", source, meaning)
-
-
-def _add_inverse(draft: Draft, S: Polynomials, gyros: Sequence[str]) -> None:
-    """Add the cofactors and the determinant, both divided by the determinant at mid-range, and the
-    rates to the draft.
-    """
-    cofactors = [[_cofactor(S, g, a) for a in range(3)] for g in range(3)]
-    determinant = exact.add(*(exact.product(S[0][a], cofactors[0][a]) for a in range(3)))
-    middle = determinant[0]
-    if middle == 0:
-        raise OutputError(
-            "the gyros do not sense three axes", hint="log a gyro of the missing direction too"
-        )
-    varies = len(determinant if draft.padded else exact.trimmed(determinant)) > 1
-    if varies:
-        draft.sum(
-            "determinant",
-            draft.polynomial("determinant_of_s", exact.scale(determinant, 1 / middle), "u"),
-        )
-    for a, axis in enumerate(AXES):
-        others_first = sorted(range(len(gyros)), key=lambda g: g == a)
-        terms = [
-            draft.polynomial(
-                f"inverse_{axis}{gyros[g]}",
-                exact.scale(cofactors[g][a], 1 / middle),
-                "u",
-                f"above_{gyros[g]}",
-            )
-            for g in others_first
-        ]
-        name = draft.sum(f"numerator_{axis}" if varies else f"rate_{axis}", *terms)
-        if varies:
-            draft.steps.append(Quotient(f"rate_{axis}", name, "determinant"))
 
 
 def _cofactor(S: Polynomials, row: int, column: int) -> exact.Poly:

@@ -22,7 +22,6 @@ from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
 from calibkit.forms import components_of
 from calibkit.instruments.gyro_scale import (
-    bent_response,
     equation,
     flags,
     forms,
@@ -115,7 +114,7 @@ def _fit_over_runs(
     if frozen:
         fitted = frozen.refit(rows)
     else:
-        terms = bent_response.find_terms(rows, varies=varies, bent=spec.response == "auto")
+        terms = equation.find_terms(rows, varies=varies, bent=spec.response == "auto")
         shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
         errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
         errors = [*errors, *(e for e in shared if e.group != "run")]
@@ -270,7 +269,7 @@ def _fit_pair(
         if frozen_bent:
             bent = frozen_bent.refit(rows)
         elif not frozen and gyro == axis and spec.response == "auto":
-            terms = bent_response.find_terms(rows, varies=False, bent=True)
+            terms = equation.find_terms(rows, varies=False, bent=True)
             if terms.powers:  # without errors that the runs share
                 bent = equation.fit(rows, terms, ())
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
@@ -357,7 +356,27 @@ def _fit_axes(
                     size, dof = run_scale.size, run_scale.size_dof
                     errors[number] = replace(error, size=size, size_dof=dof)
             fitted = equation.fit(rows, terms, errors)
-        curves = _list_curves(spec, fitted, all_runs, mounting)
+        # over temperature: K of each line and, where the earth's rate ω is known, the bias of each
+        # gyro, the mean of F0 − K ω over the axes
+        terms, vertical_dps = fitted.terms, table_runs.vertical_rate_dps(spec)
+        best_line = equation.best_line(terms, rows.rate_dps)
+
+        def polynomials(p: Numbers) -> Numbers:
+            K, F0 = best_line(p)
+            if vertical_dps is None:
+                return K.ravel()
+            biases = np.mean((F0 - vertical_dps * K).reshape(len(spec.gyros), 3, -1), axis=1)
+            return np.concatenate((K, biases)).ravel()
+
+        of_all, powers = fitted.fit.restated(polynomials), terms.order + 1
+        of_K = of_all.part(slice(powers * terms.lines)).widened_by([mounting] if mounting else [])
+        names = [forms.line_name(gyro, axis) for gyro, axis in product(spec.gyros, forms.AXES)]
+        for k, name in enumerate(names):
+            K = of_K.part(slice(powers * k, powers * (k + 1)))
+            curves.append(curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, all_runs))
+        for k, gyro in enumerate(spec.gyros if vertical_dps is not None else (), terms.lines):
+            bias = of_all.part(slice(powers * k, powers * (k + 1)))
+            curves.append(curve_model(forms.curve_name(gyro, "bias"), "1/s", bias, terms, all_runs))
     channels = []
     for index, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]
@@ -426,37 +445,3 @@ def _fit_set(
     )
     degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})
-
-
-def _list_curves(
-    spec: GyroTriadRecipe,
-    fitted: equation.ResponseFit,
-    runs: Sequence[TableRun],
-    mounting: Shared | None,
-) -> list[Model]:
-    """Over temperature: K of each line and, where the earth's rate ω is known, the bias of each
-    gyro, the mean of F0 − K ω over the axes.
-    """
-    fit, rows, terms = fitted
-    best_line, vertical_dps = (
-        equation.best_line(terms, rows.rate_dps),
-        table_runs.vertical_rate_dps(spec),
-    )
-
-    def polynomials(p: Numbers) -> Numbers:
-        K, F0 = best_line(p)
-        if vertical_dps is None:
-            return K.ravel()
-        biases = np.mean((F0 - vertical_dps * K).reshape(len(spec.gyros), 3, -1), axis=1)
-        return np.concatenate((K, biases)).ravel()
-
-    of_all, powers = fit.restated(polynomials), terms.order + 1
-    of_K = of_all.part(slice(powers * terms.lines)).widened_by([mounting] if mounting else [])
-    curves = []
-    for k, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
-        name, K = forms.line_name(gyro, axis), of_K.part(slice(powers * k, powers * (k + 1)))
-        curves.append(curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs))
-    for k, gyro in enumerate(spec.gyros if vertical_dps is not None else (), terms.lines):
-        bias = of_all.part(slice(powers * k, powers * (k + 1)))
-        curves.append(curve_model(forms.curve_name(gyro, "bias"), "1/s", bias, terms, runs))
-    return curves

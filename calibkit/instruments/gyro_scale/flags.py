@@ -25,7 +25,6 @@ from calibkit.instruments.gyro_scale import equation, forms, ordering
 from calibkit.instruments.gyro_scale.coefficient_files import (
     AxesSet,
     CampaignFit,
-    Channel,
     Runs,
     temperature_difference,
 )
@@ -104,6 +103,9 @@ def of_campaign(spec: AnyRecipe, runs: Runs, campaign: CampaignFit) -> tuple[str
 def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
     """Flags of runs about one axis."""
     channels, run_lines = campaign.channels, campaign.run_lines
+    cure = 'state [[errors.component]] group = "run"'
+    stated_effects = {entry.effect for entry in spec.errors.component}
+    unknown = [effect for effect in ("scale", "zero") if effect not in stated_effects]
     runs = channels[0].runs
     yield from run_lines.flag_drifts()
     for channel in channels:
@@ -113,11 +115,53 @@ def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
             for run, K_of_run, u in zip(runs, K.value, K.u, strict=True):
                 yield from of_uncertain(f"{name} in {run.log.file}", K_of_run, u)
         yield from of_contradicted_runs(name, repeated, run_lines.of_runs(repeated, gyro))
-        yield from _of_repeats(channel, spec)
+        # what the runs cannot tell of their repeatability and of the response
+        assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
+        assert channel.fitted is not None  # noqa: S101
+        _, rows, terms = channel.fitted
+        few = []
+        for c in channel.mean.coefficients:
+            dof = channel.mean.dof_of(c)
+            few.append(
+                (
+                    len(channel.runs) > 1 and dof < shared_errors.FEW_DOF,
+                    Remark(
+                        f"{name}: {c.name} has {dof:.2g} degrees of freedom between"
+                        f" {len(channel.runs)} runs, its interval is ±"
+                        f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or"
+                        f" {cure}"
+                    ),
+                )
+            )
+        yield from _those(
+            (
+                len(channel.runs) == 1 and bool(unknown),
+                Remark(
+                    f"{name}: one run does not show how runs repeat; u of K and F0 holds within"
+                    f" this run only: repeat it, or {cure}, effect ="
+                    f" {' and '.join(map(repr, unknown))}"
+                ),
+            ),
+            (
+                bool(channel.curves) and not terms.order,
+                (
+                    f"{name}: runs at two temperatures do not show how K changes between them: K is"
+                    " the mean of all runs, and its U holds their difference; add runs at a third"
+                    " temperature, or leave out those far from the reference"
+                ),
+            ),
+            *few,
+            (
+                bool(terms.shapes) and not equation.turns_both_ways(rows.rate_dps),
+                (
+                    f"{name}: every run turns one way and the response is bent: F0, the bias and"
+                    " the other direction are not known from these runs; run the table both ways"
+                ),
+            ),
+        )
         if channel.curves:
             yield from of_contradicted_runs(name, runs, K)
-        if channel.mean is not None:
-            yield from ordering.flag(name, channel.in_time, channel.mean.value("K"))
+        yield from ordering.flag(name, channel.in_time, channel.mean.value("K"))
     temperature = np.array([run.temp_degc for run in runs])
     near_reference = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():
@@ -127,54 +171,6 @@ def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
             f"no run within {ROOM_DEGC:g} °C of {spec.reference_temp_degc:g} °C: the mean is that"
             f" of all runs, {temperature.min():.1f} to {temperature.max():.1f} °C"
         )
-
-
-def _of_repeats(channel: Channel, spec: RateTableRecipe) -> list[str]:
-    """Flags on what the runs cannot tell of their repeatability and of the response."""
-    name, cure = channel.name, 'state [[errors.component]] group = "run"'
-    assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
-    assert channel.fitted is not None  # noqa: S101
-    _, rows, terms = channel.fitted
-    stated_effects = {entry.effect for entry in spec.errors.component}
-    unknown = [effect for effect in ("scale", "zero") if effect not in stated_effects]
-    few = []
-    for c in channel.mean.coefficients:
-        dof = channel.mean.dof_of(c)
-        few.append(
-            (
-                len(channel.runs) > 1 and dof < shared_errors.FEW_DOF,
-                Remark(
-                    f"{name}: {c.name} has {dof:.2g} degrees of freedom between"
-                    f" {len(channel.runs)} runs, its interval is ±"
-                    f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or {cure}"
-                ),
-            )
-        )
-    return _those(
-        (
-            len(channel.runs) == 1 and bool(unknown),
-            Remark(
-                f"{name}: one run does not show how runs repeat; u of K and F0 holds within this"
-                f" run only: repeat it, or {cure}, effect = {' and '.join(map(repr, unknown))}"
-            ),
-        ),
-        (
-            bool(channel.curves) and not terms.order,
-            (
-                f"{name}: runs at two temperatures do not show how K changes between them: K is the"
-                " mean of all runs, and its U holds their difference; add runs at a third"
-                " temperature, or leave out those far from the reference"
-            ),
-        ),
-        *few,
-        (
-            bool(terms.shapes) and not equation.turns_both_ways(rows.rate_dps),
-            (
-                f"{name}: every run turns one way and the response is bent: F0, the bias and the"
-                " other direction are not known from these runs; run the table both ways"
-            ),
-        ),
-    )
 
 
 def refuse_opposite(by_noise: Value, from_a: Value) -> None:

@@ -20,10 +20,15 @@ from calibkit.coefficients import Model, Record
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import POLYNOMIAL, Form, Inputs
+from calibkit.instruments.gyro_scale import equation
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, OwnAxisRecipe
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"
+TEMPERATURE_SLACK = 5.0
+"""Temperatures [°C] beyond the calibrated range in which coefficients without a temperature model
+are used without a flag.
+"""
 WITHIN_RUNS = "scale_factors_within_runs"
 """Figure, 1, of files whose scale factors hold within their runs: nothing tells how they repeat."""
 BEND_LETTERS = "cde"
@@ -58,26 +63,22 @@ def triad_names(gyros: Sequence[str]) -> tuple[list[str], list[str]]:
 
 
 def _bent(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
-    """F = Σ K_j x^j Ω + Σ (c_k + d_k x + e_k x²) (Ω/Ω_max)^k + Σ F_j x^j [n, 1/s], x the
-    temperature mapped to [−1, 1]; by Horner's rule over the rate.
+    """F [n, 1/s] of `equation`, (1), with the terms that a model states; its coefficients stand in
+    the order of the parameters.
     """
-    fastest = model.value("fastest_dps")
-    share, x = inputs[RATE] / fastest, np.zeros(len(inputs[RATE]))
+    letters = [c.name[0] for c in model.coefficients]
+    middle_half, degc = (0.0, 1.0), np.zeros(len(inputs[RATE]))
     if TEMPERATURE in model.valid:
-        middle, half = model.value("temp_middle_degc"), model.value("temp_half_degc")
-        x = (inputs[TEMPERATURE] - middle) / half
-    of_rate: list[Numbers] = [np.zeros(1)] * (1 + 7)
-    for coefficient, value in zip(model.coefficients, p, strict=True):
-        letter, number = coefficient.name[0], int(coefficient.name[1:])
-        if letter in BEND_LETTERS:
-            of_rate[number] = of_rate[number] + value * x ** BEND_LETTERS.index(letter)
-        else:
-            power = int(letter == "K")
-            of_rate[power] = of_rate[power] + value * x**number * fastest**power
-    total: Numbers = np.zeros(len(share))
-    for factor in reversed(of_rate):
-        total = total * share + factor
-    return total
+        middle_half = model.value("temp_middle_degc"), model.value("temp_half_degc")
+        degc = inputs[TEMPERATURE]
+    terms = equation.ResponseTerms(
+        order=letters.count("K") - 1,
+        middle_half=middle_half,
+        shapes=tuple(int(c.name[1:]) for c in model.coefficients if c.name[0] == BEND_LETTERS[0]),
+        fastest_dps=model.value("fastest_dps"),
+        bends="polynomial" if BEND_LETTERS[1] in letters else "constant",
+    )
+    return equation.response(p, equation.RateRows.of_line(inputs[RATE], degc), terms)
 
 
 def _sine_or_odd(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
@@ -125,19 +126,24 @@ FORMS = (LINE, POLYNOMIAL, RESPONSE, RESPONSE_1, PAIR, TRIAD)
 class GyroMatrix:
     """Sensitivities S [g, a] and biases B [g] from the files of a run: F = S Ω + B, with rates Ω
     about a axes.
+
+    Attributes
+    ----------
+    outputs : names of the rate columns [a].
+    model : model of S and B at one temperature, with its ranges.
+    names : coefficient names of the model: S row by row, then B.
+    curves : polynomials of the same quantities over temperature; empty where they were not
+        fitted.
+    response : nonlinear response of a gyro about its own axis; None for a straight line.
+
     """
 
     gyros: tuple[str, ...]
     outputs: tuple[str, ...]
-    """Names of the rate columns [a]."""
     model: Model
-    """Model of S and B at one temperature, with its ranges."""
     names: tuple[str, ...]
-    """Coefficient names of the model: S row by row, then B."""
     curves: tuple[Model, ...] = ()
-    """Polynomials of the same quantities over temperature; empty where they were not fitted."""
     response: Model | None = None
-    """Nonlinear response of a gyro about its own axis; None for a straight line."""
 
     @property
     def temperature(self) -> tuple[float, float] | None:

@@ -37,17 +37,22 @@ BLOCKS = 16
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Motion of the table in the n rows of a log and the sampling intervals that end at them."""
+    """Motion of the table in the n rows of a log and the sampling intervals that end at them.
+
+    Attributes
+    ----------
+    time_s : strictly increasing.
+    rate_dps : commanded or measured.
+    turn_deg : turn in the interval.
+    middle_rad : angle in mid-interval.
+
+    """
 
     time_s: Array
-    """Strictly increasing."""
     rate_dps: Array
-    """Commanded or measured."""
     interval_s: Array
     turn_deg: Array
-    """Turn in the interval."""
     middle_rad: Array
-    """Angle in mid-interval."""
     angle_logged: bool
 
     @classmethod
@@ -73,24 +78,30 @@ class Motion:
 
 @dataclass(frozen=True, slots=True)
 class HeldMeans:
-    """Means over p held rates of m gyros."""
+    """Means over p held rates of m gyros.
+
+    Attributes
+    ----------
+    rate_dps : table rate [p] [°/s], the mean over the same samples as the indication.
+    indication : means [p, m] in the unit of the indication.
+    standard_uncertainty : standard uncertainties of the means [p, m] by the noise within each
+        held rate, type A.
+    revolutions : whole revolutions averaged [p]; 0 where the table turned less than one.
+    temp_degc : mean temperature [p] [°C]; NaN where none was logged.
+    angle_rate_dps : rate [p] [°/s] by the logged table angle; NaN where none was logged.
+    span : first row and one past the last row used [p, 2].
+    hours : times [p] [h] from the middle of the log; zeros where they are not known.
+
+    """
 
     rate_dps: Array
-    """Table rate [p] [°/s], the mean over the same samples as the indication."""
     indication: Array
-    """Means [p, m] in the unit of the indication."""
     standard_uncertainty: Array
-    """Standard uncertainties of the means [p, m] by the noise within each held rate, type A."""
     revolutions: Integers
-    """Whole revolutions averaged [p]; 0 where the table turned less than one."""
     temp_degc: Array
-    """Mean temperature [p] [°C]; NaN where none was logged."""
     angle_rate_dps: Array
-    """Rate [p] [°/s] by the logged table angle; NaN where none was logged."""
     span: Integers
-    """First row and one past the last row used [p, 2]."""
     hours: Array
-    """Times [p] [h] from the middle of the log; zeros where they are not known."""
     flags: tuple[str, ...]
 
 

@@ -25,11 +25,11 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.instruments.gyro_scale.certificate import blocks, results
-from calibkit.instruments.gyro_scale.compensate import correct
+from calibkit.instruments.gyro_scale.corrections import correct, validate
 from calibkit.instruments.gyro_scale.fit import fit_campaign
 from calibkit.instruments.gyro_scale.forms import FORMS
+from calibkit.instruments.gyro_scale.published import GJB
 from calibkit.instruments.gyro_scale.table_runs import faults, read
-from calibkit.instruments.gyro_scale.unseen import validate
 from calibkit.report.overview import KeyValue, Overview, concise
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from calibkit.coefficients import Figure, StageResult
+    from calibkit.coefficients import Coefficient, Figure, StageResult
     from calibkit.instruments import Progress
     from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
     from calibkit.instruments.gyro_scale.recipe import AnyRecipe
@@ -152,17 +152,11 @@ def _find_sensitivities(
 def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
     """Sentence, facts and values of a fit; `scales` is what gyro_scale.json will hold."""
     largest: list[KeyValue] = []
-    by_kind: dict[str, list[Figure]] = {}
-    for figure in scales.figures:
-        kind, standard, _ = published.FigureName.of(figure.name)
-        if standard == published.GJB:
-            by_kind.setdefault(kind, []).append(figure)
-    for kind, (name, _, _) in acceptance.RUN_LIMITS.items():
-        kind_figures = by_kind.get(kind)
-        if kind_figures:
-            worst = max(kind_figures, key=lambda figure: abs(figure.value))
-            unit = worst.unit.replace("degC", "°C")
-            label = f"largest {name} (GJB 2426A)"
+    for kind, (name, _, _) in acceptance.LIMITS.items():
+        figures = [f for f in scales.figures if published.FigureName.of(f.name)[:2] == (kind, GJB)]
+        if figures:
+            worst = max(figures, key=lambda figure: abs(figure.value))
+            label, unit = f"largest {name} ({GJB})", worst.unit.replace("degC", "°C")
             largest.append(KeyValue(label, worst.value, unit, worst.standard_uncertainty))
     facts = _in_words(largest)
     if campaign.pair is not None:
@@ -177,41 +171,37 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
         )
         facts = (f"N = K_B/K_A = {ratio}; γ = {of_gamma}.", *facts)
         return Overview(sentence, facts, (error, ratio, *largest)[:4])
-    at_reference = _where(campaign.reference.temp_degc) if campaign.sets else ""
-    scale_factors = []
+    scale_factors, place = [], ""
     for channel in campaign.own_channels:
+        K: Figure | Coefficient
         if channel.mean is not None:
-            K, of_runs = channel.mean.coefficients[0], channel.repeated
-            gyro_label = channel.name + _where(float(np.mean([run.temp_degc for run in of_runs])))
+            K, gyro = channel.mean.coefficients[0], channel.name
+            degc = float(np.mean([run.temp_degc for run in channel.repeated]))
         else:
-            K = campaign.reference.figures[f"scale_factor.{channel.gyro}"]
-            gyro_label = channel.gyro + at_reference
-        label = f"scale factor of {gyro_label}"
+            K, gyro = campaign.reference.figures[f"scale_factor.{channel.gyro}"], channel.gyro
+            degc = campaign.reference.temp_degc
+        place = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
+        label = f"scale factor of {gyro}{place}"
         scale_factors.append(KeyValue(label, K.value, "counts/°", K.standard_uncertainty))
-    (scale_factor_text,) = _in_words(scale_factors)
+    (in_words,) = _in_words(scale_factors)
     if not campaign.sets:
         first = scale_factors[0]
         ppm = published.PPM * first.standard_uncertainty / abs(first.value)
-        sentence = f"{scale_factor_text.removesuffix('.')} (u {ppm:.2g} ppm)."
+        sentence = f"{in_words.removesuffix('.')} (u {ppm:.2g} ppm)."
         return Overview(sentence, facts, (*scale_factors, *largest)[:4])
-    angles = [
+    errors = [
         figure
         for name, figure in campaign.reference.figures.items()
         if name.startswith("orthogonality_error")
     ]
-    if not angles:
-        return Overview(scale_factor_text, facts, tuple(scale_factors[:4]))
-    worst = max(angles, key=lambda figure: abs(figure.value))
+    if not errors:
+        return Overview(in_words, facts, tuple(scale_factors[:4]))
+    worst = max(errors, key=lambda figure: abs(figure.value))
     of_both = worst.name.partition(".")[2].replace("_", " and ")
     label = f"90° − angle between the input axes of {of_both}"
     error = KeyValue(label, worst.value, "°", worst.standard_uncertainty)
-    sentence = f"Largest departure from right angles{at_reference}: {label} is {error}."
-    return Overview(sentence, (scale_factor_text, *facts), (error, *scale_factors)[:4])
-
-
-def _where(degc: float) -> str:
-    """Where a value holds, if the temperature is known."""
-    return f" at {degc:.1f} °C" if np.isfinite(degc) else ""
+    sentence = f"Largest departure from right angles{place}: {label} is {error}."
+    return Overview(sentence, (in_words, *facts), (error, *scale_factors)[:4])
 
 
 def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:

@@ -42,25 +42,28 @@ FOLLOWS = 0.2
 class Lines:
     """Lines of g gyros in runs about a axes; gyro, table axis and set of runs at one temperature of
     each line [lines] are numbers.
+
+    Attributes
+    ----------
+    fitted : equation (1) of all held rates; each gyro in each run is a line.
+    fit : K [lines], then F0 [lines], of the best straight lines over all rates, then the
+        indications at rest [lines].
+    number : file and gyro → line.
+    all_published : [lines], held rates without what changed during the runs, and the published
+        lines.
+    in_time : gyro, its lines [lines] about its own axis at one temperature, and whether their
+        scale factor changes with time since the runs began.
+
     """
 
     fitted: equation.ResponseFit
-    """Equation (1) of all held rates; each gyro in each run is a line."""
     fit: Fit
-    """K [lines], then F0 [lines], of the best straight lines over all rates, then the indications
-    at rest [lines].
-    """
     gyro_of: Integers
     axis_of: Integers
     set_of: Integers
     number: Mapping[tuple[str, str], int]
-    """File and gyro → line."""
     all_published: tuple[Line, ...]
-    """[lines], held rates without what changed during the runs, and the published lines."""
     in_time: tuple[tuple[int, Mask, ordering.Ordering], ...] = ()
-    """Gyro, its lines [lines] about its own axis at one temperature, and whether their scale factor
-    changes with time since the runs began.
-    """
 
     @classmethod
     def of(

@@ -29,15 +29,20 @@ STEADY_DEGC = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Ordering:
-    """What held rates in their order tell of time and response."""
+    """What held rates in their order tell of time and response.
+
+    Attributes
+    ----------
+    shift : to K of the line, from that at the end of the run or from the mean of both readings.
+    half_width : largest distance of K between the readings that remain.
+    separable : share of Ω t that the line and N leave.
+
+    """
 
     decision: Literal["line", "time", "response", "undecided"]
     shift: float
-    """To K of the line, from that at the end of the run or from the mean of both readings."""
     half_width: float
-    """Largest distance of K between the readings that remain."""
     separable: float
-    """Share of Ω t that the line and N leave."""
 
 
 def decide(
@@ -52,6 +57,8 @@ def decide(
     None where times are not logged, the rates are too few, or the temperature changed in a run by
     more than is known of its effect [°C].
     """
+    from scipy.special import fdtri
+
     count = np.bincount(rows.run)
     warming = np.ptp(rows.row_degc - rows.temp_degc[rows.run])
     begin = np.array([rows.hours[rows.run == r].min() for r in range(count.size)])
@@ -61,48 +68,15 @@ def decide(
     by_run = np.column_stack((rows.rate_dps, t, indication)).reshape(count.size, -1, 3)
     rate_spread = np.max(np.ptp(by_run[:, :, 0], axis=0))
     rate, t, F = by_run.mean(axis=0).T
-    if rate_spread > equation.SAME_RATE * np.max(np.abs(rate)):
-        return None
-    w = rate / np.max(np.abs(rate))
+    unit = float(np.max(np.abs(rate)))
+    w = rate / unit
     # |Ω|: a scale factor that differs between the directions
     bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w), np.abs(w)])
     dof = rate.size - 2 - 3 - bent.shape[1]  # the time constant counts
-    if dof < LEAST_DOF:
+    if rate_spread > equation.SAME_RATE * unit or dof < LEAST_DOF:
         return None
-    return _judge(rate, t, F, bent, dof)
 
-
-def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
-    """Flags for a scale factor that changes with time, and for rates that cannot tell."""
-    cure = "run the rates in random order, or repeat the first rates at the end"
-    if ordering is None:
-        return
-    if ordering.half_width:
-        ppm = PPM / abs(K)
-        explanation = (
-            "as of a scale factor that warms up: K is that at the end of the runs"
-            if ordering.decision == "time"
-            else "or with a response that is bent or differs between the directions, and nothing"
-            " separates the two: K is the mean of both"
-        )
-        yield (
-            f"{name}: the indication changes with time since the runs began, {explanation},"
-            f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
-            f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
-        )
-    elif ordering.separable < 0.1:
-        yield Remark(
-            f"{name}: rates follow time: a scale factor that warms up looks like a response that is"
-            f" bent or differs between the directions; {cure}"
-        )
-
-
-def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
-    """Decision on rates, times, indications [n], and shapes [n, k] of the response."""
-    from scipy.special import fdtri
-
-    unit = float(np.max(np.abs(rate)))
-    w, t = rate / unit, t / t.max()
+    t = t / t.max()
     line = np.column_stack((w, np.ones_like(w)))
     unexplained = _residual(np.column_stack((line, bent)), w * t)
     separable = float(np.linalg.norm(unexplained) / np.linalg.norm(w * t))
@@ -139,6 +113,31 @@ def _judge(rate: Array, t: Array, F: Array, bent: Array, dof: int) -> Ordering:
     if D > CERTAIN:
         return Ordering("time", shift, half_width, separable)
     return Ordering("undecided", 0.5 * shift, 0.5 * abs(shift) + half_width, separable)
+
+
+def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
+    """Flags for a scale factor that changes with time, and for rates that cannot tell."""
+    cure = "run the rates in random order, or repeat the first rates at the end"
+    if ordering is None:
+        return
+    if ordering.half_width:
+        ppm = PPM / abs(K)
+        explanation = (
+            "as of a scale factor that warms up: K is that at the end of the runs"
+            if ordering.decision == "time"
+            else "or with a response that is bent or differs between the directions, and nothing"
+            " separates the two: K is the mean of both"
+        )
+        yield (
+            f"{name}: the indication changes with time since the runs began, {explanation},"
+            f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
+            f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
+        )
+    elif ordering.separable < 0.1:
+        yield Remark(
+            f"{name}: rates follow time: a scale factor that warms up looks like a response that is"
+            f" bent or differs between the directions; {cure}"
+        )
 
 
 def _residual(design: Array, values: Array) -> Array:

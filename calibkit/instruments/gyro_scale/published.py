@@ -11,7 +11,7 @@ give the same K. And of two gyros, K_A and K_B about their own axes, K_Ba that o
 """
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -162,27 +162,35 @@ def figures(line: Line, u_K: float, model: str = "") -> Iterator[Figure]:
         yield figure("nonlinearity_per_point", GJB, value, "ppm", u_deviation[worst])
     u = rms(noise) / K / np.sqrt(2.0 * noise.size)
     yield figure("linearity_error_rms", IEEE, line.fit.residual_rms / K, "deg/s", u)
-    for standard, slopes, mean_K in _slopes_of_both_sides(line):
+    rate, intercept, size = line.rate_dps, np.ones_like(line.rate_dps), np.abs(line.rate_dps)
+    asymmetries: list[tuple[str, Array, float]] = []
+    sides = rate > 0.0, rate < 0.0
+    if all(np.unique(np.round(rate[side], 9)).size >= 2 for side in sides):
+        # matrix [2, p] that makes the slopes of positive and of negative rates of the means. GJB: a
+        # line with an intercept of its own on each side, |K₊ − K₋| / K̄, K̄ = (K₊ + K₋)/2
+        slopes = np.zeros((2, rate.size))
+        for row, side in zip(slopes, sides, strict=True):
+            row[side] = np.linalg.pinv(np.column_stack((rate, intercept))[side])[0]
+        asymmetries.append((GJB, slopes, abs(float(np.mean(slopes @ line.indication)))))
+        # IEEE: two slopes from one intercept, |K₊ − K₋| / K
+        design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), intercept))
+        if rank(design) == design.shape[1]:
+            asymmetries.append((IEEE, np.linalg.pinv(design)[:2], K))
+    for standard, slopes, mean_K in asymmetries:
         slope_difference = slopes[0] - slopes[1]
         value = abs(slope_difference @ line.indication) / mean_K * PPM
         u = np.linalg.norm(slope_difference * noise) / K * PPM
         yield figure("asymmetry", standard, value, "ppm", u)
-    yield from _least_responses(line, figure)
-
-
-def _least_responses(line: Line, figure: Callable[..., Figure]) -> Iterator[Figure]:
-    """Threshold and resolution, the smallest tested rate and step of rate from which all outputs
-    are at least half of the expected ones: upper limits, as smaller ones were not tested, or noise
-    hides them. And the dead zone, the width of the rates through zero without response, by fine
-    rates of both directions; its uncertainty is that of the steps between them.
-    """
-    K, rate, size = abs(line.K), line.rate_dps, np.abs(line.rate_dps)
+    # Threshold and resolution, the smallest tested rate and step of rate from which all outputs are
+    # at least half of the expected ones: upper limits, as smaller ones were not tested, or noise
+    # hides them. And the dead zone, the width of the rates through zero without response, by fine
+    # rates of both directions; its uncertainty is that of the steps between them.
     turning = size > REST * np.max(size, initial=0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         responds = line.seen & ((line.indication - line.F0) / (line.K * rate) >= HALF)
     threshold = _smallest_from_which(size[turning], responds[turning])
     order = np.argsort(rate, kind="stable")
-    step, noise = np.diff(rate[order]), line.noise[order]
+    step, noise = np.diff(rate[order]), noise[order]
     half = HALF * K * step
     step_seen = np.hypot(noise[1:], noise[:-1]) * SEEN < half
     follows = np.sign(line.K) * np.diff(line.indication[order]) >= half
@@ -203,26 +211,6 @@ def _least_responses(line: Line, figure: Callable[..., Figure]) -> Iterator[Figu
     ):
         if np.isfinite(value):
             yield figure(kind, GJB, value, "deg/s", u)
-
-
-def _slopes_of_both_sides(line: Line) -> Iterator[tuple[str, Array, float]]:
-    """Standard, matrix [2, p] that makes the slopes of positive and of negative rates of the means,
-    and the K that their difference is relative to; nothing without two rates of each sign.
-    """
-    rate = line.rate_dps
-    sides = rate > 0.0, rate < 0.0
-    if any(np.unique(np.round(rate[side], 9)).size < 2 for side in sides):
-        return
-    intercept = np.ones_like(rate)
-    # GJB: a line with an intercept of its own on each side, |K₊ − K₋| / K̄, K̄ = (K₊ + K₋)/2
-    slopes = np.zeros((2, rate.size))
-    for row, side in zip(slopes, sides, strict=True):
-        row[side] = np.linalg.pinv(np.column_stack((rate, intercept))[side])[0]
-    yield GJB, slopes, abs(float(np.mean(slopes @ line.indication)))
-    # IEEE: two slopes from one intercept, |K₊ − K₋| / K
-    design = np.column_stack((np.maximum(rate, 0.0), np.minimum(rate, 0.0), intercept))
-    if rank(design) == design.shape[1]:
-        yield IEEE, np.linalg.pinv(design)[:2], abs(line.K)
 
 
 def _smallest_from_which(sizes: Array, responds: Mask) -> float:
@@ -262,18 +250,26 @@ def temperature_sensitivity(K: Array, temp_degc: Array, room_degc: float) -> flo
 
 @dataclass(frozen=True, slots=True)
 class Ratios:
-    """Ratios and angle of two gyros, equation (2)."""
+    """Ratios and angle of two gyros, equation (2).
+
+    Attributes
+    ----------
+    results : N, ε, γ within [−1, 1], and the angle α of B's input axis to A's axis [°], 0 to
+        180.
+    covariance : [4, 4] of these; type A: N and ε share K_A, N and γ share K_B, so errors are
+        correlated.
+    dof : effective degrees of freedom [4].
+    alpha_interval_deg : 95 % interval of α; where |γ| is within noise of one it begins at 0° or
+        ends at 180°.
+    indicated : K_Ba/K_B before it was clamped, with its uncertainty to first order.
+
+    """
 
     results: tuple[float, float, float, float]
-    """N, ε, γ within [−1, 1], and the angle α of B's input axis to A's axis [°], 0 to 180."""
     covariance: Array
-    """[4, 4] of these; type A: N and ε share K_A, N and γ share K_B, so errors are correlated."""
     dof: tuple[float, ...]
-    """Effective degrees of freedom [4]."""
     alpha_interval_deg: tuple[float, float]
-    """95 % interval of α; where |γ| is within noise of one it begins at 0° or ends at 180°."""
     indicated: Value
-    """K_Ba/K_B before it was clamped, with its uncertainty to first order."""
 
 
 def find_ratios(K: Fit) -> Ratios:

@@ -46,27 +46,31 @@ TRIAD_RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 @dataclass(frozen=True, slots=True)
 class RateGyro:
-    """Constants of one gyro on the table."""
+    """Constants of one gyro on the table.
+
+    Attributes
+    ----------
+    K : scale factor at 25 °C without the terms below [1/s/(°/s)].
+    axis : input axis, a unit vector: two components that turn with the table, and the one along
+        the table axis.
+    K_per_degc : relative change of the scale factor [1/°C].
+    ripple_dps : amplitude of the error of the closed loop's phase ramp [°/s].
+    asymmetry : relative difference of the scale factors of positive and negative rates.
+    noise_lsb : standard deviation of one sample [1/s].
+    lag_s : time constant of the output filter.
+
+    """
 
     K: float
-    """Scale factor at 25 °C without the terms below [1/s/(°/s)]."""
     axis: tuple[float, float, float]
-    """Input axis, a unit vector: two components that turn with the table, and the one along the
-    table axis.
-    """
     K_per_degc: float
-    """Relative change of the scale factor [1/°C]."""
     ripple_dps: float
-    """Amplitude of the error of the closed loop's phase ramp [°/s]."""
     ripple_period_dps: float
     asymmetry: float
-    """Relative difference of the scale factors of positive and negative rates."""
     bias_dps: float
     bias_dps_per_degc: float
     noise_lsb: float
-    """Standard deviation of one sample [1/s]."""
     lag_s: float
-    """Time constant of the output filter."""
 
     def best_line(
         self, table: "TurnedTable", rates_dps: Sequence[float], temp_degc: float
@@ -108,18 +112,23 @@ class RateGyro:
 
 @dataclass(frozen=True, slots=True)
 class TurnedTable:
-    """Constants of a rate table with a vertical axis and of its room."""
+    """Constants of a rate table with a vertical axis and of its room.
+
+    Attributes
+    ----------
+    unevenness : relative amplitude of the rate's variation within a revolution.
+    interval_s : sampling interval [s].
+    warming_degc : total warming of the case [°C], from the first sample to the steady state.
+
+    """
 
     latitude_deg: float = 34.2
     acceleration_dps2: float = 20.0
     unevenness: float = 1e-5
-    """Relative amplitude of the rate's variation within a revolution."""
     interval_s: float = 0.5
-    """Sampling interval [s]."""
     shortest_hold_s: float = 30.0
     start_angle_deg: float = 0.0
     warming_degc: float = 0.2
-    """Total warming of the case [°C], from the first sample to the steady state."""
     warming_s: float = 1200.0
 
 

@@ -47,23 +47,24 @@ from which a delay is measured, at least.
 
 @dataclass(frozen=True)
 class TableRun:
-    """One log: its held rates."""
+    """One log: its held rates.
+
+    Attributes
+    ----------
+    reference : logged table rate, or the rate that the logged table angle turned by: the better
+        one where the rate is noisy or only commanded.
+    temp_range : lowest and highest row temperature [°C]: of the whole run where it was
+        isothermal, else of its held rates; NaN where none was logged. The calibrated range is
+        that of the soak's rows, not of their mean: it contains all rows of the run.
+
+    """
 
     log: Log
     gyros: tuple[str, ...]
     plateaus: HeldMeans
     reference: Literal["rate", "angle"]
-    """Logged table rate, or the rate that the logged table angle turned by: the better one where
-    the rate is noisy or only commanded.
-    """
     flags: tuple[str, ...]
     temp_range: tuple[float, float]
-    """Lowest and highest row temperature [°C]: of the whole run where it was isothermal, else of
-    its held rates; NaN where none was logged.
-
-    The calibrated range is that of the soak's rows, not of their mean: it contains all rows of the
-    run.
-    """
 
     @property
     def rate_dps(self) -> Array:
@@ -211,7 +212,17 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
     if any(finding.refused for finding in findings):
         return findings, None
     try:
-        means = _average_held_rates(spec, log)
+        columns = {name: values(log.frame, name) for name in logged if name != "run"}
+        rate, temp_degc = columns[forms.RATE], columns.get(forms.TEMPERATURE)
+        signals = np.column_stack([columns[gyro] for gyro in gyros])
+        if one_row:
+            means = held_rates.of_rows(columns.get("time_s"), rate, signals, temp_degc)
+        else:
+            motion = held_rates.Motion.of(columns["time_s"], rate, columns.get(ANGLE))
+            spans = stated_segments.stated_rows(log, spec, ["rate"])
+            spans = held_rates.find(motion, spec.plateaus) if spans is None else spans
+            along_axis = spec.procedure == "rate_table"
+            means = held_rates.average(motion, signals, spans, temp_degc, along_axis=along_axis)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
         expected = "held rates of the table"
@@ -244,22 +255,6 @@ def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
     if spec.procedure != "gyro_triad" or len(columns) >= 3:
         yield from check.magnitude.check_gyro_sign(log, driven_column, forms.RATE)
     yield from check.magnitude.find_compensated_names(log, spec, columns)
-
-
-def _average_held_rates(spec: AnyRecipe, log: Log) -> HeldMeans:
-    """Means over the held rates of a log."""
-    columns = {name: values(log.frame, name) for name in log.frame.columns if name != "run"}
-    rate, temp_degc = columns[forms.RATE], columns.get(forms.TEMPERATURE)
-    counts = [columns[forms.gyro_column(gyro)] for gyro in spec.gyros]
-    signals = np.column_stack(counts)
-    if spec.plateaus.one_row:
-        return held_rates.of_rows(columns.get("time_s"), rate, signals, temp_degc)
-    motion = held_rates.Motion.of(columns["time_s"], rate, columns.get(ANGLE))
-    spans = stated_segments.stated_rows(log, spec, ["rate"])
-    if spans is None:
-        spans = held_rates.find(motion, spec.plateaus)
-    along_axis = spec.procedure == "rate_table"
-    return held_rates.average(motion, signals, spans, temp_degc, along_axis=along_axis)
 
 
 def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[Finding]:

@@ -1,28 +1,34 @@
-"""Frozen coefficients compared with unseen runs: scale factors, rates before and after
-compensation, and the ratios of a pair.
+"""Coefficients of a run → compensated rates of a log, and how far they are off in unseen runs.
 
-    e = K - K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²                                       (1)
+    Ω = S(T)⁻¹ (F − B(T)),   or (SᵀS)⁻¹ Sᵀ (F − B) of several gyros about the axes of a base   (1)
+    e = K − K(T),   u² = u²(K) + u²(K(T)) + s² + u_B²                                          (2)
 
-K is that of the unseen run, K(T) the quantity of the files at its temperature, s how runs repeat,
-u_B the type B terms; `calibkit.fit.unseen` judges e over u.
+A bent response is solved for Ω by Newton's steps (`GyroMatrix.rates`). K is that of the
+unseen run, K(T) the quantity of the files at its temperature, s how runs repeat, u_B the type B
+terms; `calibkit.fit.unseen` judges e over u. Rates are compared before and after compensation, and
+the ratios of a pair.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from calibkit import check
+from calibkit.arrays import Array
 from calibkit.certificate.quantities import Quantity
 from calibkit.coefficients import Criterion, Record, over_u
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
 from calibkit.fit.value import Value
-from calibkit.frame import Log, require
+from calibkit.frame import Log, refuse, require, values
+from calibkit.ingest import logs as ingest, write_back
+from calibkit.ingest.write_back import Applied
 from calibkit.instruments.gyro_scale import (
     acceptance,
     certificate,
-    compensate,
     fit,
     forms,
     published,
@@ -30,6 +36,7 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
 from calibkit.instruments.gyro_scale.flags import WITHIN
+from calibkit.instruments.gyro_scale.forms import AXES, TEMPERATURE, GyroMatrix, gyro_column
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroPairRecipe, GyroTriadRecipe
@@ -39,8 +46,6 @@ from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
-OF_SCALE = ("scale-factor error", "rate error")
-"""Names of limits on scale factors."""
 MOST_DOF = 1e6
 """Degrees of freedom that stand for any number above."""
 ALONG, ACROSS = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
@@ -49,6 +54,94 @@ SUFFIX = {GJB: "_gjb", IEEE: "_ieee"}
 """Standard → end of the key of an asymmetry in validation.json."""
 Entry = dict[str, Any]
 """JSON object of validation.json."""
+RESTED = (
+    "rates are zero where the gyro rested on the laboratory's table: the earth's rate there"
+    " is taken out with the bias (compensation = 'inertial' leaves it in)"
+)
+
+
+def read_invertible(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroMatrix, ...]:
+    """Matrices of a run; raises CoefficientError where they cannot be solved for rates."""
+    matrices = forms.read_matrices(spec, records)
+    for matrix in matrices if isinstance(spec, GyroTriadRecipe) else ():
+        matrix.require_biases()
+        rows, _ = matrix.reference
+        unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+        # noise of the gyros is amplified by at most this factor
+        if len(unit) < unit.shape[1] or not np.linalg.cond(unit) < 1e3:
+            raise CoefficientError(
+                f"the gyros {', '.join(matrix.gyros)} do not sense three axes: rates about them"
+                " cannot be had",
+                hint="log a gyro of the missing direction too",
+            )
+    return matrices
+
+
+def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+    """Add compensated rates to every row of a log: of each gyro about its own axis, or about the
+    axes of the base.
+    """
+    matrices = read_invertible(spec, records)
+    # with its temperature where it is needed or logged; a triad needs all its gyros, else the gyros
+    # in the log are read
+    gyros = tuple(gyro_column(gyro) for matrix in matrices for gyro in matrix.gyros)
+    inertial_dps, triad = 0.0, isinstance(spec, GyroTriadRecipe)
+    if isinstance(spec, GyroTriadRecipe):
+        required_columns = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
+        log = ingest.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
+    else:
+        inertial_dps = forms.read_earth_rate(spec, records, CoefficientError)
+        log = ingest.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *gyros))
+        if not {*gyros} & {*log.frame.columns}:
+            require(log.file, log.frame.columns, gyros[:1])
+    columns, rows, flags = list(log.frame.columns), len(log.frame), [*log.notes]
+    refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, columns)])
+    if TEMPERATURE in columns:
+        refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
+    temperature = np.broadcast_to(0.0, rows)
+    if TEMPERATURE in columns:
+        temperature = values(log.frame, TEMPERATURE)
+    derived: dict[str, Array] = {}
+    for matrix in matrices:
+        if missing := {*map(gyro_column, matrix.gyros)} - {*columns}:
+            left_out = f"gyro {matrix.gyros[0]} is left out"
+            flags.append(f"{log.file}: no column '{missing.pop()}', {left_out}")
+            continue
+        if matrix.over_temperature:
+            require(log.file, columns, [TEMPERATURE])
+        indications = [values(log.frame, gyro_column(gyro)) for gyro in matrix.gyros]
+        rates = matrix.rates(np.column_stack(indications), temperature)
+        low, high = matrix.rate_limits
+        rates_outside = int(np.count_nonzero((rates < low) | (rates > high)))
+        derived |= dict(zip(matrix.outputs, (rates + inertial_dps).T, strict=True))
+        if TEMPERATURE in columns:
+            flags += flag_temperatures(log.file, matrix, temperature)
+        if rates_outside:
+            flags.append(
+                f"{log.file}: gyro {matrix.gyros[0]} beyond the fitted {low:g} to {high:g} °/s over"
+                f" {100.0 * (rates_outside / rows):.1f} % of the rows"
+            )
+    flags += [RESTED] * (not triad and inertial_dps == 0.0)
+    return write_back.rewrite_log(spec, data, log, {}, derived), tuple(dict.fromkeys(flags))
+
+
+def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list[str]:
+    """Flags for temperatures [n, °C] that are clamped, or outside the range of coefficients without
+    a temperature model.
+    """
+    if matrix.temperature is None:
+        return []
+    slack = 0.0 if matrix.over_temperature else forms.TEMPERATURE_SLACK
+    low, high = matrix.temperature
+    rows_outside = np.count_nonzero((temperature < low - slack) | (temperature > high + slack))
+    if not rows_outside:
+        return []
+    consequence = "clamped"
+    if not matrix.over_temperature:
+        letters = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
+        consequence = f"but {letters} are taken as constant"
+    share = f"{100.0 * rows_outside / temperature.size:.1f} % of the rows"
+    return [f"{file}: temperature outside {low:.1f} … {high:.1f} °C over {share}, {consequence}"]
 
 
 def validate(
@@ -57,7 +150,7 @@ def validate(
     """Compare scale factors and rates of unseen runs with the frozen coefficients; with both logs
     of a pair, also N and γ.
     """
-    matrices = compensate.read_invertible(spec, records)
+    matrices = read_invertible(spec, records)
     sensitivities = {
         quantity.name: quantity for quantity in certificate.list_sensitivities(records, spec)
     }
@@ -77,6 +170,7 @@ def validate(
         flags += [*run.flags, *run_lines.flag_drifts()]
         entry: Entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
         entries.append(entry)
+        # K of the run, and of the files at its temperature
         scale_factors: list[tuple[Value, Value]] = []
         of_gyros: list[Entry] = []
         for matrix in matrices:
@@ -93,71 +187,53 @@ def validate(
                 of_gyros.append(compared)
                 straight.append(line)
             if np.isfinite(run.temp_degc):
-                flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
+                flags += flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         if not triad:
             entry["gyros"] = of_gyros
         errors += [(log.file, error) for error in ([entry] if triad else of_gyros)]
-        if not within_runs:
-            criteria.append(_judge_scale_factors(log.file, scale_factors))
+        if not within_runs:  # else nothing tells how scale factors repeat
+            error = np.array([K.value - frozen.value for K, frozen in scale_factors])
+            variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
+            dof = (np.inf, max(float(sum(frozen.dof for _, frozen in scale_factors)), 1.0))
+            error_over_u = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
+            criteria.append(over_u(f"{log.file}: rms error of K", error_over_u.to_object()))
     body: Entry = {"logs": entries}
     tables = [_tabulate_errors(errors, triad=triad)]
     of_pair: tuple[str, ...] = ()
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:
-        unseen_campaign = fit.fit_campaign(spec, runs)
-        of_pair = unseen_campaign.flags
-        body["pair"] = [*_compare_pair(records, unseen_campaign, spec.type_b)]
-        tables.append(_tabulate_pair(body["pair"]))
-        criteria += _judge_pair(body["pair"], within_runs=within_runs)
-    limits, undecided = _judge_limits(spec, [error for _, error in errors], within_runs=within_runs)
-    criteria += [*limits, *acceptance.judge_noise(straight, spec.acceptance)]
-    flags += [*undecided, *of_pair]
-    return body, Summary("", tuple(tables), tuple(dict.fromkeys(flags)), tuple(criteria))
-
-
-def _judge_scale_factors(file: str, scale_factors: Sequence[tuple[Value, Value]]) -> Criterion:
-    """Criterion that scale factors of a run are off those of the files by (1) as u states."""
-    error = np.array([K.value - frozen.value for K, frozen in scale_factors])
-    variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
-    dof = np.inf, max(float(sum(frozen.dof for _, frozen in scale_factors)), 1.0)
-    error_over_u = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
-    return over_u(f"{file}: rms error of K", error_over_u.to_object())
-
-
-def _judge_pair(compared: Sequence[Entry], *, within_runs: bool) -> Iterator[Criterion]:
-    """Criteria that γ of unseen runs, and N where runs tell how scale factors repeat, differ as
-    their uncertainties state.
-    """
-    for entry in compared:
-        if entry["name"] == "gamma" or (entry["name"] == "N" and not within_runs):
-            error, u = np.array([entry["difference"]]), np.array([[entry["standard_uncertainty"]]])
-            error_over_u = unseen(error, u, dof=(entry["dof"], np.inf)).to_object()
-            yield over_u(f"pair: error of {entry['name']}", error_over_u)
-
-
-def _judge_limits(
-    spec: AnyRecipe, errors: Sequence[Entry], *, within_runs: bool
-) -> tuple[list[Criterion], list[str]]:
-    """Criteria of the recipe's limits, and flags for those that decide nothing: where scale factors
-    hold within their runs, a run beyond a limit of theirs rejects, and one within it accepts
-    nothing.
-    """
-    if isinstance(spec, GyroTriadRecipe):
-        errors = [error["after"] for error in errors]
-    criteria, flags = [], []
-    for criterion in acceptance.judge_unseen(errors, spec.acceptance):
-        if within_runs and criterion.passed and criterion.name in OF_SCALE:
+        campaign = fit.fit_campaign(spec, runs)
+        of_pair, body["pair"] = campaign.flags, [*_compare_pair(records, campaign, spec.type_b)]
+        rows = []
+        for ratio in body["pair"]:
+            name, difference, u = (ratio[k] for k in ("name", "difference", "standard_uncertainty"))
+            numbers = (f"{ratio['frozen']:.9f}", f"{ratio['found']:.9f}")
+            rows.append((name, *numbers, f"{difference:+.1e} ± {u:.0e}", ratio["unit"]))
+            if name == "gamma" or (name == "N" and not within_runs):
+                dof = (ratio["dof"], np.inf)
+                error_over_u = unseen(np.array([difference]), np.array([[u]]), dof=dof)
+                criteria.append(over_u(f"pair: error of {name}", error_over_u.to_object()))
+        heads = ("", "frozen", "found", "difference", "unit")
+        tables.append(Table("The pair again", heads, tuple(rows)))
+    of_limits = [error["after"] if triad else error for _, error in errors]
+    for criterion in acceptance.judge_unseen(of_limits, spec.acceptance):
+        # where scale factors hold within their runs, a run beyond a limit of theirs rejects, and
+        # one within it accepts nothing
+        of_scale = criterion.name in ("scale-factor error", "rate error")
+        if within_runs and criterion.passed and of_scale:
             size = f"{criterion.name} {criterion.value:.3g} {criterion.unit}"
             flags.append(f"{size} of these runs decides no limit: {WITHIN}")
         else:
             criteria.append(criterion)
-    return criteria, flags
+    criteria += acceptance.judge_noise(straight, spec.acceptance)
+    of_both = tuple(dict.fromkeys((*flags, *of_pair)))
+    return body, Summary("", tuple(tables), of_both, tuple(criteria))
 
 
 def _scale_factors(
     spec: AnyRecipe,
     run_lines: Lines,
     run: table_runs.TableRun,
-    matrix: forms.GyroMatrix,
+    matrix: GyroMatrix,
     gyro: str,
     quantity: Quantity,
 ) -> tuple[Value, Value]:
@@ -165,7 +241,7 @@ def _scale_factors(
     the run's temperature, clamped to the fitted range.
     """
     if matrix.over_temperature:
-        require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
+        require(run.log.file, run.log.frame.columns, [TEMPERATURE])
     model, degc = matrix.model, float(np.nan_to_num(run.plateaus.temp_degc).mean())
     input_values = {x.column: min(max(degc, x.low), x.high) for x in quantity.inputs}
     point = quantity.point(input_values)
@@ -192,7 +268,7 @@ def _compare_line(
     spec: AnyRecipe,
     run_lines: Lines,
     run: table_runs.TableRun,
-    matrix: forms.GyroMatrix,
+    matrix: GyroMatrix,
     scale_factors: tuple[Value, Value],
 ) -> tuple[Entry, Line]:
     """JSON object of one gyro of a run about its own axis, and the line of its compensated
@@ -244,7 +320,7 @@ def _compare_line(
 
 
 def _compare_base(
-    run: table_runs.TableRun, axis: str, matrix: forms.GyroMatrix, vertical_dps: float
+    run: table_runs.TableRun, axis: str, matrix: GyroMatrix, vertical_dps: float
 ) -> Entry:
     """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
     use each gyro alone, with its scale factor about its main axis.
@@ -254,7 +330,7 @@ def _compare_base(
     main = np.argmax(np.abs(S), axis=1)
     rates, uncompensated = matrix.rates(F, temperature), F - matrix.at(temperature)[1]
     uncompensated /= S[np.arange(main.size), main]
-    turned, true = forms.AXES.index(axis), np.zeros_like(rates)
+    turned, true = AXES.index(axis), np.zeros_like(rates)
     true[:, turned] = run.rate_dps + vertical_dps
     gain = float(np.polyfit(run.rate_dps, rates[:, turned], 1)[0])
     # so far no scale factor drifts: the run is about another axis
@@ -275,7 +351,7 @@ def _compare_base(
     full_scale = float(np.max(np.abs(run.rate_dps))) / PPM
     for stage, error, axes in (
         ("before", uncompensated - true[:, main], main),
-        ("after", rates - true, np.arange(len(forms.AXES))),
+        ("after", rates - true, np.arange(len(AXES))),
     ):
         largest = np.max(np.abs(error), axis=0) / full_scale
         entry[stage] = {
@@ -356,18 +432,3 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
         " scale"
     )
     return Table(title, heads, tuple(rows))
-
-
-def _tabulate_pair(entries: Sequence[Entry]) -> Table:
-    """Table of N, ε, γ, α of unseen runs, frozen and found."""
-    rows = tuple(
-        (
-            e["name"],
-            f"{e['frozen']:.9f}",
-            f"{e['found']:.9f}",
-            f"{e['difference']:+.1e} ± {e['standard_uncertainty']:.0e}",
-            e["unit"],
-        )
-        for e in entries
-    )
-    return Table("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
