@@ -367,7 +367,7 @@ def read_thermal(model: Model) -> OnLevels:
         dof=model.dof,
         residual_rms=model.residual_rms,
         noise=BlockNoise(model.value("white_variance"), model.value("flicker")),
-        model_error=model_error(model)[0],
-        model_error_dof=model_error(model)[1],
+        model_error=model.value("model_error"),
+        model_error_dof=model.value("model_error_dof") if dof_is_stated else math.inf,
         flags=() if dof_is_stated else (UNKNOWN_DOF,),
     )
