@@ -91,6 +91,20 @@ def held(tmp_path, step_s, angle=lambda rate: rate):
     return tmp_path
 
 
+def test_a_table_rate_off_its_angle_is_said_in_ppm(tmp_path, calibkit):
+    """An angle that turns 50 ppm faster than the logged rate is flagged, and one that agrees or is
+    the reference itself is not.
+    """
+    folder = held(tmp_path / "a", 1.0, lambda rate: (1.0 + 50e-6) * rate)
+    off = calibkit("check", "rate_table", "--data", folder)
+    assert off.code == 0
+    assert "it turns at a rate +50 ± " in off.out
+    by_angle = ("--set", "table.reference=angle")
+    assert "it turns at" not in calibkit("check", "rate_table", "--data", folder, *by_angle).out
+    agrees = calibkit("check", "rate_table", "--data", held(tmp_path / "b", 1.0))
+    assert "it turns at" not in agrees.out
+
+
 def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rate(
     tmp_path, calibkit
 ):

@@ -39,6 +39,10 @@ SHARE = 0.5
 """Share of the expected indication below which a row is a dropout."""
 CLEAR = 8.0
 """Standard deviations of single rows that a dropout is below what is expected."""
+CERTAIN, LEAST_OFF = 5.0, 3e-6
+"""Standard uncertainties, and relative difference, from which the table's angle contradicts its
+rate: encoders keep a rate within 1 ppm.
+"""
 BETWEEN, LEAST_CHANGES = 0.05, 3
 """Share of the change from one held rate to the next by which a row lies between both, and changes
 from which a delay is measured, at least.
@@ -305,6 +309,20 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
         advice = f"{sign if ratio < 0.0 else 'state the unit'} in [columns.{ANGLE}] or"
         advice = f"{advice} [columns.{forms.RATE}]"
         yield Finding(place, text, "the same rate from both", advice, name="unit", figure=ratio)
+        return
+    off, left = ratio - 1.0, angle - ratio * rate
+    u = float(np.sqrt(left @ left / max(rate.size - 1, 1) / (rate @ rate))) if np.any(rate) else 0.0
+    if spec.table.reference == "rate" and abs(off) > max(LEAST_OFF, CERTAIN * u):
+        yield Finding(
+            place,
+            f"it turns at a rate {1e6 * off:+.2g} ± {2e6 * u:.1g} ppm off '{forms.RATE}': by the"
+            " wrong one K of every gyro is as far off",
+            "the same rate from both",
+            'where the angle is right, as of an encoder, state table.reference = "angle"',
+            "warn",
+            "rate_and_angle",
+            figure=off,
+        )
 
 
 def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
