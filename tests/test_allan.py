@@ -10,6 +10,7 @@ import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
+from calibkit.numeric import chunks
 from calibkit.numeric.noise import allan, allan_fit, confidence
 from calibkit.numeric.noise.allan_fit import LAWS, NotObservable, fit_noise
 
@@ -242,7 +243,8 @@ def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
     rate[:, gaps] = np.nan
     total = np.concatenate((np.zeros((4000, 1)), np.cumsum(np.nan_to_num(rate), axis=1)), axis=1)
     missing = np.concatenate(([0], np.cumsum(np.isnan(rate[0]))))
-    runs = allan.lengths_between_gaps(rate[0])
+    between_gaps = chunks.find_runs(~np.isnan(rate[0]))
+    runs = between_gaps[:, 1] - between_gaps[:, 0]
     for factor in (1, 2, 16, 80):
         pairs = total[:, 2 * factor :] - 2.0 * total[:, factor:-factor] + total[:, : -2 * factor]
         pairs = pairs[:, missing[2 * factor :] == missing[: -2 * factor]]

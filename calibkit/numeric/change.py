@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array
 from calibkit.numeric import gum
@@ -59,10 +60,10 @@ class Trend:
         """
         return gum.coverage_factor(self.count - 2 if self.birge_ratio > 1.0 else math.inf)
 
-    def expand(self, year: float) -> tuple[float, float]:
-        """Value at a year and its expanded uncertainty."""
-        ahead = year - self.middle_year
-        u = math.hypot(self.u_intercept, self.standard_uncertainty * ahead)
+    def expand(self, year: ArrayLike) -> tuple[Array, Array]:
+        """Value at years and its expanded uncertainty."""
+        ahead = np.asarray(year) - self.middle_year
+        u = np.hypot(self.u_intercept, self.standard_uncertainty * ahead)
         return self.intercept + self.slope * ahead, self.coverage_factor * u
 
 
@@ -83,19 +84,18 @@ def reach(line: Trend, last: float, span: float, low: float, high: float) -> Rea
     extrapolated over no more than EXTRAPOLATED times the span [years] that was measured.
     """
     until = last + EXTRAPOLATED * span
-    first_years: list[float | None] = [None, None, None]
-    for year in np.linspace(last, until, STEPS).tolist():
-        value, U = line.expand(year)
-        # the line or its band leaves the range: first with U outwards, then itself, then with all U
-        tests = (
-            value - U < low or value + U > high,
-            not low <= value <= high,
-            value + U < low or value - U > high,
-        )
-        for k, is_beyond in enumerate(tests):
-            if is_beyond and first_years[k] is None:
-                first_years[k] = year
-    return Reach(first_years[0], first_years[1], first_years[2], until)
+    years = np.linspace(last, until, STEPS)
+    value, U = line.expand(years)
+    # the line or its band leaves the range: first with U outwards, then itself, then with all U
+    leaving = (
+        (value - U < low) | (value + U > high),
+        (value < low) | (value > high),
+        (value + U < low) | (value - U > high),
+    )
+    earliest, expected, latest = (
+        float(years[beyond][0]) if beyond.any() else None for beyond in leaving
+    )
+    return Reach(earliest, expected, latest, until)
 
 
 def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:

@@ -239,7 +239,7 @@ def _panel(ax: Axes, key_value: FollowedResult) -> None:
     if line is not None:
         until = reach.until if reach is not None else _year(key_value.values[-1][0])
         years = np.linspace(_year(key_value.values[0][0]), until, 60)
-        y, U = np.array([line.expand(year) for year in years.tolist()]).T
+        y, U = line.expand(years)
         ax.plot(years * YEAR_DAYS, y, "--", color=MUTED, lw=1.0)
         ax.fill_between(years * YEAR_DAYS, y - U, y + U, color=MUTED, alpha=0.15, lw=0.0)
     for end in key_value.limits or ():

@@ -144,36 +144,30 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
     return (make_block(record, title, (ALLAN,), tables, figures, notes),)
 
 
-def _state_deviation(basis: Stated, record: Record, figure: Found, words: Words) -> Result:
-    """A deviation within the chi-square limits that the report prints; type B terms take away
-    degrees of freedom, as many as give σ/√(2 dof) the combined uncertainty.
-    """
-    result = state(basis, of_figure(record, figure, words), {})
-    if result.uncertainty is None:
-        return result
-    conditions = {condition.name: condition.value for condition in record.conditions}
-    probability = conditions.get(PROBABILITY, gum.TWO_SIGMA)
-    dof = 0.5 * (figure.value / result.uncertainty.standard_uncertainty) ** 2
-    low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
-    return replace(
-        result,
-        uncertainty=replace(result.uncertainty, probability=probability, effective_dof=dof),
-        interval=(float(low), float(high)),
-    )
-
-
 def _deviations(
     basis: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
 ) -> GridTable:
-    """Allan and wavelet deviation over τ of one record."""
+    """Allan and wavelet deviation over τ of one record, within the chi-square limits that the
+    report prints; type B terms take away degrees of freedom, as many as give σ/√(2 dof) the
+    combined uncertainty.
+    """
     words = {
         "allan": Words("Allan deviation", "Allan 偏差"),
         "wavelet": Words("wavelet deviation", "小波偏差"),
     }
-    results_at = {
-        (point.kind, point.tau_s): _state_deviation(basis, record, figure, words[point.kind])
-        for point, figure in curve.items()
-    }
+    conditions = {condition.name: condition.value for condition in record.conditions}
+    probability = conditions.get(PROBABILITY, gum.TWO_SIGMA)
+    results_at: dict[tuple[str, float], Result] = {}
+    for point, figure in curve.items():
+        result = state(basis, of_figure(record, figure, words[point.kind]), {})
+        if result.uncertainty is not None:
+            u = result.uncertainty.standard_uncertainty
+            dof = 0.5 * (figure.value / u) ** 2
+            low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
+            expanded = replace(result.uncertainty, probability=probability, effective_dof=dof)
+            interval = float(low), float(high)
+            result = replace(result, uncertainty=expanded, interval=interval)
+        results_at[point.kind, point.tau_s] = result
     kinds = [kind for kind in KINDS if any(point.kind == kind for point in curve)]
     taus = sorted({point.tau_s for point in curve})
     cells = tuple(tuple(results_at.get((kind, tau)) for kind in kinds) for tau in taus)

@@ -18,8 +18,6 @@ from calibkit.report.figures import DENOISED, GOOD, MUTED, RAW, page
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from matplotlib.axes import Axes
-
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
     from calibkit.instruments.inclinometer.errors import AngleErrors
@@ -61,39 +59,6 @@ class SeekingReport:
         }
 
 
-def _draw_curve(ax: Axes, axis: Sensor, report: SeekingReport) -> None:
-    """s(T) of one gyro with its uncertainty band, over the roots; against the station's number
-    where there are no temperatures.
-    """
-    fit, pair, stations = report.fits[axis], report.seen.solutions[axis], report.stations
-    valid, count = fit.model.valid, len(stations.names)
-    x = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
-    grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)
-    measured, u = np.isfinite(pair.s_root), pair.s_root_uncertainty
-    bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
-    for points_of, colour, name in (
-        (measured & fit.used, DENOISED, "roots used"),
-        (measured & ~fit.used, RAW, "roots not used"),
-    ):
-        if points_of.any():
-            points = x[points_of], pair.s_root[points_of], bars[points_of]
-            ax.errorbar(*points, fmt="o", ms=3, lw=0.8, color=colour, label=name)
-    prior = fit.model.prior(grid)  # s(T) as a station that was not fitted would take it
-    low, high = (prior.s + sign * 2.0 * prior.standard_uncertainty for sign in (-1.0, 1.0))
-    ax.fill_between(grid, low, high, color=GOOD, alpha=0.2, lw=0)
-    ax.plot(grid, prior.s, color=GOOD, label="s(T), band k = 2")
-    label = "station" if valid is None else "case temperature [°C]"
-    ax.set(title=f"gyro {axis}: bars k = 2", xlabel=label, ylabel="s [1]")
-    ax.ticklabel_format(useOffset=False)
-    # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
-    used = fit.used & measured
-    lowest = min([*(pair.s_root - bars)[used], *low])
-    highest = max([*(pair.s_root + bars)[used], *high])
-    margin = 0.06 * (highest - lowest) + 1e-6
-    ax.set_ylim(lowest - margin, highest + margin)
-    ax.legend(loc="best", ncols=3)
-
-
 def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Azimuth error before and after correction against C, which shows the verdict, or without a
     reference azimuth what s changes; s(T) of each gyro; and the summary with all stations.
@@ -123,6 +88,34 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     scales, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
     )
-    for ax, axis in zip(axes, report.fits, strict=True):
-        _draw_curve(ax, axis, report)
+    # s(T) of each gyro with its uncertainty band, over the roots; against the station's number
+    # where there are no temperatures
+    for scale_axes, axis in zip(axes, report.fits, strict=True):
+        fit, pair, stations = report.fits[axis], report.seen.solutions[axis], report.stations
+        valid, count = fit.model.valid, len(stations.names)
+        x = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
+        grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)
+        measured, u = np.isfinite(pair.s_root), pair.s_root_uncertainty
+        bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
+        for points_of, colour, name in (
+            (measured & fit.used, DENOISED, "roots used"),
+            (measured & ~fit.used, RAW, "roots not used"),
+        ):
+            if points_of.any():
+                points = x[points_of], pair.s_root[points_of], bars[points_of]
+                scale_axes.errorbar(*points, fmt="o", ms=3, lw=0.8, color=colour, label=name)
+        prior = fit.model.prior(grid)  # s(T) as a station that was not fitted would take it
+        low, high = (prior.s + sign * 2.0 * prior.standard_uncertainty for sign in (-1.0, 1.0))
+        scale_axes.fill_between(grid, low, high, color=GOOD, alpha=0.2, lw=0)
+        scale_axes.plot(grid, prior.s, color=GOOD, label="s(T), band k = 2")
+        label = "station" if valid is None else "case temperature [°C]"
+        scale_axes.set(title=f"gyro {axis}: bars k = 2", xlabel=label, ylabel="s [1]")
+        scale_axes.ticklabel_format(useOffset=False)
+        # axis limits cover s(T) and the roots used; a root near C = 0 may lie far outside
+        used = fit.used & measured
+        lowest = min([*(pair.s_root - bars)[used], *low])
+        highest = max([*(pair.s_root + bars)[used], *high])
+        margin = 0.06 * (highest - lowest) + 1e-6
+        scale_axes.set_ylim(lowest - margin, highest + margin)
+        scale_axes.legend(loc="best", ncols=3)
     return Drawn((azimuth, scales), full_summary)

@@ -132,7 +132,7 @@ class Solution(Angles):
     root: Integers
     """1 for the + root, −1 for the − root, 0 where neither is possible."""
     weight: Array
-    """Weight of the root in s [n]; 0 where s is its prior."""
+    """Weight of the root in s [n]; 0 where s is its prior, NaN where it has no result."""
     root_slopes: Array
     """[n, 5] of the chosen root, as `BothRoots.slopes`."""
     by_mounting: Array
@@ -145,13 +145,6 @@ class Solution(Angles):
     """[n, 4], changes of the same by an error of the latitude, which all sensor pairs share, as
     large as its standard uncertainty.
     """
-
-    @property
-    def root_used(self) -> Mask:
-        """Mask [n] of the stations whose own root contributes to s."""
-        return np.array([not reason for reason in self.status], dtype=np.bool_) & (
-            self.weight > 0.0
-        )
 
 
 def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:

@@ -234,7 +234,7 @@ def fit_over_temperature(
     with_degc = bool(np.isfinite(temp_degc).any())
     if not with_degc:
         temp_degc, order = np.zeros(temp_degc.size), 0
-    used = solution.root_used & np.isfinite(temp_degc)
+    used = (solution.weight > 0.0) & np.isfinite(temp_degc)
     if not used.any():
         raise FitError("no usable root of s has a temperature", hint="add temp_case_degc")
     degc = temp_degc[used]

@@ -104,11 +104,11 @@ def fit_scale(
     Raises FitError where a gyro has no usable root of s, or an s that only a wrong unit, sign or
     latitude explains.
     """
-    # 1. Stations that no working gyro can have produced are left out.
-    low, high, status = spec.scale.smallest, spec.scale.largest, {}
+    status, fits = {}, {}
     for axis in spec.axes:
+        # 1. Stations that no working gyro can have produced are left out.
         first = solve_in_sequence(stations, spec, axis)
-        usable = first.root_used
+        low, high, usable = spec.scale.smallest, spec.scale.largest, first.weight > 0.0
         if not usable.any():
             positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
             strange = bool(positive.size) and not low <= float(np.median(positive)) <= high
@@ -128,12 +128,10 @@ def fit_scale(
                 hint=WRONG,
             )
         status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
-    plausible, fits = replace(stations, status=status), {}
+        first = solve_in_sequence(replace(stations, status=status), spec, axis)
 
-    # 2. s(T) of the roots that are left, with the errors that stations share: the turn of the gyro,
-    # unless the recipe leaves it out, and the scale of a log.
-    for axis in spec.axes:
-        first = solve_in_sequence(plausible, spec, axis)
+        # 2. s(T) of the roots that are left, with the errors that stations share: the turn of the
+        # gyro, unless the recipe leaves it out, and the scale of a log.
         by_turn, _ = root_choice.mounting_slopes(
             stations.components[axis], first.root_slopes[:, :4]
         )
@@ -157,7 +155,7 @@ def fit_scale(
     # 3. Every station by the s(T) of all the others.
     turns_deg = {axis: scale.model.turn_deg for axis, scale in fits.items()}
     left_out = {axis: scale.left_out for axis, scale in fits.items()}
-    solved = _solve_stations(plausible, left_out, spec, turns_deg)
+    solved = _solve_stations(replace(stations, status=status), left_out, spec, turns_deg)
     solved.require_consistent("the stations")
     return fits, solved
 

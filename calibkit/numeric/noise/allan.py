@@ -140,7 +140,8 @@ def overlapping(
     at each averaging time.
     """
     rate = require_record(rate, interval_s)
-    missing, runs = count_missing(rate), lengths_between_gaps(rate)
+    missing, between_gaps = count_missing(rate), chunks.find_runs(~np.isnan(rate))
+    runs = between_gaps[:, 1] - between_gaps[:, 0]
     if tau_s is None:
         factors_asked = averaging_factors(rate.size, spacing=spacing, points=points)
         factors = factors_asked[2 * factors_asked <= runs.max()]
@@ -292,12 +293,6 @@ def count_missing(rate: Array) -> Integers | None:
     """
     missing = np.isnan(rate)
     return np.append(0, np.cumsum(missing, dtype=np.int32)) if missing.any() else None
-
-
-def lengths_between_gaps(rate: Array) -> Integers:
-    """Lengths [k] of the runs of a rate [n] that hold no gap; a single 0 when there is none."""
-    runs = chunks.find_runs(~np.isnan(rate))
-    return runs[:, 1] - runs[:, 0] if len(runs) else np.zeros(1, dtype=np.int64)
 
 
 def filtered(values: Array, taps: Sequence[float], tap_spacing: int) -> Iterator[tuple[int, Array]]:

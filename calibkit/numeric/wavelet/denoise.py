@@ -17,7 +17,6 @@ has no error of its own.
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal, get_args
@@ -29,7 +28,7 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, did_you_mean
 from calibkit.numeric.chunks import ranges
-from calibkit.numeric.wavelet.lifting import Wavelet, clean_spans, find_wavelet
+from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
@@ -218,7 +217,18 @@ def denoise(
         approximations, detail = bank.analyse(approximations)
         details.append(detail)
 
-    noise, thresholds = _find_thresholds(details, bank, threshold, size, margin)
+    # noise and thresholds from those details of each level that lie wholly on the signal; those of
+    # sample 0 have the index margin / 2^level
+    gains, noise, thresholds = noise_gains(bank.bank, depth), np.zeros(depth), np.zeros(depth)
+    for j, (low, high) in enumerate(clean_spans(bank, size, depth)[1:]):
+        first = margin >> (j + 1)
+        on_signal = details[j][first + low : first + high]
+        has_own_noise = on_signal.size >= OWN_NOISE_FROM
+        noise[j] = (
+            estimate_noise(on_signal) if has_own_noise else noise[j - 1] * gains[j] / gains[j - 1]
+        )
+        estimate = THRESHOLDS[threshold if has_own_noise else "universal"]
+        thresholds[j] = estimate(on_signal, float(noise[j]), size)
 
     if shifted:
         approximations = _average_over_shifts(unshifted, bank.bank, thresholds[fine:], rule)
@@ -257,26 +267,6 @@ def _average_over_shifts(unshifted: Array, bank: str, thresholds: Array, rule: R
             coefficients[k] = RULES[rule](coefficients[k], float(thresholds[-k]))
         values[start:stop] = pywt.iswt(coefficients, bank)[start - first : stop - first]
     return values
-
-
-def _find_thresholds(
-    details: Sequence[Array], wavelet: Wavelet, threshold: Threshold, length: int, margin: int
-) -> tuple[Array, Array]:
-    """Noise and thresholds [levels] of a signal of a length, from those details of each level that
-    lie wholly on it; those of sample 0 have the index margin / 2^level.
-    """
-    levels = len(details)
-    gains, noise, thresholds = noise_gains(wavelet.bank, levels), np.zeros(levels), np.zeros(levels)
-    for j, (low, high) in enumerate(clean_spans(wavelet, length, levels)[1:]):
-        first = margin >> (j + 1)
-        on_signal = details[j][first + low : first + high]
-        has_own_noise = on_signal.size >= OWN_NOISE_FROM
-        noise[j] = (
-            estimate_noise(on_signal) if has_own_noise else noise[j - 1] * gains[j] / gains[j - 1]
-        )
-        estimate = THRESHOLDS[threshold if has_own_noise else "universal"]
-        thresholds[j] = estimate(on_signal, float(noise[j]), length)
-    return noise, thresholds
 
 
 @lru_cache(maxsize=64)
