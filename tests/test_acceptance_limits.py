@@ -189,7 +189,8 @@ def noise(value, *, observed=True, sensor=GYRO, **limits):
         upper=np.array([120.0, 60.0 * value, 120.0]), tau_s=np.array([0.5, 1.0, 2.0])
     )
     one = SimpleNamespace(
-        record=SimpleNamespace(name="gyro_x of still.csv", sensor=sensor),
+        name="gyro_x of still.csv",
+        sensor=sensor,
         terms=SimpleNamespace(terms=(term,) if observed else ()),
         curve=curve,
         stability=(SimpleNamespace(block_s=10.0, value=value),),

@@ -162,14 +162,14 @@ def _noise_between(values: Array, first: Integers, stop: Integers) -> Array:
     It is that of a high quantile of the deviations from the mean of both neighbours: in a coarsely
     quantised series most deviations are 0, and so would be an estimate from the median.
     """
-    noise: dict[tuple[int, int], float] = {}
-    pairs = list(zip(first.tolist(), stop.tolist(), strict=True))
-    for begin, end in dict.fromkeys(pairs):
+    stretches, which = np.unique(np.column_stack([first, stop]), axis=0, return_inverse=True)
+    noise = np.zeros(len(stretches))
+    for k, (begin, end) in enumerate(stretches.tolist()):
         part = values[begin:end]
         deviations = np.abs(part[1:-1] - (part[:-2] + part[2:]) / 2.0)
         high = float(np.quantile(deviations, HIGH)) if deviations.size else 0.0
-        noise[begin, end] = HIGH_TO_SIGMA * high / float(np.sqrt(1.5))
-    return np.array([noise[pair] for pair in pairs], dtype=np.float64)
+        noise[k] = HIGH_TO_SIGMA * high / float(np.sqrt(1.5))
+    return noise[which.ravel()]
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:

@@ -101,19 +101,18 @@ class Control:
             if count < MOST_PRECISE * len(values):
                 limit = WIDER * max(limit, _limit(max(count, FEWEST)))
             return cls(centre, sigma, limit, z, (middle - limit * usual, middle + limit * usual))
+        # skewed values are judged as powers of them
         power = _power(values)
-        if power == 1.0:
-            z = (values - centre) / sigma
-            return cls(centre, sigma, limit, z, (centre - limit * sigma, centre + limit * sigma))
-        limit *= WIDER
-        straight = _straightened(values, power)
+        straight = values if power == 1.0 else _straightened(values, power)
+        limit *= 1.0 if power == 1.0 else WIDER
         middle = float(np.median(straight))
         spread = mad_sigma(straight - middle)
-        # the values of which these are the powers; 0 where none is so small
-        bent = middle + np.array([-limit, limit]) * spread
-        inside = np.maximum(1.0 + power * bent, 0.0)
-        low, high = (np.exp(bent) if power <= ROUNDING else inside ** (1.0 / power)).tolist()
-        return cls(centre, sigma, limit, (straight - middle) / spread, (low, high))
+        ends = middle + np.array([-limit, limit]) * spread
+        if power != 1.0:
+            # the values of which these are the powers; 0 where none is so small
+            inside = np.maximum(1.0 + power * ends, 0.0)
+            ends = np.exp(ends) if power <= ROUNDING else inside ** (1.0 / power)
+        return cls(centre, sigma, limit, (straight - middle) / spread, tuple(ends.tolist()))
 
 
 def _between(

@@ -4,11 +4,10 @@
     σ²(2^(j-1) τ₀) = 2 ⟨d_j²⟩                                 wavelet variance, of details d_j
     B_s² = Σ (ω̄_i - ω̄)²/(n - 1)                               bias stability, of means of 10 s
 
-A log becomes records (`read_records`: one sensor on an even grid, NaN where samples are missing), a
-record its estimates (`estimate_noise`), and these the figures of gyro_noise.json (`list_figures`).
+The indication of one sensor in a log is a record on an even grid, NaN where samples are missing. It
+gives estimates (`estimate_noise`), and these the figures of gyro_noise.json (`list_figures`).
 """
 
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,32 +39,14 @@ BLOCKS = 600
 
 
 @dataclass(frozen=True, slots=True)
-class _Record:
-    """One sensor's indication in one log, in the unit of its noise, on an even grid of `samples`
-    places.
+class NoiseFigures:
+    """What one record shows, in the unit of its noise: the indication of a sensor in a log, on an
+    even grid.
     """
 
-    log: str
+    name: str
     column: str
-    interval_s: float
-    samples: int
-
-    @property
-    def name(self) -> str:
-        """Log, and column where it is not the only gyro's."""
-        return self.log if self.column == "gyro_dph" else f"{self.column}.{self.log}"
-
-    @property
-    def sensor(self) -> Sensor:
-        """Kind of sensor."""
-        return find_sensor(self.column)
-
-
-@dataclass(frozen=True, slots=True)
-class NoiseFigures:
-    """What one record shows, in the unit of its noise."""
-
-    record: _Record
+    sensor: Sensor
     curve: allan.DeviationCurve
     """Allan deviation."""
     wavelet: allan.DeviationCurve
@@ -84,32 +65,39 @@ class NoiseFigures:
     flags: tuple[str, ...]
 
 
-def estimate_noise(record: _Record, rate: Array, recipe: GyroNoiseRecipe) -> NoiseFigures:
-    """Curves, terms and bias stability of one record with its rate [n], NaN where samples are
-    missing; what it is too short for is flagged and left out.
+def estimate_noise(
+    log: Log, column: str, places: Integers, recipe: GyroNoiseRecipe
+) -> NoiseFigures:
+    """Curves, terms and bias stability of the record of a column of a log, whose rows stand at
+    places [n] of an even grid (`place_on_grid`); what it is too short for is flagged and left out.
     """
-    spec = recipe.noise
+    spec, sensor, time = recipe.noise, find_sensor(column), values(log.frame, "time_s")
+    name = log.name if column == "gyro_dph" else f"{column}.{log.name}"
+    interval_s = float((time[-1] - time[0]) / places[-1])
+    # NaN where samples are missing
+    rate = np.full(int(places[-1]) + 1, np.nan)
+    rate[places] = units.convert(values(log.frame, column), units.column_unit(column), sensor.unit)
     try:
         curve = allan.overlapping(
             rate,
-            record.interval_s,
+            interval_s,
             spacing=spec.spacing,
             points=spec.points,
             probability=spec.probability,
         )
-        terms = allan_fit.fit_noise(curve, record.sensor.laws)
+        terms = allan_fit.fit_noise(curve, sensor.laws)
         wavelet = allan.wavelet_deviation(
             rate,
-            record.interval_s,
+            interval_s,
             wavelet=spec.wavelet,
             probability=spec.probability,
         )
     except FitError as error:
-        raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
+        raise FitError(f"{name}: {error.message}", hint=error.hint) from None
     flags, stability = [*terms.flags], []
     for block_s in spec.bias_stability_s:
         try:
-            stability.append(allan.bias_stability(rate, record.interval_s, block_s=block_s))
+            stability.append(allan.bias_stability(rate, interval_s, block_s=block_s))
         except FitError as error:
             flags.append(f"no bias stability over {block_s:g} s: {error.message}")
     present = rate[~np.isnan(rate)]
@@ -120,12 +108,14 @@ def estimate_noise(record: _Record, rate: Array, recipe: GyroNoiseRecipe) -> Noi
             " across them are left out"
         )
     unseen = [
-        Remark(f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}")
+        Remark(f"{name}: {term.name} ({term.symbol}) not observable: {term.reason}")
         for term in terms.not_observable
     ]
     block, scatter = max(1, rate.size // BLOCKS), float(np.std(present))
     return NoiseFigures(
-        record=record,
+        name=name,
+        column=column,
+        sensor=sensor,
         curve=curve,
         wavelet=wavelet,
         terms=terms,
@@ -135,7 +125,7 @@ def estimate_noise(record: _Record, rate: Array, recipe: GyroNoiseRecipe) -> Noi
         missing=missing,
         block=block,
         block_means=chunks.block_means(rate, block),
-        flags=(*(f"{record.name}: {flag}" for flag in flags), *unseen),
+        flags=(*(f"{name}: {flag}" for flag in flags), *unseen),
     )
 
 
@@ -195,21 +185,6 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     return findings
 
 
-def read_records(log: Log, columns: Sequence[str]) -> Iterator[tuple[_Record, Array]]:
-    """Indications of a log on an even grid, each with its rate [n], NaN where samples are missing;
-    raises FitError where the samples do not lie on one.
-    """
-    time, places = values(log.frame, "time_s"), place_on_grid(log)
-    size = int(places[-1]) + 1
-    interval = float((time[-1] - time[0]) / places[-1])
-    for column in columns:
-        rate, logged_unit = np.full(size, np.nan), units.column_unit(column)
-        rate[places] = units.convert(
-            values(log.frame, column), logged_unit, find_sensor(column).unit
-        )
-        yield _Record(log.name, column, interval, size), rate
-
-
 def place_on_grid(log: Log) -> Integers:
     """Places [n], from 0, of the rows of a log on the even grid that its time lies on; raises
     FitError where it lies on none.
@@ -233,7 +208,7 @@ def list_figures(noise: NoiseFigures) -> list[Figure]:
     """Figures of one record for gyro_noise.json, named quantity.log (or quantity.column.log), the
     mean first; none of a term that is not observable.
     """
-    name, sensor = noise.record.name, noise.record.sensor
+    name, sensor = noise.name, noise.sensor
     # the mean has no uncertainty of its own: the noise terms say how it wanders
     figures = [Figure(forms.term_name(sensor.mean, name), noise.mean, sensor.unit, 0.0)]
     for term in noise.terms.terms:

@@ -34,11 +34,11 @@ class NoiseReport:
         noise terms together, in the record's unit, and how far it is from them relative to them.
         """
         parts: dict[str, list[Any]] = {}
-        units = [known(unit_mark(noise.record.sensor.unit)) for noise in self.records]
+        units = [known(unit_mark(noise.sensor.unit)) for noise in self.records]
         for noise, unit in zip(self.records, units, strict=True):
             curve, model = noise.curve, noise.terms.model
             columns = {
-                "record": np.full(curve.tau_s.size, noise.record.name, dtype=object),
+                "record": np.full(curve.tau_s.size, noise.name, dtype=object),
                 "unit": np.full(curve.tau_s.size, unit, dtype=object),
                 "tau_s": curve.tau_s,
                 "deviation": curve.deviation,
@@ -72,7 +72,7 @@ def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
         )
     tau, labels = noise.curve.tau_s, []
     ax.plot(tau, noise.terms.model, color=GOOD, label="noise terms together")
-    laws = {law.name: law for law in noise.record.sensor.laws}
+    laws = {law.name: law for law in noise.sensor.laws}
     for term in noise.terms.terms:
         law = laws[term.name]
         of_term = term.value / law.scale * tau ** (law.exponent / 2.0)
@@ -98,10 +98,10 @@ def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
     """
     pages = []
     for noise in fitted.drawing.records:
-        unit = unit_mark(noise.record.sensor.unit)
-        figure, axes = page(2, 1, title=f"{title}: noise of {noise.record.name}", height=8.5)
+        unit = unit_mark(noise.sensor.unit)
+        figure, axes = page(2, 1, title=f"{title}: noise of {noise.name}", height=8.5)
         _deviations(axes[0], noise, unit)
-        block_s = noise.block * noise.record.interval_s
+        block_s = noise.block * noise.curve.interval_s
         hours = (np.arange(noise.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
         axes[1].plot(hours, noise.block_means, color=DENOISED, lw=0.8)
         axes[1].set(

@@ -75,9 +75,9 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     """Figures of every record in a log, and the flags of the log and of its records."""
     findings = deviations.find_faults(log, spec)
     refuse(findings)
+    places = deviations.place_on_grid(log)
     figures = [
-        deviations.estimate_noise(record, rate, spec)
-        for record, rate in deviations.read_records(log, spec.noise.columns)
+        deviations.estimate_noise(log, column, places, spec) for column in spec.noise.columns
     ]
     return figures, [
         *(f"{log.file}: {note}" for note in log.notes),
@@ -102,14 +102,14 @@ def fit(
         flags += flags_of_log
         for noise in of_log:
             if noise.missing:
-                samples = noise.record.samples
+                samples = noise.curve.samples
                 gaps.append(LeftOut("samples", noise.missing, samples, "missing", log.file))
     # each figure is in proportion to the scale of the indication; only the mean feels an offset
     scales: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
     offsets: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
     stage_figures: list[Figure] = []
     for noise in figures:
-        of_record, column = deviations.list_figures(noise), noise.record.column
+        of_record, column = deviations.list_figures(noise), noise.column
         stage_figures += of_record
         scales[column] |= {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
         offsets[column][f"{STAGE}.{of_record[0].name}"] = 1.0

@@ -23,13 +23,13 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
     """
     tested = []
     for noise in records:
-        sensor = noise.record.sensor
+        sensor = noise.sensor
         largest = {name: getattr(limits, key) for name, key in sensor.limits.items()}
         observed = {term.name: term.value for term in noise.terms.terms}
         for law in sensor.laws:
             limit = largest.get(law.name)
             if limit is not None:
-                name = f"{law.name} of {noise.record.name}"
+                name = f"{law.name} of {noise.name}"
                 value = observed.get(law.name)
                 if value is None:
                     name += " (not observable: at most)"
@@ -38,12 +38,12 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
                     value = float(np.min(law.scale * upper / tau ** (law.exponent / 2.0)))
                 tested.append(at_most(name, value, limit, law.unit))
         if limits.max_residual_over_noise is not None:
-            name = f"{noise.record.name}: residual over noise"
+            name = f"{noise.name}: residual over noise"
             tested.append(at_most(name, noise.over_noise, limits.max_residual_over_noise, "1"))
         if largest["bias_stability"] is not None:
             tested += [
                 at_most(
-                    f"bias stability over {entry.block_s:g} s of {noise.record.name}",
+                    f"bias stability over {entry.block_s:g} s of {noise.name}",
                     entry.value,
                     largest["bias_stability"],
                     sensor.unit,
@@ -61,7 +61,7 @@ def summarize(
     """
     rows = []
     for noise in records:
-        name, sensor = noise.record.name, noise.record.sensor
+        name, sensor = noise.name, noise.sensor
         rows.append((name, sensor.mean.replace("_", " "), number(noise.mean, 6), "", sensor.unit))
         cells_of_terms = {
             term.name: (number(term.value), number(term.standard_uncertainty, 2))
@@ -98,13 +98,13 @@ def summarize(
         KeyValue(
             f"bias stability, {entry.block_s:g} s",
             entry.value,
-            unit_mark(first.record.sensor.unit),
+            unit_mark(first.sensor.unit),
             entry.standard_uncertainty,
         )
         for entry in first.stability
     ]
-    hours = first.record.samples * first.record.interval_s / SECONDS_PER_HOUR
-    sentence = f"Noise of {first.record.name} over {hours:.3g} h at rest: {terms_text}."
+    hours = first.curve.samples * first.curve.interval_s / SECONDS_PER_HOUR
+    sentence = f"Noise of {first.name} over {hours:.3g} h at rest: {terms_text}."
     determined = replace(terms, rows=tuple(row for row in rows if row[3]))
     overview = Overview(sentence, (), tuple(key_values[:4]), determined)
     tested = criteria(records, limits)
@@ -124,14 +124,14 @@ def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:
     }
     if curve.noise:
         columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
-    quantity = f"{curve.estimator} deviation [{unit_mark(noise.record.sensor.unit)}]"
-    title = f"{noise.record.name}: {quantity} with {100.0 * curve.probability:g} % limits"
+    quantity = f"{curve.estimator} deviation [{unit_mark(noise.sensor.unit)}]"
+    title = f"{noise.name}: {quantity} with {100.0 * curve.probability:g} % limits"
     return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
 def validation_entry(noise: NoiseFigures) -> dict[str, object]:
     """JSON object of one record's figures."""
-    unit = noise.record.sensor.unit
+    unit = noise.sensor.unit
     curves = {
         key: {
             "estimator": curve.estimator,
@@ -147,8 +147,8 @@ def validation_entry(noise: NoiseFigures) -> dict[str, object]:
         for key, curve in (("allan_deviation", noise.curve), ("wavelet_deviation", noise.wavelet))
     }
     return {
-        "name": noise.record.name,
-        "interval_s": noise.record.interval_s,
+        "name": noise.name,
+        "interval_s": noise.curve.interval_s,
         "missing": noise.missing,
         "mean": noise.mean,
         "unit": unit,

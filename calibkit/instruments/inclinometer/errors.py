@@ -9,7 +9,8 @@ from typing import Self
 import numpy as np
 
 from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, at_most
+from calibkit.coefficients import Criterion, at_most, over_u
+from calibkit.fit.unseen import unseen
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
@@ -97,6 +98,14 @@ class AngleErrors:
         power = float(np.nansum(weight * slope))
         shared = rms(self.stated[with_reference]) / rms(slope[with_reference])
         return float(np.nansum(weight * self.after)) / power, float(np.hypot(power**-0.5, shared))
+
+    def judge_uncertainty(self, name: str) -> Criterion:
+        """Criterion that azimuth errors of unseen stations are as large as stated; s(T) is common
+        to all stations, so that all azimuths may err alike.
+        """
+        u = self.standard_uncertainty[self.known]
+        comparison = unseen(self.after[self.known], u[:, None])
+        return over_u(f"{name}: rms azimuth error", comparison.to_object())
 
     def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
         """Criteria of the recipe's acceptance limits."""

@@ -16,9 +16,8 @@ import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
-from calibkit.coefficients import Input, Record, at_most, over_u
+from calibkit.coefficients import Input, Record, at_most
 from calibkit.errors import CoefficientError, FrameError
-from calibkit.fit.unseen import unseen
 from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
@@ -261,10 +260,7 @@ def validate(
             )
         parts.append(angles)
         name = f"{file}: turn that azimuths share, over its u"
-        # azimuth errors are as large as stated; s(T) is common to all stations, so that all of
-        # them may err alike
-        comparison = unseen(angles.after[angles.known], u[angles.known][:, None])
-        criteria.append(over_u(f"{file}: rms azimuth error", comparison.to_object()))
+        criteria.append(angles.judge_uncertainty(file))
         criteria.append(at_most(name, turn_over_u, errors.TURNED, "1", "calibkit"))
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
