@@ -36,8 +36,7 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil, fits
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
-from calibkit.planning.search import total_variance
-from calibkit.planning.task import Task
+from calibkit.planning.bench import Task, total_variance
 
 FAINT = 6.4
 """Noise terms below so many predicted u are not judged: fits do not report most of them."""
@@ -74,9 +73,9 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held = plan.schedule.recorded("dwell")
     held = [one for one in held if one.log == held[0].log]
     spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
-    assumed = plan.assumed
-    planned = triad_plan.planned_dwells(held, assumed.noise_of(held[0].duration_s))
-    sizes = {name: assumed.size(*name) for name in triad_errors.UNITS}
+    device = plan.device
+    planned = triad_plan.planned_dwells(held, device.noise_of(held[0].duration_s))
+    sizes = {name: device.size(*name) for name in triad_errors.UNITS}
     indication, degc, _ = triad_plan.simulate_dwells(rng, indicate, planned, sizes)
     count = len(spots)
     dwells = triad_dwells.DwellSet(
@@ -105,8 +104,8 @@ def run_table(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     held rates with all errors of the plan, fitted by the model of all runs.
     """
     rng = np.random.default_rng(seed)
-    assumed = plan.assumed
-    rows, order = gyro_plan.planned_holds(plan.schedule, assumed, lambda _: 0), assumed.device.order
+    device = plan.device
+    rows, order = gyro_plan.planned_holds(plan.schedule, device, lambda _: 0), device.order
     x = (rows.row_degc - 25.0) / 100.0
     K, F0 = rng.normal(0.0, 3e-3, order + 1), rng.normal(0.0, 1e-3, order + 1)
     scale = 1.0 + np.vander(x, order + 1, increasing=True) @ K
@@ -158,7 +157,7 @@ def run_gyro(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     """
     rng = np.random.default_rng(seed)
     bench = fog_bench(plan, spec)
-    sizes, white_dph = bench.assumed.size, bench.assumed.noise_of(fog_plan.BLOCK_S)
+    sizes, white_dph = bench.device.size, bench.device.noise_of(fog_plan.BLOCK_S)
     held = [one for one in plan.schedule.actions if one.log and "withheld" not in one.log]
     ramps = [
         bench.ramps[b.ramp_degc_per_min, c.duration_s]
@@ -207,7 +206,7 @@ def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     """
     instrument = instruments.find(spec.procedure)
     simulate = instruments.optional(spec.procedure, "simulate_plan")
-    made = simulate(spec, plan.schedule, plan.assumed, seed)
+    made = simulate(spec, plan.schedule, plan.device, seed)
     with tempfile.TemporaryDirectory() as folder:
         new_files.write_all({Path(folder) / key: own for key, own in made.files().items()})
         fitted = instrument.fit(

@@ -19,9 +19,9 @@ from typing import Any
 import numpy as np
 
 from calibkit import instruments, plans, recipe
+from calibkit.numeric import attitude
 from calibkit.planning import document, equipment, exchange
-from calibkit.planning.search import Design
-from calibkit.planning.task import Task
+from calibkit.planning.bench import Design, Task
 
 ASKED = {
     "accelerometer": ("inclination", "deg", (-20.0, 125.0)),
@@ -64,18 +64,18 @@ def list_usual(procedure: str, range_degc: tuple[float, float] | None) -> Iterat
     spec = instruments.parse_recipe(recipe.find(procedure))
     task = Task(equipment.read_equipment(None), range_degc=range_degc)
     bench: Any = instruments.optional(spec.procedure, "prepare_plan")(spec, task)
-    levels = np.rint(np.linspace(*bench.assumed.range_degc, LEVELS)).astype(int).tolist()
+    levels = np.rint(np.linspace(*bench.range_degc, LEVELS)).astype(int).tolist()
     if procedure == "accelerometer":
+        bench.task = replace(task, withheld=True)
         for name, spots in ATTITUDES.items():
-            held = np.array(spots, dtype=np.float64)
-            mounting = np.zeros(len(held), dtype=np.int64)
-            triad = replace(bench, task=replace(task, withheld=True), spots=held, mounting=mounting)
-            design = triad.design(levels, range(len(held)), 60.0)
+            bench.mountings = [np.array(spots, dtype=np.float64)]
+            design = bench.design(levels, range(len(spots)), 60.0)
             design = replace(design, label=f"{name}, {LEVELS} temperatures")
-            yield replace(design, results=triad.predict(design.rows))
+            yield replace(design, results=bench.predict(design.rows))
         return
     if procedure == "accelerometer_magnitude":
-        spread = exchange.spread_apart(bench.gravity, [0], 23)
+        gravity = attitude.gravity_vector(*bench.mountings[0].T)
+        spread = exchange.spread_apart(gravity, [0], 23)
         design = bench.design((25,), [0, *spread], 4.0)
     elif procedure == "bias_temperature":
         design = bench.design(levels, 1, 3600.0)

@@ -11,7 +11,6 @@ import itertools
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,8 @@ from calibkit import instruments, plans, recipe
 from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import plan
 from calibkit.planning import equipment
+from calibkit.planning.bench import Task
 from calibkit.planning.exchange import Pool
-from calibkit.planning.task import Task
 
 DATASETS = Path(__file__).resolve().parents[1] / "datasets"
 LOW_ORDERS = (
@@ -62,7 +61,7 @@ def triad_pool() -> Pool:
     spec = instruments.parse_recipe(recipe.find("accelerometer", LOW_ORDERS))
     task = Task(equipment.read_equipment(None), range_degc=(-20.0, 60.0))
     bench = plan.prepare_plan(spec, task)  # type: ignore[arg-type]
-    bench = replace(bench, spots=np.array(FACES_AND_EDGES, dtype=np.float64))
+    bench.mountings = [np.array(FACES_AND_EDGES, dtype=np.float64)]
     return bench.pool(len(FACES_AND_EDGES), (-20, 60, 20, -20), 60.0)
 
 

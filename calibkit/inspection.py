@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from calibkit import instruments, new_files, recipe
 from calibkit.check import examination
 from calibkit.check.report import CheckedCampaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
+from calibkit.frame import values
 from calibkit.ingest import logs as ingest, proposal
 from calibkit.planning import comparison, equipment, search
-from calibkit.planning.search import COVERAGE
-from calibkit.planning.task import Task, measured_range
+from calibkit.planning.bench import COVERAGE, Task
 from calibkit.recipe import type_b
 from calibkit.report import budget, figures
 from calibkit.threads import one_thread
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from calibkit.planning.document import Plan
     from calibkit.planning.schedule import Schedule
 
+CASE = "temp_case_degc"
 LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
@@ -160,8 +163,11 @@ def _predict(
     if prepare is None:
         return ()
     logs = tuple(instrument.read(spec, data, file) for file in files)
-    planned_range = planned.range_degc if planned else None
-    range_degc = planned_range or measured_range(logs)
+    range_degc = planned.range_degc if planned else None
+    logged = [values(log.frame, CASE) for log in logs if CASE in log.frame.columns]
+    if range_degc is None and any(degc.size for degc in logged):
+        degc = np.concatenate(logged)
+        range_degc = float(np.nanmin(degc)), float(np.nanmax(degc))
     earlier = {f"{result.stage}.json": result for result in fitted.results}
     bench = equipment.read_equipment(None)
     try:

@@ -13,20 +13,14 @@ from calibkit.errors import UsageError
 from calibkit.frame import refuse
 from calibkit.ingest import column_values, logs as ingest
 from calibkit.planning import document, search
+from calibkit.planning.bench import WITHHELD, Task
 from calibkit.planning.equipment import read_equipment
-from calibkit.planning.search import WITHHELD, Proposal
-from calibkit.planning.task import Task
+from calibkit.planning.search import Proposal
 from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
 from calibkit.threads import one_thread
 
-PRINTED = ("plan", "hours", "operator_h", "results", "third_more", "notes")
-"""What --json prints of plan.json."""
 UNJUDGED = "no log is withheld: none judges the fit that it did not see"
-PLAIN = {"files", "missing", "sentinels"}
-"""Keys of [logs] that plain CSV may have."""
-NOT_NUMBERS = {"time_format", "date", "accumulated", "wraps_at"}
-"""Keys of a column whose values are not those of the canonical one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,11 +111,13 @@ def plan(
         document.SCHEDULE: proposal.campaign.schedule.to_csv(),
         document.RECIPE: text_of_recipe.encode(),
     }
-    text = document.plan_document(proposal, task, source, spec.procedure, hashed_files)
+    text = document.plan_document(proposal, source, spec.procedure, hashed_files)
     page_html = page.make_page(summary, proposal)
     files = {document.PLAN: text.encode(), **hashed_files, document.PAGE: page_html}
     new_files.write_all({out / name: files[name] for name in paths}, dry_run=dry_run)
-    printed = {key: value for key, value in json.loads(text).items() if key in PRINTED}
+    written = json.loads(text)
+    keys = ("plan", "hours", "operator_h", "results", "third_more", "notes")
+    printed = {key: written[key] for key in keys}
     return _Planned(proposal, summary, tuple(out / name for name in paths), printed)
 
 
@@ -142,14 +138,15 @@ def simulate(folder: Path, out: Path, seed: int, *, dry_run: bool = False) -> li
             f"{spec.procedure}: nothing simulates a campaign of its plans",
             hint="run the plan on the bench",
         )
-    campaign: Campaign = run(spec, planned.schedule, planned.assumed, seed)
+    campaign: Campaign = run(spec, planned.schedule, planned.device, seed)
     mapped = {name: mapping for name, mapping in spec.columns.items() if name in campaign.decimals}
-    refused_keys = [f"[logs] {key}" for key in spec.logs.model_fields_set - PLAIN]
+    # of [logs] plain CSV may have three keys; of a column four make its values no numbers
+    refused_keys = [] if spec.chamber is None else ["[chamber]"]
+    keys = spec.logs.model_fields_set - {"files", "missing", "sentinels"}
+    refused_keys += [f"[logs] {key}" for key in keys]
     for name, mapping in mapped.items():
-        keys = mapping.model_fields_set & NOT_NUMBERS
+        keys = mapping.model_fields_set & {"time_format", "date", "accumulated", "wraps_at"}
         refused_keys += [f"[columns.{name}] {key}" for key in keys]
-    if spec.chamber is not None:
-        refused_keys.append("[chamber]")
     if refused_keys:
         raise UsageError(
             f"the recipe of the plan states {', '.join(sorted(refused_keys))}: simulated logs are"

@@ -9,7 +9,7 @@ from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
 from calibkit.instruments.inclinometer.plan import azimuth_slopes
 from calibkit.planning import document, equipment, search
-from calibkit.planning.task import Task
+from calibkit.planning.bench import Task
 from conftest import ROOT
 from test_planning import load_benchmark
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
@@ -17,11 +18,18 @@ from calibkit.cli import cli
 from calibkit.errors import CoefficientError, RecipeError, UsageError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict
-from calibkit.planning import comparison, document, equipment, schedule, search
+from calibkit.planning import (
+    bench as planning_bench,
+    comparison,
+    document,
+    equipment,
+    schedule,
+    search,
+)
+from calibkit.planning.bench import Design, Predicted, Task
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
-from calibkit.planning.search import Design, Predicted, choose, find_front
-from calibkit.planning.task import Task, parse_wishes
+from calibkit.planning.search import choose, find_front, parse_wishes
 from conftest import ROOT
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
@@ -116,10 +124,12 @@ def test_a_prediction_is_that_of_generalised_least_squares(rng):
     expected = np.linalg.inv(design.T @ np.linalg.solve(variance, design))
     np.testing.assert_allclose(fit.covariance, expected, rtol=1e-9)
     slopes = rng.normal(size=(7, 4))
-    parts = search.split_variance(fit, slopes)
+    parts = planning_bench.split_variance(fit, slopes)
     assert set(parts) == {"noise", "zero of the soak", "scale of the soak"}
     np.testing.assert_allclose(
-        search.total_variance(parts), np.einsum("mp,pq,mq->m", slopes, expected, slopes), rtol=1e-9
+        planning_bench.total_variance(parts),
+        np.einsum("mp,pq,mq->m", slopes, expected, slopes),
+        rtol=1e-9,
     )
 
 
@@ -505,9 +515,9 @@ def test_errors_that_dwells_share_are_no_noise_of_a_plan_from_their_run(planned,
     (triad,) = earlier["accel_affine.json"].models
     noise = [one.value for one in triad.parameters if one.name.startswith("noise_")]
     task = Task(equipment.read_equipment(None), earlier=earlier)
-    assumed = instruments.optional("accelerometer", "prepare_plan")(spec, task).assumed
-    assert assumed.noise == pytest.approx(np.sqrt(np.mean(np.square(noise))))
-    assert assumed.noise < triad.residual_rms
+    device = instruments.optional("accelerometer", "prepare_plan")(spec, task).device
+    assert device.noise == pytest.approx(np.sqrt(np.mean(np.square(noise))))
+    assert device.noise < triad.residual_rms
 
 
 def test_check_holds_logs_against_the_schedule_beside_the_recipe(planned, tmp_path):
@@ -560,6 +570,33 @@ def test_predicted_uncertainty_of_the_drift_is_the_scatter_of_campaigns(planned_
     assert 0.85 <= coverage <= 1.0
 
 
+def test_simulated_ramps_have_the_sizes_of_their_plan(tmp_path):
+    """Noise, turn-on biases, drift and the lag of the case are those of the equipment file; what is
+    not of the plan is named.
+    """
+    text, path = equipment.sample_text(), tmp_path / "bench.toml"
+    device = text.index("[device.fog_thermal]")
+    text = text[:device] + text[device:].replace("noise = 0.6 ", "noise = 6.0 ", 1)
+    for effect, size, changed in (("turn-on", 0.02, 5.0), ("drift", 0.4, 40.0)):
+        stated = f'effect = "{effect}", value = {size}'
+        assert stated in text[device:]
+        text = text.replace(stated, f'effect = "{effect}", value = {changed}')
+    path.write_text(text, encoding="utf-8")
+    plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", within_h=7.0, equipment=path)
+    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
+    truth = json.loads((tmp_path / "logs" / "truth.json").read_text())
+    logs = {name: pd.read_csv(tmp_path / "logs" / name)["gyro_dph"] for name in truth["logs"]}
+    noise = [np.std(np.diff(log), ddof=1) / np.sqrt(2.0) for log in logs.values()]
+    assert noise == pytest.approx([6.0] * len(noise), rel=0.1)
+    turn_on = [log["turn_on_dph"] for log in truth["logs"].values()]
+    assert 2.0 < np.sqrt(np.mean(np.square(turn_on))) < 10.0
+    drift = [np.array(log["drift_dph"]) for log in truth["logs"].values()]
+    about_means = np.concatenate([log - log.mean() for log in drift])
+    assert np.sqrt(np.mean(about_means**2)) == pytest.approx(40.0, rel=0.02)
+    assert truth["gyro"]["tau_case_s"] == 300.0
+    assert "initial state" in truth["not_of_the_plan"]
+
+
 def test_ramps_are_held_against_the_schedule(planned_ramps, tmp_path):
     """Another rate and another end are named."""
     plan = document.load_plan(planned_ramps)
@@ -598,7 +635,7 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
     near = schedule.Schedule(tuple(one for one in near if not one.log.startswith("withheld")))
     spec = instruments.parse_recipe(plan.source)
     simulate = instruments.optional("gyro_triad", "simulate_plan")
-    made = simulate(spec, near, plan.assumed, 3)
+    made = simulate(spec, near, plan.device, 3)
     for name, content in made.files().items():
         (tmp_path / name).write_bytes(content)
     found = instruments.find("gyro_triad").fit(
@@ -645,8 +682,8 @@ def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earl
     """The simulated gyro has 0.6 °/h over 1 s, turn-on biases of 0.02 °/h, a drift of 0.4 °/h."""
     asked = {"within_h": 8.0, "earlier": "FOG-0001", "runs": earlier}
     found = plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", **asked).proposal
-    size = {one.effect: one.value for one in found.assumed.errors.values()}
-    assert found.assumed.noise == pytest.approx(0.6, rel=0.05)
+    size = {one.effect: one.value for one in found.bench.device.component}
+    assert found.bench.device.noise == pytest.approx(0.6, rel=0.05)
     assert size["drift"] == pytest.approx(0.4, rel=0.1)
     assert size["turn-on"] == pytest.approx(0.02, rel=0.6)
     assert found.campaign.hours <= 8.0
@@ -656,7 +693,7 @@ def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path
     """Held rates are 0.4 °/h off the line; errors that were not seen are as on the bench."""
     asked = {"earlier": "GYRO-0001", "runs": earlier}
     found = plans.plan(recipe.find("rate_table"), tmp_path / "plan", **asked).proposal
-    size = {one.effect: one.value for one in found.assumed.errors.values()}
+    size = {one.effect: one.value for one in found.bench.device.component}
     assert size["response"] == pytest.approx(0.4, rel=0.3)
     assert size["scale"] == 0.3
     with pytest.raises(UsageError, match="that run has no"):
@@ -773,7 +810,7 @@ def test_dwells_of_a_plan_of_0_2_have_the_noise_that_it_states(procedure):
     plan = document.load_plan(ROOT / "tests" / "golden" / "0.2" / procedure / "plan")
     settings, dwell = plan.document["settings"], plan.schedule.recorded("dwell")[0]
     stated = settings.get("noise_g", settings.get("noise_dph"))
-    assert plan.assumed.noise_of(dwell.duration_s) == pytest.approx(stated)
+    assert plan.device.noise_of(dwell.duration_s) == pytest.approx(stated)
 
 
 @pytest.mark.parametrize("procedure", ["accelerometer", "fog_thermal", "rate_table", "gyro_triad"])

@@ -21,7 +21,7 @@ from calibkit.frame import Examined, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.numeric import gum
-from calibkit.planning import schedule, search, task as plan_task
+from calibkit.planning import bench, schedule
 from calibkit.recipe.shared_errors import state_sizes
 from calibkit.report.summary import Summary
 
@@ -136,12 +136,18 @@ def chain(spec, records):
     return draft.chain([model.form], "angle of the sensor by its line")
 
 
-class Bench(search.Bench):
+class Bench(bench.Bench):
     """Campaigns of one to six rounds between six stops."""
+
+    results, units = {"angle": "deg"}, {("stop", "index"): "deg"}
 
     def choices(self):
         """Numbers of rounds."""
         return range(1, 7)
+
+    def measured(self, logs):
+        """Turns of all logs."""
+        return turns_of(logs)
 
     def temperatures(self, rows):  # noqa: ARG002 (as every bench)
         """None has to be spanned."""
@@ -154,12 +160,12 @@ class Bench(search.Bench):
         stop = np.array([(k, m) for k in range(6) for m in range(6) if k != m] * choice)
         angle = 60.0 * (stop[:, 1] - stop[:, 0])
         rows = Turns(angle, angle, stop)
-        return search.Design(f"{choice} rounds", clock.schedule(), ("turns.csv",), rows)
+        return bench.Design(f"{choice} rounds", clock.schedule(), ("turns.csv",), rows)
 
     def fit(self, rows):
         """What the turns will tell."""
-        shared = self.assumed.state(rows.shared_errors())
-        noise = np.full(len(rows.angle), self.assumed.noise)
+        shared = self.device.state(rows.shared_errors())
+        noise = np.full(len(rows.angle), self.device.noise)
         return predict(rows.residual, START, shared, noise=noise)
 
     @property
@@ -170,12 +176,7 @@ class Bench(search.Bench):
     def coefficients(self, rows):
         """Uncertainties of the coefficients."""
         u = self.fit(rows).of(lambda p: p).u.tolist()
-        return (search.PredictedCoefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
+        return (bench.PredictedCoefficient("sensor", *n, x) for n, x in zip(NAMES, u, strict=True))
 
 
-def prepare_plan(spec, task):
-    """Campaigns among which a plan chooses."""
-    device, units = task.equipment.known_device(spec.procedure), {("stop", "index"): "deg"}
-    have = turns_of(task.have) if task.have else None
-    assumed = plan_task.assume(spec, task, device, units)
-    return Bench(spec, task, assumed, {"angle": "deg"}, have)
+prepare_plan = Bench

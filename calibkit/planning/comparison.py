@@ -4,11 +4,12 @@ A dwell or rate is found by rows that are near its temperature, its direction of
 rate; a ramp by its end and by its slope in the middle.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.frame import Log, values
 from calibkit.numeric import attitude
@@ -16,16 +17,6 @@ from calibkit.planning.schedule import Action, Schedule
 
 NEAR_DEGC = 5.0
 """Largest difference of a case temperature [°C] from the set point of the chamber."""
-NEAR_DEG = 1.0
-"""Largest angle [°] between a planned and a logged direction of gravity."""
-NEAR_RATE = 0.02
-"""Largest relative difference of a held rate of the table."""
-NEAR_RAMP = 0.2
-"""Largest relative difference of the rate of a ramp; the case lags the chamber at its ends."""
-MIDDLE = (0.3, 0.7)
-"""Part of a ramp in which its rate is measured, by temperature."""
-ONE_ROW = 3
-"""Rows per planned dwell up to which a row is a dwell."""
 
 
 def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> Iterator[str]:
@@ -38,45 +29,46 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
             kinds = {action.action for action in planned}
             yield f"{name}: planned, with {len(planned)} actions ({', '.join(sorted(kinds))})"
             continue
-        counted: dict[str, tuple[Mask, int]] = {}
+        # Dwells and held rates in words, as far as the log tells them from others: how often each
+        # is planned, and how many rows are at it. What is not logged differs from nothing.
+        times, logged = Counter[str](), dict[str, int]()
+        case_degc, has_attitudes = _column(log, "temp_case_degc"), "inclination_deg" in log.frame
         for action in planned:
-            if action.action in ("dwell", "rate"):
-                action_text, rows = _find_rows(log, action)
-                counted[action_text] = rows, counted.get(action_text, (rows, 0))[1] + 1
-            elif action.action == "ramp":
+            near = ~(np.abs(case_degc - action.set_degc) > NEAR_DEGC)
+            if action.action == "ramp":
                 yield from _compare_ramp(log, action)
+                continue
+            if action.action == "rate":
+                rate = action.table_rate_dps
+                near &= np.abs(_column(log, "table_rate_dps") - rate) <= 0.02 * abs(rate)
+                words = f"rate {rate:+g} °/s at"
+            elif action.action == "dwell" and has_attitudes:
+                tilt, roll = action.inclination_deg, action.toolface_deg
+                logged_roll = _column(log, "toolface_deg") + _column(log, "position_deg", 0.0)
+                direction = attitude.gravity_vector(_column(log, "inclination_deg"), logged_roll)
+                held = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
+                near &= direction @ held >= np.cos(np.radians(1.0))
+                words = f"dwell at inclination {tilt:g}°, toolface {roll:g}°,"
+            elif action.action == "dwell":
+                words = "dwell at"
+            else:
+                continue
+            words = f"{words} {action.set_degc:g} °C"
+            times[words] += 1
+            logged[words] = int(near.sum())
         # of a log with a row for each dwell the rows are counted
-        times_planned = sum(times for _, times in counted.values())
-        for action_text, (rows, times) in counted.items():
-            logged = int(rows.sum())
-            if not logged:
-                yield f"{log.file}: {action_text}"
-            elif len(log.frame) <= ONE_ROW * times_planned and logged < times:
-                yield f"{log.file}: {action_text}, {logged} of {times} times"
-
-
-def _find_rows(log: Log, action: Action) -> tuple[str, Mask]:
-    """A planned dwell or held rate in words, as far as a log tells it from others, and the rows
-    that are at it.
-    """
-    level_text = f"{action.set_degc:g} °C"
-    rows_near = ~(np.abs(_column(log, "temp_case_degc") - action.set_degc) > NEAR_DEGC)
-    if action.action == "rate":
-        rate_error = np.abs(_column(log, "table_rate_dps") - action.table_rate_dps)
-        rows_near &= rate_error <= NEAR_RATE * abs(action.table_rate_dps)
-        return f"rate {action.table_rate_dps:+g} °/s at {level_text}", rows_near
-    if "inclination_deg" not in log.frame.columns:
-        return f"dwell at {level_text}", rows_near
-    tilt, roll = action.inclination_deg, action.toolface_deg
-    logged_roll = _column(log, "toolface_deg") + _column(log, "position_deg", 0.0)
-    planned = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
-    logged = attitude.gravity_vector(_column(log, "inclination_deg"), logged_roll)
-    rows_near &= logged @ planned >= np.cos(np.radians(NEAR_DEG))
-    return f"dwell at inclination {tilt:g}°, toolface {roll:g}°, {level_text}", rows_near
+        few_rows = len(log.frame) <= 3 * times.total()
+        for words, rows in logged.items():
+            if not rows:
+                yield f"{log.file}: {words}"
+            elif few_rows and rows < times[words]:
+                yield f"{log.file}: {words}, {rows} of {times[words]} times"
 
 
 def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
-    """A ramp that ends elsewhere, or has another rate; of a case that lags, the end alone."""
+    """A ramp that ends elsewhere, or has another rate; of a case, which lags the chamber, the end
+    alone.
+    """
     time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
     lags = not np.isfinite(degc).any()
     if lags:
@@ -88,13 +80,14 @@ def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
     if not abs(end - action.set_degc) <= NEAR_DEGC:
         yield f"{planned}; it ends at {end:.1f} °C"
     elif not lags:
+        # its rate is measured in the middle, from 30 to 70 % of the way
         share = (degc - degc[0]) / (action.set_degc - degc[0] or np.nan)
-        first, last = (int(np.argmax(share >= part)) for part in MIDDLE)
+        first, last = (int(np.argmax(share >= part)) for part in (0.3, 0.7))
         if last <= first:
             yield f"{planned}; there is no ramp"
             return
         rate = (degc[last] - degc[first]) / (time[last] - time[first]) * SECONDS_PER_MINUTE
-        if not abs(rate / action.ramp_degc_per_min - 1.0) <= NEAR_RAMP:
+        if not abs(rate / action.ramp_degc_per_min - 1.0) <= 0.2:
             yield f"{planned}; its rate is {rate:+.3g} °C/min"
 
 

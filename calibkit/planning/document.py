@@ -12,19 +12,16 @@ from typing import Any
 from calibkit import sealed, store
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.planning.bench import COVERAGE, Design, name_errors
 from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
-from calibkit.planning.search import COVERAGE, Design, Proposal
-from calibkit.planning.task import Assumed, Task, name_errors
+from calibkit.planning.search import Proposal
 from calibkit.recipe import Recipe, Source, toml_text
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.version import SOFTWARE
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"
-HEAD = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"
-_OF_OTHER_LOGS = ("exclude", "segment", "correction", "serial")
-"""Tables and keys of a recipe that belong to the logs it was written for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,36 +34,33 @@ class Plan:
     """Its recipe."""
 
     @property
-    def assumed(self) -> Assumed:
-        """What the plan assumes. A plan of calibkit 0.2 states no device, but its noise over a time
-        and its lag, and errors in the units of its equipment file: UsageError for one whose unit in
-        a fit the sample bench does not tell.
+    def device(self) -> Device:
+        """The device as the plan assumes it. A plan of calibkit 0.2 states none, but its noise over
+        a time and its lag, and errors in the units of its equipment file: UsageError for one whose
+        unit in a fit the sample bench does not tell.
         """
-        document, range_degc = self.document, self.range_degc
-        if range_degc is None:
-            set_degc = [action.set_degc for action in self.schedule.actions]
-            range_degc = min(set_degc), max(set_degc)
+        document, procedure = self.document, self.document["procedure"]
         errors = [ErrorComponent.model_validate(component) for component in document["components"]]
-        noise, known = document["noise"]["value"], errors
+        noise = document["noise"]["value"]
         if "device" in document:
-            device = Device.model_validate(document["device"])
-        else:
-            devices, settings, over_s = read_equipment(None).device, document["settings"], 1.0
-            known = [error for device in devices.values() for error in device.component]
-            if "terms" in settings:
-                noise, over_s = settings["terms"]["angle_random_walk"], SECONDS_PER_HOUR
-            elif "noise_1s" in settings:
-                noise = settings["noise_1s"]
-            elif dwells := self.schedule.recorded("dwell"):
-                noise = settings.get("noise_g", settings.get("noise_dph"))
-                over_s = dwells[0].duration_s
-            device = devices[document["procedure"]]
-            lags_s = [settings["lag_s"]] if "lag_s" in settings else device.lags_s
-            stated = {"noise": noise, "noise_s": over_s, "lags_s": lags_s}
-            device = device.model_copy(update=stated)
+            stated = {"noise": noise, "component": tuple(errors)}
+            return Device.model_validate(document["device"]).model_copy(update=stated)
+        devices, settings = read_equipment(None).device, document["settings"]
+        dwells = self.schedule.recorded("dwell")
+        # noise by the name that the settings give it, and the time that it is the mean of [s]
+        noises = {
+            "noise_1s": (settings.get("noise_1s"), 1.0),
+            "terms": (settings.get("terms", {}).get("angle_random_walk"), SECONDS_PER_HOUR),
+            "noise_g": (settings.get("noise_g"), dwells[0].duration_s if dwells else 1.0),
+            "noise_dph": (settings.get("noise_dph"), dwells[0].duration_s if dwells else 1.0),
+        }
+        noise, noise_s = next((noises[key] for key in noises if key in settings), (noise, 1.0))
+        known = [error for device in devices.values() for error in device.component]
         units = {(error.group, error.effect): error.unit for error in known}
-        by_name = name_errors(errors, units, document["procedure"])
-        return Assumed(device, noise, range_degc, by_name, ())
+        component, lag_s = name_errors(errors, units, procedure), settings.get("lag_s")
+        lags_s = devices[procedure].lags_s if lag_s is None else [lag_s]
+        stated = {"noise": noise, "noise_s": noise_s, "lags_s": lags_s, "component": component}
+        return devices[procedure].model_copy(update=stated)
 
     @property
     def range_degc(self) -> tuple[float, float] | None:
@@ -90,17 +84,19 @@ def write_recipe(spec: Recipe, design: Design, *, added: bool) -> str:
     if added:
         files = [*tables["logs"]["files"], *files]
     else:
-        tables = {name: value for name, value in tables.items() if name not in _OF_OTHER_LOGS}
+        # what belongs to the logs that the recipe was written for
+        for name in ("exclude", "segment", "correction", "serial"):
+            tables.pop(name, None)
     tables["logs"] = {**tables["logs"], "files": files}
     for name, value in design.changes.items():
         tables[name] = {**tables.get(name, {}), **value} if isinstance(value, dict) else value
+    head = "# Written by calibkit plan: the recipe of the plan, with the errors that it assumes.\n"
     # a line begins with a bracket where a table does
-    return HEAD + toml_text.from_tables(tables).text.replace("\n[", "\n\n[")
+    return head + toml_text.from_tables(tables).text.replace("\n[", "\n\n[")
 
 
 def plan_document(
     proposal: Proposal,
-    task: Task,
     source: Source,
     procedure: str,
     files: Mapping[str, bytes],
@@ -121,7 +117,7 @@ def plan_document(
                 "limits": [{"source": key, "share": share} for key, share in result.limits.items()],
             }
         )
-    assumed, schedule = proposal.assumed, proposal.campaign.schedule
+    bench, schedule = proposal.bench, proposal.campaign.schedule
     return sealed.seal(
         {
             "format": FORMAT,
@@ -129,25 +125,22 @@ def plan_document(
             "procedure": procedure,
             "plan": proposal.campaign.label,
             "recipe": {"name": source.name, "sha256": source.sha256},
-            "equipment": task.equipment.name,
-            "attitudes": task.attitudes,
-            "within_h": task.within_h,
-            "range_degc": list(assumed.range_degc),
+            "equipment": bench.task.equipment.name,
+            "attitudes": bench.task.attitudes,
+            "within_h": bench.task.within_h,
+            "range_degc": list(bench.range_degc),
             "hours": schedule.hours,
             "operator_h": schedule.operator_h,
             "coverage_factor": COVERAGE,
             "results": results,
             "coefficients": [asdict(coefficient) for coefficient in proposal.coefficients],
-            "device": assumed.device.model_dump(mode="json", exclude={"component"}),
-            "noise": {"value": assumed.noise, "unit": assumed.device.noise_unit},
-            "components": [error.model_dump(mode="json") for error in assumed.errors.values()],
+            "device": bench.device.model_dump(mode="json", exclude={"component"}),
+            "noise": {"value": bench.device.noise, "unit": bench.device.noise_unit},
+            "components": [error.model_dump(mode="json") for error in bench.device.component],
             "third_more": proposal.longer and _campaign(proposal.longer),
             "curve": [_campaign(campaign) for campaign in proposal.curve],
             "notes": list(proposal.notes),
-            "files": [
-                {"name": key, "sha256": hashlib.sha256(content).hexdigest()}
-                for key, content in files.items()
-            ],
+            "files": store.list_files(files),
         }
     )
 

@@ -3,14 +3,17 @@ device.
 """
 
 import math
+from collections.abc import Sequence
 from importlib import resources
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
 from calibkit.errors import UsageError
+from calibkit.fit.shared import Shared
 from calibkit.recipe import Source
-from calibkit.recipe.tables import ErrorComponent, NonNegative, Positive, Table
+from calibkit.recipe.shared_errors import state_sizes
+from calibkit.recipe.tables import ErrorComponent, Errors, NonNegative, Positive, Table
 
 SAMPLE = "bench.toml"
 """The sample bench, which is assumed where no equipment file is given."""
@@ -88,6 +91,26 @@ class Device(Table):
     order: Annotated[int, Field(ge=1, le=3)] = 2
     """Highest power of temperature that is assumed where the recipe states none."""
     component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()
+
+    def noise_of(self, length_s: float) -> float:
+        """Standard deviation of the mean over a time [s]: noise is white."""
+        return self.noise * math.sqrt(self.noise_s / length_s)
+
+    def size(self, group: str, effect: str) -> float:
+        """Standard deviation of an error in its unit; 0 where none is assumed."""
+        return {(e.group, e.effect): e.value for e in self.component}.get((group, effect), 0.0)
+
+    @property
+    def errors(self) -> Errors:
+        """Errors as a recipe states them; rows need not have all of them, as those that others
+        had.
+        """
+        # not checked as a recipe's: a recipe need not be able to state them
+        return Errors.model_construct(groups="auto", source="history", component=self.component)
+
+    def state(self, shared: Sequence[Shared]) -> list[Shared]:
+        """Shared errors with the sizes that are assumed."""
+        return state_sizes(self.errors, shared)
 
 
 class Equipment(Table):

@@ -18,19 +18,8 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.fit.shared import Shared
 
-TRIED = 3
-"""Best candidates of an entry, by the derivative of the criterion, that are tried."""
 GAIN = 1e-9
 """Relative decrease of a criterion that is no rounding."""
-SMALL = 30
-"""Entries of as many starts of a small design as count for one: where few entries can be exchanged,
-more starts end away from the best.
-"""
-PASSES = 20
-RESTARTS = 3
-"""Starts of a search."""
-RIDGE = 1e-9
-"""Information, relative to that of a candidate, that lets a start be worse than determined."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,19 +52,21 @@ class Pool:
     def exchange(self, entries: Sequence[int]) -> tuple[list[int], float]:
         """Design after exchanges, and its criterion."""
         design, best = list(entries), self.criterion(entries)
-        # 1e-300: a parameter of which no candidate tells anything leaves a matrix with an inverse
-        ridge = np.diag(RIDGE * self.parts.mean(axis=0).diagonal() + 1e-300)
-        for _ in range(PASSES):
+        # Information, relative to that of a candidate, that lets a start be worse than determined;
+        # 1e-300: a parameter of which no candidate tells anything leaves a matrix with an inverse.
+        ridge = np.diag(1e-9 * self.parts.mean(axis=0).diagonal() + 1e-300)
+        for _ in range(20):
             before = best
             for place in range(len(design)):
                 remaining = [*design[:place], *design[place + 1 :]]
                 M = self.base + self.parts[remaining].sum(axis=0)
-                # to first order a candidate lowers the criterion by tr(part · M⁻¹ target M⁻¹)
+                # The three best are tried: to first order a candidate lowers the criterion by
+                # tr(part · M⁻¹ target M⁻¹).
                 inverse = invert(M + ridge)
                 lowers = np.einsum("cij,ij->c", self.parts, inverse @ self.target @ inverse)
                 free = np.bincount(remaining, minlength=len(self.parts)) < self.most_uses
                 ranked = np.argsort(np.where(free, -lowers, np.inf), kind="stable")
-                for candidate in ranked[: min(TRIED, int(free.sum()))].tolist():
+                for candidate in ranked[: min(3, int(free.sum()))].tolist():
                     criterion = self._variance(M + self.parts[candidate])
                     if criterion < best * (1.0 - GAIN):
                         design[place], best = candidate, criterion
@@ -84,15 +75,15 @@ class Pool:
         return design, best
 
     def search(
-        self, count: int, rng: np.random.Generator, restarts: int = RESTARTS
+        self, count: int, rng: np.random.Generator, restarts: int = 3
     ) -> tuple[list[int], float]:
-        """Best design of a number of candidates from several random starts, more of a small one,
-        and its criterion.
+        """Best design of a number of candidates from several random starts, and its criterion. More
+        starts of a small one, where few entries can be exchanged, end away from the best.
         """
         available = np.tile(np.arange(len(self.parts)), self.most_uses)
         starts = [
             rng.choice(available, count, replace=False).tolist()
-            for _ in range(restarts * max(SMALL // count, 1))
+            for _ in range(restarts * max(30 // count, 1))
         ]
         design, best = min(map(self.exchange, starts), key=lambda exchanged: exchanged[1])
         return sorted(design), best

@@ -4,11 +4,11 @@ attitudes, and uncertainty against hours above the same tables.
 """
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from calibkit.coefficients import at_most
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.planning.search import WITHHELD, Proposal, name_source
+from calibkit.planning.bench import WITHHELD, name_source
+from calibkit.planning.search import Proposal
 from calibkit.report import figures, html, svg
 from calibkit.report.html_tables import summary_table
 from calibkit.report.markup import Markup, element, join_markup
@@ -16,18 +16,11 @@ from calibkit.report.overview import Overview, concise
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table, tabulate
 
-NAMED = 3
-"""Sources of uncertainty that the screen names."""
-SHOWN = 2.0
-"""Hours that are drawn, relative to those of the plan, beyond which little is gained."""
-PANEL_IN = 4.0
-"""Height of a panel [in]."""
-
 
 def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary:
     """What is printed of a plan; its verdict is that on the wishes and on the hours."""
     schedule, sought, longer = proposal.campaign.schedule, proposal.sought, proposal.longer
-    results, assumed = proposal.campaign.results, proposal.assumed
+    results, device = proposal.campaign.results, proposal.bench.device
     criteria = tuple(
         at_most(f"U of {name}", results[name].expanded, wish, results[name].unit)
         for name, wish in proposal.wishes.items()
@@ -42,7 +35,7 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
         for criterion in failed or criteria
     ]
     person = f", {_duration(schedule.operator_h)} with a person" if schedule.operator_h else ""
-    largest = sorted(sought.limits.items(), key=lambda item: -item[1])[:NAMED]
+    largest = sorted(sought.limits.items(), key=lambda item: -item[1])[:3]
     limits = ", ".join(f"{name} {100.0 * share:.0f} %" for name, share in largest)
     bought = "nothing"
     if longer is not None:
@@ -82,8 +75,8 @@ def summarize(proposal: Proposal, title: str, within_h: float | None) -> Summary
         "Assumed errors",
         ("error", size, "unit", dof),
         (
-            ("noise", assumed.noise, assumed.device.noise_unit, None),
-            *((name_source(e), e.value, e.unit, e.dof) for e in assumed.errors.values()),
+            ("noise", device.noise, device.noise_unit, None),
+            *((name_source(e), e.value, e.unit, e.dof) for e in device.component),
         ),
     )
     return Summary(
@@ -109,30 +102,13 @@ def _duration(hours: float) -> str:
 
 
 def make_page(summary: Summary, proposal: Proposal) -> bytes:
-    """The page as UTF-8; it loads nothing."""
-    figure = _draw(proposal)
-    figures.settle([figure])
-    (drawing,), _ = svg.inline([figure])
-    facts = [element("p", fact) for fact in (summary.overview.sentence, *summary.overview.facts)]
-    parts = {
-        "The campaign": [*facts, element("figure", Markup(drawing))],
-        "Numbers": [summary_table(table) for table in summary.tables],
-        "Assumptions": [
-            element("ul", join_markup([element("li", note) for note in summary.flags]))
-        ],
-    }
-    kind = summary.verdict if summary.criteria else "open"
-    return html.page_of_parts(summary.title, summary.last_line, kind, parts)
-
-
-def _draw(proposal: Proposal) -> Figure:
-    """Set point over time with what logs record of it, attitudes where there are any, and U
-    against hours.
+    """The page as UTF-8, which loads nothing: set point over time with what logs record of it,
+    attitudes where there are any, U against hours, and all tables.
     """
     schedule, name, unit = proposal.campaign.schedule, proposal.sought.name, proposal.sought.unit
     dwells = schedule.recorded("dwell")
     count = 1 + bool(schedule.actions) + bool(dwells)
-    figure, axes = figures.page(count, 1, title="The campaign", height=PANEL_IN * count)
+    figure, axes = figures.page(count, 1, title="The campaign", height=4.0 * count)
     if schedule.actions:
         ax, hours, degc = axes[0], list[float](), list[float]()
         for action in schedule.actions:
@@ -159,7 +135,19 @@ def _draw(proposal: Proposal) -> Figure:
     if name in proposal.wishes:
         ax.axhline(proposal.wishes[name], color=figures.MUTED, linestyle="--", label="wanted")
     if schedule.hours > 0.0:
-        ax.set_xlim(right=SHOWN * schedule.hours)
+        # beyond twice the hours of the plan little is gained
+        ax.set_xlim(right=2.0 * schedule.hours)
     ax.set(xlabel="chamber time [h]", ylabel=f"U of {name} (k = 2, largest in the range) [{unit}]")
     ax.legend(loc="upper right")
-    return figure
+    figures.settle([figure])
+    (drawing,), _ = svg.inline([figure])
+    facts = [element("p", fact) for fact in (summary.overview.sentence, *summary.overview.facts)]
+    parts = {
+        "The campaign": [*facts, element("figure", Markup(drawing))],
+        "Numbers": [summary_table(table) for table in summary.tables],
+        "Assumptions": [
+            element("ul", join_markup([element("li", note) for note in summary.flags]))
+        ],
+    }
+    kind = summary.verdict if summary.criteria else "open"
+    return html.page_of_parts(summary.title, summary.last_line, kind, parts)

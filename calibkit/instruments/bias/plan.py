@@ -5,7 +5,7 @@ What they will tell is predicted by the equation of the fit, y = Σ_k p_k x^k + 
 with the assumed sizes of the turn-on bias b and of the noise e.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,36 +15,27 @@ from calibkit import units
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.solve import Fit, predict
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.instruments.bias import blocks
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import (
+from calibkit.planning.bench import (
     LEVELS,
     ONE_LEVEL_DEGC,
     WITHHELD,
     Bench,
     Design,
-    PredictedCoefficient,
+    Task,
     Tour,
     count,
     join,
 )
-from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.planning.equipment import Device
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import follow_with_lag
 
-RANGE_DEGC = (-40.0, 60.0)
-FILE = "bias.json"
 TURN_ON = (blocks.GROUP, blocks.TURN_ON)
-BLOCKS = 64
-"""Parts of a measured log whose mean temperatures are taken."""
-RESTART = "the instrument is switched off and on before each log that a fit sees"
-DRIFT = 50.0
-"""Simulated drift over the range, in standard deviations of the noise of a minute."""
-REACHED_DEGC, THERMOMETER_DEGC = 0.1, 0.01
-"""Standard deviations of the temperature that is reached and of a reading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,17 +48,54 @@ class Means:
     noise: Array
 
 
-@dataclass(frozen=True)
 class BiasBench(Bench):
     """Campaigns of an instrument at rest: y = Σ_k p_k x^k + b of the log + e, x the temperature
     mapped to [-1, 1].
     """
 
+    default_degc, files = (-40.0, 60.0), ("bias.json",)
+
+    def __init__(self, spec: BiasTemperatureRecipe, task: Task) -> None:
+        """UsageError also for channels of several units, and for polynomials of no temperature."""
+        self.unit = unit = task.equipment.known_device(spec.procedure).noise_unit
+        self.results = dict.fromkeys(("drift", "bias"), unit)
+        self.units = {TURN_ON: unit}
+        channels = spec.polynomials.bias
+        self.order = max(channel.order for channel in channels)
+        self.polynomials = [(c.indication, "p", unit, c.order + 1) for c in channels]
+        abscissa = spec.polynomials.abscissa
+        other = [column for column in spec.still_columns() if units.column_unit(column) != unit]
+        if other or units.column_unit(abscissa) != "degC" or self.order < 1:
+            raise UsageError(
+                f"a plan is for channels in {unit} as polynomials of a temperature in °C; the"
+                f" recipe has {', '.join(other) or abscissa} of order {self.order}",
+                hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
+            )
+        super().__init__(spec, task)
+
+    def measured(self, logs: Sequence[Log]) -> Means:
+        """Means of up to 64 parts of each log; FitError for a log without times."""
+        means, device = [], self.device
+        for log in logs:
+            if "time_s" not in log.frame.columns:
+                raise FitError(
+                    f"{log.file}: no times, expected time_s to know how long it is",
+                    hint="map it under [columns.time_s], or plan without --have",
+                )
+            degc, time = (
+                values(log.frame, name) for name in (self.spec.polynomials.abscissa, "time_s")
+            )
+            parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(64, degc.size)
+            level = np.array([part.mean() for part in np.array_split(degc, parts)])
+            noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
+            means.append(Means(level, np.zeros(parts, dtype=np.int64), np.full(parts, noise)))
+        rows: Means = join(means)
+        return rows
+
     def fit(self, rows: Means) -> Fit:
         """What means of logs, each with its own turn-on bias, will tell of the polynomial."""
-        unit_loading = np.ones(rows.log.size)
-        turn_on = blocks.turn_on_bias(self.assumed.device.noise_unit, rows.log, unit_loading)
-        powers, shared = self.powers(rows.temperature), self.assumed.state([turn_on])
+        turn_on = blocks.turn_on_bias(self.unit, rows.log, np.ones(rows.log.size))
+        powers, shared = self.powers(rows.temperature), self.device.state([turn_on])
         start, names = np.zeros(self.order + 1), [f"p{k}" for k in range(self.order + 1)]
         return predict(lambda p: powers @ p, start, shared, noise=rows.noise, names=names)
 
@@ -76,21 +104,14 @@ class BiasBench(Bench):
         """Result → its derivatives [m, order + 1] over the range of use: of the drift from the
         reference temperature, and of the bias.
         """
-        low, high = self.assumed.range_degc
+        low, high = self.range_degc
         reference = np.clip(self.spec.reference_temp_degc, low, high)
         powers = self.powers(np.linspace(low, high, LEVELS))
         return {"drift": powers - self.powers(np.array([reference])), "bias": powers}
 
     def powers(self, degc: Array) -> Array:
         """Powers [n, order + 1] of x."""
-        return polynomial.powers(self.assumed.mapped(degc), self.order)
-
-    def coefficients(self, rows: Means) -> Iterator[PredictedCoefficient]:
-        """In powers of °C, the same for all channels."""
-        fit, unit = self.fit(rows), self.assumed.device.noise_unit
-        for channel in self.spec.polynomials.bias:
-            size = channel.order + 1
-            yield from self.powers_of_degc(channel.indication, "p", unit, fit, size)
+        return polynomial.powers(self.mapped(degc), self.order)
 
     def choices(self) -> tuple[int, ...]:
         """How often it is switched on at each temperature."""
@@ -101,7 +122,7 @@ class BiasBench(Bench):
         way between two of them that is.
         """
         levels = np.repeat(degc, choice).tolist()
-        device, clock = self.assumed.device, Clock(self.task.equipment)
+        device, clock = self.device, Clock(self.task.equipment)
         steps = np.abs(np.diff(levels))
         longest = int(np.argmax(steps)) + 1 if steps.size and not self.task.withheld else -1
         stem = self.task.name_log("soak")
@@ -113,7 +134,7 @@ class BiasBench(Bench):
             else:
                 clock.settle(device, level, shortest_s=device.warm_up_s)
             clock.add("soak", dwell_s, f"{stem}_{number + 1:02d}_{level}.csv")
-        noise = np.full(len(levels), self.assumed.noise_of(dwell_s))
+        noise = np.full(len(levels), self.device.noise_of(dwell_s))
         means = Means(np.array(levels, dtype=np.float64), np.arange(len(levels)), noise)
         logs, places = count(len(levels), "log"), count(len({*levels}), "temperature")
         label = f"{logs} at {places}, {dwell_s / 60.0:g} min each"
@@ -121,54 +142,26 @@ class BiasBench(Bench):
 
     def notes(self, campaign: Design) -> tuple[str, ...]:
         """How the instrument is switched on."""
-        return (RESTART,) if campaign.rows else ()
+        note = "the instrument is switched off and on before each log that a fit sees"
+        return (note,) if campaign.rows else ()
 
 
-def prepare_plan(spec: BiasTemperatureRecipe, task: Task) -> BiasBench:
-    """What the search needs; UsageError for what cannot be planned, FitError for a measured log
-    without times.
-    """
-    device, polynomials = task.equipment.known_device(spec.procedure), spec.polynomials
-    other = [
-        column for column in spec.still_columns() if units.column_unit(column) != device.noise_unit
-    ]
-    order = max(channel.order for channel in polynomials.bias)
-    if other or units.column_unit(polynomials.abscissa) != "degC" or order < 1:
-        raise UsageError(
-            f"a plan is for channels in {device.noise_unit} as polynomials of a temperature in"
-            f" °C; the recipe has {', '.join(other) or polynomials.abscissa} of order {order}",
-            hint=f"plan channels of one unit, that of noise_unit in [device.{spec.procedure}]",
-        )
-    units_of = {TURN_ON: device.noise_unit}
-    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
-    assumed = assume(spec, task, device, units_of, default_degc=RANGE_DEGC, earlier=earlier)
-    measured = []
-    for log in task.have:
-        if "time_s" not in log.frame.columns:
-            raise FitError(
-                f"{log.file}: no times, expected time_s to know how long it is",
-                hint="map it under [columns.time_s], or plan without --have",
-            )
-        degc, time = values(log.frame, polynomials.abscissa), values(log.frame, "time_s")
-        parts = 1 if np.ptp(degc) < ONE_LEVEL_DEGC else min(BLOCKS, degc.size)
-        means = np.array([part.mean() for part in np.array_split(degc, parts)])
-        noise = device.noise * np.sqrt(device.noise_s * parts / (time[-1] - time[0]))
-        measured.append(Means(means, np.zeros(parts, dtype=np.int64), np.full(parts, noise)))
-    results = dict.fromkeys(("drift", "bias"), device.noise_unit)
-    return BiasBench(spec, task, assumed, results, join(measured), order)
+prepare_plan = BiasBench
 
 
 def simulate_plan(
-    spec: BiasTemperatureRecipe, schedule: Schedule, assumed: Assumed, seed: int
+    spec: BiasTemperatureRecipe, schedule: Schedule, device: Device, seed: int
 ) -> Campaign:
     """Logs of an instrument whose bias is a polynomial of its case temperature, and its truth."""
     rng = np.random.default_rng(seed)
-    turn_on, noise = assumed.size(*TURN_ON), assumed.noise_of(1.0)
-    size, abscissa = DRIFT * assumed.noise_of(60.0), spec.polynomials.abscissa
+    turn_on, noise = device.size(*TURN_ON), device.noise_of(1.0)
+    set_degc = [action.set_degc for action in schedule.actions if action.log]
+    # the drift is large beside the noise of a minute
+    size, abscissa = 50.0 * device.noise_of(60.0), spec.polynomials.abscissa
     biases = {
         channel.indication: np.polynomial.Polynomial(
             rng.normal(0.0, size, channel.order + 1) / (1.0 + np.arange(channel.order + 1.0)),
-            domain=assumed.range_degc,
+            domain=(min(set_degc), max(set_degc)),
         )
         for channel in spec.polynomials.bias
     }
@@ -179,10 +172,11 @@ def simulate_plan(
             np.linspace(action.start_degc, action.set_degc, int(action.duration_s), endpoint=False)
             for action in actions
         ]
-        case = follow_with_lag(np.concatenate(chamber), max(assumed.device.lags_s))
-        case += rng.normal(0.0, REACHED_DEGC)
+        case = follow_with_lag(np.concatenate(chamber), max(device.lags_s))
+        # the chamber settles a little off its set point, a reading has a hundredth
+        case += rng.normal(0.0, 0.1)
         log = {"time_s": np.arange(float(case.size))}
-        log[abscissa] = case + rng.normal(0.0, THERMOMETER_DEGC, case.size)
+        log[abscissa] = case + rng.normal(0.0, 0.01, case.size)
         for channel, bias in biases.items():
             shifted = bias(case) + rng.normal(0.0, turn_on)
             log[channel] = shifted + rng.normal(0.0, noise, case.size)

@@ -4,43 +4,46 @@ The information of each ramp on the `bank` model of the drift is found once, by 
 fit on a planned log; that of a campaign is their sum (`RampBench`).
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations, product, zip_longest
-from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Record, StageResult
-from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.errors import UsageError
-from calibkit.frame import refuse
+from calibkit.frame import Log, refuse
 from calibkit.instruments.bias import forms, ramps, simulate_fog as simulated
 from calibkit.instruments.bias.compensate import TURN_ON
 from calibkit.instruments.bias.numeric import bank as forward, bank_fit, evidence
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.instruments.bias.simulate_fog import FogGyro
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import BlockNoise, Stack, ThermalLog, WhitenedRows
+from calibkit.planning.bench import (
+    WITHHELD,
+    Bench,
+    Design,
+    PredictedCoefficient,
+    Sources,
+    Task,
+    Tour,
+)
+from calibkit.planning.equipment import Device
 from calibkit.planning.exchange import invert
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import WITHHELD, Bench, Design, PredictedCoefficient, Sources, Tour
-from calibkit.planning.task import Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
 
-RANGE_DEGC = (-40.0, 60.0)
 RATES = (1, 2, 3, 5, 8, 10)
 """Unsigned rates [°C/min] that the search takes."""
 FEWEST_RATES = 2
 """Rates of each direction that a fit needs, so that one can be left out."""
-MOST = 4
-"""Ramps of each direction that the search takes at most."""
-DIFFERENT = 1.1
-"""Ratio of two rates from which on they differ."""
 BEFORE_S = 600.0
 """Soak before a ramp that belongs to its log."""
 EVERY = 5
@@ -48,12 +51,9 @@ EVERY = 5
 LEVELS = 9
 BLOCK_S = 60.0
 """Interval of the means of a planned log: shorter than the lags that matter."""
-LEAST_DPH = 1e-9
-"""Size of an error where none is assumed."""
 BANK = forward.Bank(bank_fit.LAGS_S)
 SHARED = len(BANK.terms) + len(bank_fit.STATIC_MEAN)
 """Coefficients and static lags, which all logs share."""
-RESULTS = {"drift": "deg/h", "drift at rest": "deg/h"}
 DRIFT, TURNED_ON = ("coil", "drift"), ("log", "turn-on")
 INITIAL, FLICKER = ("log", "initial state"), ("log", "flicker")
 SOURCES = ("noise", "turn-on bias", "start of the log", "size of the drift", "static lag")
@@ -62,8 +62,6 @@ UNITS = dict.fromkeys((DRIFT, TURNED_ON, INITIAL, FLICKER), "deg/h")
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
 BEFORE, NOISE = "drift_rms_before.", "noise_rms."
 """Figures of the drift rms of a log and of the noise in it begin with these."""
-
-
 USED = tuple((sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0, -1.0))
 """Signed rates [°C/min] of the ramps on which the drift is used, and soaks [s] after them."""
 
@@ -79,7 +77,6 @@ class Ramp:
     """[3, p, p], see `RampBench.ramp`."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class RampBench(Bench):
     """Campaigns of a gyro on ramps, as the fit of the `bank` model with its priors will see them:
     sizes of turn-on biases and initial states are assumed, all others are the priors' medians.
@@ -90,18 +87,87 @@ class RampBench(Bench):
     [[A, B], [Bᵀ, C]] are the moments of the rows, C of the errors of the log with precision D.
     """
 
-    rates: tuple[int, ...]
-    """Unsigned rates [°C/min] that chamber and device allow."""
+    results = {"drift": "deg/h", "drift at rest": "deg/h"}
+    units, default_degc = UNITS, (-40.0, 60.0)
+    files, noise_unit = (forms.FILE,), "deg/h"
+
+    def __init__(self, spec: FogThermalRecipe, task: Task) -> None:
+        """UsageError also for equipment that does not state drift and turn-on biases, from which
+        the priors follow, or that allows a single rate.
+        """
+        super().__init__(spec, task)
+        if not (self.device.size(*DRIFT) and self.device.size(*TURNED_ON)):
+            raise UsageError(
+                f"components of [device.{spec.procedure}]:"
+                f" {', '.join(f'{effect} of {group}' for group, effect in self.device.component)}",
+                hint="expected drift of coil and turn-on of log, with initial state and flicker of"
+                " log",
+            )
+        # unsigned [°C/min]
+        fastest = task.equipment.fastest(self.device)
+        self.rates = tuple(rate for rate in RATES if rate <= fastest)
+        if len(self.rates) < FEWEST_RATES:
+            raise UsageError(
+                f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
+                f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
+                hint="state the fastest ramp of chamber and device in the equipment file",
+            )
+
+    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], float]:
+        """White noise, and sizes of drift, turn-on bias and flicker noise of a run; UsageError for
+        one that does not state them.
+        """
+        (record,), levels = records, {form.name for form in forms.ON_LEVELS.values()}
+        model = next((fitted for fitted in record.models if fitted.form in levels), None)
+        if model is None:
+            raise UsageError(
+                "that run has no level, lagged or bank model of a gyro's drift, which states noise"
+                " and turn-on biases",
+                hint="name another run, or state the sizes in [device] of the equipment file",
+            )
+        parameters = {parameter.name: parameter.value for parameter in model.parameters}
+        figures = {figure.name: figure.value for figure in record.figures}
+        names = [name.removeprefix(BEFORE) for name in figures if name.startswith(BEFORE)]
+        squares = [figures[BEFORE + name] ** 2 - figures[NOISE + name] ** 2 for name in names]
+        turn_on = [value for name, value in figures.items() if name.startswith(TURN_ON)]
+        spread = float(np.std(turn_on, ddof=1)) if len(turn_on) > 1 else 0.0
+        sizes = {
+            DRIFT: max(float(np.mean(squares)), 0.0) ** 0.5 if squares else 0.0,
+            TURNED_ON: parameters.get("turn_on", spread),
+            FLICKER: parameters["flicker"],
+        }
+        dof = float(max(len(names) - 1, 1))
+        errors = [
+            ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=dof)
+            for (group, effect), value in sizes.items()
+            # what was not seen is as the equipment file states it
+            if value > 0.0
+        ]
+        white = float(
+            np.sqrt(parameters["white_variance"] * parameters["interval"] / self.device.noise_s)
+        )
+        return errors, white
+
+    def measured(self, logs: Sequence[Log]) -> tuple[Ramp, ...]:
+        """Ramps of logs, by the case temperature that was logged."""
+        measured = []
+        for log in logs:
+            examined = ramps.examine(self.spec, log)
+            refuse(examined.findings)
+            rates = [stretch.level for stretch in examined.held if stretch.kind == "ramp"]
+            means = ramps.block_means(log, self.spec, rated=False)[1]
+            measured.append(self.ramp(silent_log(log.file, means.time, means.case), *rates))
+        return tuple(measured)
 
     def log(self, rate: float, after_s: float) -> ThermalLog:
         """Log of a ramp at a signed rate [°C/min] with a soak [s] after it: the case follows the
         set point with its lag.
         """
-        start, end = self.assumed.range_degc if rate > 0.0 else self.assumed.range_degc[::-1]
+        start, end = self.range_degc if rate > 0.0 else self.range_degc[::-1]
         corners = np.cumsum([0.0, BEFORE_S, (end - start) / rate * SECONDS_PER_MINUTE, after_s])
         time = np.arange(0.0, corners[-1], BLOCK_S)
         chamber = np.interp(time, corners, [start, start, end, end]).astype(np.float64)
-        drivers = coil.path([(time, chamber)]).drivers(min(self.assumed.device.lags_s), None)
+        drivers = coil.path([(time, chamber)]).drivers(min(self.device.lags_s), None)
         return silent_log("", time, drivers.temperature)
 
     def columns(self, logs: Sequence[ThermalLog]) -> tuple[bank_fit.Problem, Array]:
@@ -110,8 +176,8 @@ class RampBench(Bench):
         """
         stacked = Stack.of_logs(logs)
         rows = WhitenedRows.of_stack(stacked, stacked.fitted)
-        block_s, drift = float(logs[0].time[1] - logs[0].time[0]), self.assumed.size(*DRIFT)
-        noise = BlockNoise(self.assumed.noise_of(block_s) ** 2, self.assumed.size(*FLICKER))
+        block_s, drift = float(logs[0].time[1] - logs[0].time[0]), self.device.size(*DRIFT)
+        noise = BlockNoise(self.device.noise_of(block_s) ** 2, self.device.size(*FLICKER))
         problem = bank_fit.state_problem(replace(rows, noise=noise), drift=drift)
         coefficients = np.zeros(len(BANK.terms))
         coefficients[BANK.part("s").start] = drift
@@ -125,7 +191,7 @@ class RampBench(Bench):
         prior = self.columns([self.log(*USED[0])])[0].prior
         theta = prior.mean.copy()
         for place, error in ((bank_fit.TURN_ON, TURNED_ON), (bank_fit.INITIAL, INITIAL)):
-            theta[place] = 2.0 * np.log(max(self.assumed.size(*error), LEAST_DPH))
+            theta[place] = 2.0 * np.log(max(self.device.size(*error), 1e-9))
         return np.exp(-evidence.log_variances(prior, theta))
 
     def ramp(self, log: ThermalLog, *rates: float) -> Ramp:
@@ -149,7 +215,7 @@ class RampBench(Bench):
         """(rate, soak after it) → ramp that the search takes."""
         ramps = {}
         signed = [sign * rate for rate in self.rates for sign in (1.0, -1.0)]
-        for rate, after_s in product(signed, self.assumed.device.dwell_s):
+        for rate, after_s in product(signed, self.device.dwell_s):
             ramps[rate, after_s] = self.ramp(self.log(rate, after_s), rate)
         return ramps
 
@@ -158,11 +224,15 @@ class RampBench(Bench):
         return (*(self.have or ()), *(design.rows or ()))
 
     def posterior(self, rows: Sequence[Ramp]) -> tuple[Array, Array]:
-        """Covariance [p, p] of coefficients and static lag, and the information [3, p, p] of ramps
-        on them.
+        """Covariance [p, p] of coefficients and static lag, and what of the information on them
+        each of `SOURCES` states [5, p, p].
         """
-        information = np.sum([ramp.information for ramp in rows], axis=0)
-        return invert(information.sum(axis=0) + np.diag(self.precision[:SHARED])), information
+        known = np.zeros((2, SHARED, SHARED))
+        for k, part in enumerate((range(len(BANK.terms)), range(len(BANK.terms), SHARED))):
+            known[k, part, part] = self.precision[part]
+        of_ramps = np.sum([ramp.information for ramp in rows], axis=0)
+        information = np.concatenate([of_ramps, known])
+        return invert(information.sum(axis=0)), information
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -171,7 +241,7 @@ class RampBench(Bench):
         """
         problem, columns = self.columns([self.log(*used) for used in USED])
         columns_of_ramps = [columns[rows, :SHARED] for rows in problem.stacked.log_rows]
-        z = np.linspace(*self.assumed.range_degc, LEVELS) - forward.ORIGIN_DEGC
+        z = np.linspace(*self.range_degc, LEVELS) - forward.ORIGIN_DEGC
         at_rest = np.zeros((LEVELS, SHARED))
         powers = np.arange(1, forward.POWERS + 1)
         at_rest[:, BANK.part("s")] = (z[:, None] / forward.SCALE_DEGC) ** powers
@@ -182,13 +252,10 @@ class RampBench(Bench):
         """Variances of each result, in the order of `SOURCES`: of the noise, of turn-on biases, of
         initial states, and of what is known of coefficients and static lag before any is measured.
         """
-        covariance, information = self.posterior(rows)
-        by_result, p = dict[str, Sources](), len(BANK.terms)
+        (covariance, information), by_result = self.posterior(rows), dict[str, Sources]()
         for name, slopes in self.slopes.items():
             pull = covariance @ slopes.T
-            by_log = np.sum(pull * (information @ pull), axis=1)
-            before = self.precision[:SHARED, None] * pull**2
-            parts = (*by_log, before[:p].sum(axis=0), before[p:].sum(axis=0))
+            parts = np.sum(pull * (information @ pull), axis=1)
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
@@ -210,7 +277,8 @@ class RampBench(Bench):
             return False
         rates = np.sort([rate for ramp in rows for rate in ramp.rates])
         for sizes in (rates[rates > 0.0], -rates[rates < 0.0][::-1]):
-            if np.sum(sizes[1:] > DIFFERENT * sizes[:-1]) + bool(sizes.size) < FEWEST_RATES:
+            # rates within a tenth are one
+            if np.sum(sizes[1:] > 1.1 * sizes[:-1]) + bool(sizes.size) < FEWEST_RATES:
                 return False
         return True
 
@@ -222,7 +290,7 @@ class RampBench(Bench):
         """Up to four rates of each direction; where something is measured already and withheld,
         also of one heating ramp more.
         """
-        sets = [rates for size in range(1, MOST + 1) for rates in combinations(self.rates, size)]
+        sets = [rates for size in range(1, 5) for rates in combinations(self.rates, size)]
         heating_surplus = (0, 1) if self.have and self.task.withheld else (0,)
         for heating, cooling in product(sets, [(), *sets]):
             if len(heating) - len(cooling) in heating_surplus:
@@ -237,9 +305,9 @@ class RampBench(Bench):
         """Heating and cooling ramps by turns, of unsigned rates [°C/min], with a soak after each;
         where nothing is withheld yet, with one heating ramp at the end that is.
         """
-        (low, high), clock = self.assumed.range_degc, Clock(self.task.equipment)
+        (low, high), clock = self.range_degc, Clock(self.task.equipment)
         heating, cooling = choice
-        clock.settle(self.assumed.device, low)
+        clock.settle(self.device, low)
         pairs = zip_longest(heating, [-rate for rate in cooling])
         by_turns = [float(rate) for pair in pairs for rate in pair if rate]
         recorded = [(rate, "") for rate in by_turns]
@@ -271,80 +339,20 @@ def silent_log(name: str, time: Array, case: Array) -> ThermalLog:
     return ThermalLog(name, time, case, case, none, none.astype(np.int64))
 
 
-def prepare_plan(spec: FogThermalRecipe, task: Task) -> RampBench:
-    """What the search needs; UsageError for what cannot be planned."""
-    device = task.equipment.known_device(spec.procedure, "deg/h")
-    noise, earlier = None, list[ErrorComponent]()
-    for record in read_earlier(task, spec.procedure, forms.FILE):
-        noise, earlier = read_run(record, device.noise_s)
-    assumed = assume(
-        spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier, noise=noise
-    )
-    if not (assumed.size(*DRIFT) and assumed.size(*TURNED_ON)):
-        raise UsageError(
-            f"components of [device.{spec.procedure}]:"
-            f" {', '.join(f'{effect} of {group}' for group, effect in assumed.errors)}",
-            hint="expected drift of coil and turn-on of log, with initial state and flicker of log",
-        )
-    rates = tuple(rate for rate in RATES if rate <= task.equipment.fastest(device))
-    if len(rates) < FEWEST_RATES:
-        raise UsageError(
-            f"fastest_degc_per_min leaves one of the rates {', '.join(map(str, RATES))} °C/min,"
-            f" expected {FEWEST_RATES}: a fit leaves out a ramp of each direction",
-            hint="state the fastest ramp of chamber and device in the equipment file",
-        )
-    bench, measured = RampBench(spec, task, assumed, RESULTS, None, rates=rates), list[Ramp]()
-    for log in task.have:
-        examined = ramps.examine(spec, log)
-        refuse(examined.findings)
-        found = [stretch.level for stretch in examined.held if stretch.kind == "ramp"]
-        blocks = ramps.block_means(log, spec, rated=False)[1]
-        measured.append(bench.ramp(silent_log(log.file, blocks.time, blocks.case), *found))
-    return replace(bench, have=tuple(measured))
-
-
-def read_run(record: Record | StageResult, noise_s: float) -> tuple[float, list[ErrorComponent]]:
-    """White noise [°/h] of the mean over a time [s], and sizes of drift, turn-on bias and flicker
-    noise of a run; UsageError for one that does not state them.
-    """
-    levels = {form.name for form in forms.ON_LEVELS.values()}
-    model = next((fitted for fitted in record.models if fitted.form in levels), None)
-    if model is None:
-        raise UsageError(
-            "that run has no level, lagged or bank model of a gyro's drift, which states noise and"
-            " turn-on biases",
-            hint="name another run, or state the sizes in [device] of the equipment file",
-        )
-    parameters = {parameter.name: parameter.value for parameter in model.parameters}
-    figures = {figure.name: figure.value for figure in record.figures}
-    names = [name.removeprefix(BEFORE) for name in figures if name.startswith(BEFORE)]
-    squares = [figures[BEFORE + name] ** 2 - figures[NOISE + name] ** 2 for name in names]
-    turn_on = [value for name, value in figures.items() if name.startswith(TURN_ON)]
-    spread = float(np.std(turn_on, ddof=1)) if len(turn_on) > 1 else 0.0
-    sizes = {
-        ("coil", "drift"): max(float(np.mean(squares)), 0.0) ** 0.5 if squares else 0.0,
-        ("log", "turn-on"): parameters.get("turn_on", spread),
-        ("log", "flicker"): parameters["flicker"],
-    }
-    white = float(np.sqrt(parameters["white_variance"] * parameters["interval"] / noise_s))
-    dof = float(max(len(names) - 1, 1))
-    return white, [
-        ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=dof)
-        for (group, effect), value in sizes.items()
-        # what was not seen is as the equipment file states it
-        if value > 0.0
-    ]
+prepare_plan = RampBench
 
 
 def simulate_plan(
     spec: FogThermalRecipe,  # noqa: ARG001 (as every planner's)
     schedule: Schedule,
-    document: Mapping[str, Any],  # noqa: ARG001 (as every planner's)
+    device: Device,
     seed: int,
 ) -> Campaign:
-    """Logs of a simulated gyro on the ramps of a schedule, and its truth."""
-    device, chamber = FogGyro.draw(seed), Chamber()
-    runs = {}
+    """Logs of a simulated gyro on the ramps of a schedule, with the noise, the turn-on bias, the
+    drift and the lag of the case that the plan assumes, and its truth, which states what it does
+    not take from the plan.
+    """
+    chamber, runs = Chamber(), dict[str, Programme]()
     for name, (before, ramp, after) in schedule.by_log().items():
         runs[name] = Programme.ramp(
             before.set_degc,
@@ -353,6 +361,24 @@ def simulate_plan(
             soak_before_s=before.duration_s,
             soak_after_s=after.duration_s,
         )
-    logs = simulated.logs(device, runs, seed, chamber)
-    columns = {name: log.columns for name, log in logs.items()}
-    return Campaign(columns, simulated.DECIMALS, simulated.describe(device, chamber, runs, logs))
+    gyro = replace(
+        FogGyro.draw(seed),
+        # the mean over an hour; IEEE Std 952: N/√τ
+        N=device.noise_of(SECONDS_PER_HOUR),
+        B=device.size(*FLICKER),
+        K=0.0,
+        turn_on_dph=device.size(*TURNED_ON),
+        tau_case_s=min(device.lags_s),
+    )
+    # the drift is proportional to its scale: its rms over the ramps, about the mean of each, is
+    # brought to the size that is assumed
+    drawn = simulated.logs(gyro, runs, seed, chamber).values()
+    drift_rms = rms(np.concatenate([log.drift - log.drift.mean() for log in drawn]))
+    gyro = gyro.scale_drift(drift_scale=device.size(*DRIFT) / drift_rms)
+    logs = simulated.logs(gyro, runs, seed, chamber)
+    not_of_the_plan = (
+        "the initial state of a log: each begins in equilibrium; the lags of the coil and the shape"
+        " of its drift, which are drawn; resolution of the gyro and the thermometer"
+    )
+    truth = simulated.describe(gyro, chamber, runs, logs) | {"not_of_the_plan": not_of_the_plan}
+    return Campaign({name: log.columns for name, log in logs.items()}, simulated.DECIMALS, truth)

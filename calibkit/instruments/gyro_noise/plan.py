@@ -4,25 +4,34 @@ No equation of rows tells it: the uncertainty of a term is the scatter of fits t
 deviations (`predict_terms`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.coefficients import Record, StageResult
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.instruments.gyro_noise.forms import read_term, term_name
 from calibkit.instruments.gyro_noise.recipe import GYRO, GyroNoiseRecipe, find_sensor
 from calibkit.numeric.noise.allan_fit import predict_terms
+from calibkit.planning.bench import (
+    NOISE,
+    Bench,
+    Design,
+    PredictedCoefficient,
+    Sources,
+    Task,
+    Tour,
+    earlier_error,
+)
+from calibkit.planning.equipment import Device
 from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import NOISE, Bench, Design, PredictedCoefficient, Sources, Tour
-from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 
-FILE = "gyro_noise.json"
 LOG = "static"
 GROUP = "record"
 INTERVAL_S = 1.0
@@ -46,6 +55,41 @@ U of the term.
 class RecordBench(Bench):
     """Records of gyros; rows are the number of samples of a log and their interval [s]."""
 
+    units, files, noise_unit = UNITS, ("gyro_noise.json",), "deg/h"
+
+    def __init__(self, spec: GyroNoiseRecipe, task: Task) -> None:
+        """UsageError also for a recipe of accelerometers."""
+        accelerometers = [
+            column for column in spec.noise.columns if find_sensor(column) is not GYRO
+        ]
+        if accelerometers:
+            raise UsageError(
+                f"a plan is for gyros; there is {', '.join(accelerometers)}",
+                hint="plan records of gyros alone",
+            )
+        super().__init__(spec, task)
+        self.terms = assumed_terms(self.device)
+        self.results = {WORDS[name]: LAWS[name].unit for name in self.terms}
+
+    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], None]:
+        """The largest of all gyros and logs of an earlier run."""
+        largest: dict[str, float] = {}
+        for figure in (figure for record in records for figure in record.figures):
+            name, _ = read_term(figure.name)
+            if name in TERMS and figure.unit == LAWS[name].unit:
+                largest[name] = max(figure.value, largest.get(name, 0.0))
+        return [
+            earlier_error(GROUP, WORDS[name], value, LAWS[name].unit)
+            for name, value in largest.items()
+        ], None
+
+    def measured(self, logs: Sequence[Log]) -> tuple[int, float]:
+        """The longest log."""
+        times = [values(log.frame, "time_s") for log in logs]
+        longest = max(times, key=lambda time: float(time[-1] - time[0]))
+        interval = float(np.median(np.diff(longest)))
+        return round(float(longest[-1] - longest[0]) / interval) + 1, interval
+
     def rows(self, design: Design) -> tuple[int, float]:
         """A fit judges each log alone."""
         rows: tuple[int, float] = design.rows or self.have
@@ -57,9 +101,9 @@ class RecordBench(Bench):
 
     def variances(self, rows: tuple[int, float]) -> dict[str, Sources]:
         """Variance of each term of one log."""
-        terms, recipe = assumed_terms(self.assumed), self.spec.noise
+        recipe = self.spec.noise
         u = predict_terms(
-            tuple((terms.get(law.name, 0.0) / law.scale) ** 2 for law in GYRO.laws),
+            tuple((self.terms.get(law.name, 0.0) / law.scale) ** 2 for law in GYRO.laws),
             *rows,
             spacing=recipe.spacing,
             points=recipe.points,
@@ -67,19 +111,19 @@ class RecordBench(Bench):
         return {
             WORDS[law.name]: {NOISE: np.array([(law.scale * size) ** 2])}
             for law, size in zip(GYRO.laws, u, strict=True)
-            if law.name in terms
+            if law.name in self.terms
         }
 
     def coefficients(self, rows: tuple[int, float]) -> Iterator[PredictedCoefficient]:
         """The terms of one log."""
         results = self.predict(rows)
-        for name in assumed_terms(self.assumed):
+        for name in self.terms:
             result = results[WORDS[name]]
             yield PredictedCoefficient("gyro_noise", term_name(name, LOG), result.unit, result.u)
 
     def design(self, degc: Tour, choice: None, dwell_s: float) -> Design:  # noqa: ARG002 (as of Bench)
         """One log at the reference temperature, after the instrument has warmed up."""
-        device, clock = self.assumed.device, Clock(self.task.equipment)
+        device, clock = self.device, Clock(self.task.equipment)
         clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
         log = self.task.name_log(f"{LOG}.csv")
         clock.add("soak", dwell_s, log)
@@ -89,8 +133,7 @@ class RecordBench(Bench):
 
     def notes(self, campaign: Design) -> Iterator[str]:
         """Terms that a log hardly shows, and the sampling that was assumed."""
-        terms = assumed_terms(self.assumed)
-        for name, value in terms.items():
+        for name, value in self.terms.items():
             result = campaign.results[WORDS[name]]
             if value < SHOWN * result.expanded:
                 yield (
@@ -98,57 +141,25 @@ class RecordBench(Bench):
                     " observable in this log: log for longer"
                 )
         sizes = ", ".join(
-            f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in terms.items()
+            f"{WORDS[name]} {value:.3g} {LAWS[name].unit}" for name, value in self.terms.items()
         )
         yield f"planned for a sample every {INTERVAL_S:g} s and terms as assumed: {sizes}"
 
 
-def prepare_plan(spec: GyroNoiseRecipe, task: Task) -> RecordBench:
-    """What the search needs; UsageError for what cannot be planned."""
-    device = task.equipment.known_device(spec.procedure, "deg/h")
-    accelerometers = [column for column in spec.noise.columns if find_sensor(column) is not GYRO]
-    if accelerometers:
-        raise UsageError(
-            f"a plan is for gyros; there is {', '.join(accelerometers)}",
-            hint="plan records of gyros alone",
-        )
-    # the largest of all gyros and logs of an earlier run
-    largest: dict[str, float] = {}
-    for record in read_earlier(task, spec.procedure, FILE):
-        for figure in record.figures:
-            name, _ = read_term(figure.name)
-            if name in TERMS and figure.unit == LAWS[name].unit:
-                largest[name] = max(figure.value, largest.get(name, 0.0))
-    earlier = [
-        ErrorComponent(
-            group=GROUP, effect=WORDS[name], value=value, unit=LAWS[name].unit, dof=EARLIER_DOF
-        )
-        for name, value in largest.items()
-    ]
-    assumed = assume(spec, task, device, UNITS, earlier=earlier)
-    results = {WORDS[name]: LAWS[name].unit for name in assumed_terms(assumed)}
-    have = None
-    if task.have:
-        times = [values(log.frame, "time_s") for log in task.have]
-        longest = max(times, key=lambda time: float(time[-1] - time[0]))
-        interval = float(np.median(np.diff(longest)))
-        have = round(float(longest[-1] - longest[0]) / interval) + 1, interval
-    return RecordBench(spec, task, assumed, results, have)
+prepare_plan = RecordBench
 
 
-def assumed_terms(assumed: Assumed) -> dict[str, float]:
+def assumed_terms(device: Device) -> dict[str, float]:
     """Noise terms that are assumed, by name."""
-    sizes = {name: assumed.size(GROUP, WORDS[name]) for name in TERMS}
+    sizes = {name: device.size(GROUP, WORDS[name]) for name in TERMS}
     # the mean over an hour; IEEE Std 952: N/√τ
-    sizes[WALK] = sizes[WALK] or assumed.noise_of(SECONDS_PER_HOUR)
+    sizes[WALK] = sizes[WALK] or device.noise_of(SECONDS_PER_HOUR)
     return {name: size for name, size in sizes.items() if size > 0.0}
 
 
-def simulate_plan(
-    spec: GyroNoiseRecipe, schedule: Schedule, assumed: Assumed, seed: int
-) -> Campaign:
+def simulate_plan(spec: GyroNoiseRecipe, schedule: Schedule, device: Device, seed: int) -> Campaign:
     """Log of gyros with the noise terms that the plan assumes."""
-    rng, drawn = np.random.default_rng(seed), assumed_terms(assumed)
+    rng, drawn = np.random.default_rng(seed), assumed_terms(device)
     terms = dict.fromkeys(TERMS, 0.0) | drawn
     (record,) = schedule.recorded("soak")
     samples = round(record.duration_s / INTERVAL_S)

@@ -10,23 +10,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from itertools import chain, combinations, product
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.coefficients import Record, StageResult
 from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.solve import Fit, predict
+from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import equation, forms, simulate, table_runs
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
-from calibkit.planning.equipment import RateTable
-from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import (
+from calibkit.planning.bench import (
     LEVELS,
     ONE_LEVEL_DEGC,
     WITHHELD,
@@ -34,26 +34,21 @@ from calibkit.planning.search import (
     Design,
     PredictedCoefficient,
     Sources,
+    Task,
     Tour,
+    Units,
     count,
+    earlier_error,
     join,
     split_variance,
     total_variance,
 )
-from calibkit.planning.task import EARLIER_DOF, Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.planning.equipment import Device
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
 Spec = RateTableRecipe | GyroTriadRecipe | GyroPairRecipe
-
-
-RANGE_DEGC = (-40.0, 60.0)
-SETTLE_S = 6.0
-"""Time of a hold [s] in which the table settles; more than a whole revolution stays."""
-SPARE = 1.02
-"""Share of a revolution that a slow rate is held for."""
-START_S = 3.0
-"""Time of a log before the table turns."""
 SCALE, ZERO, ANGLE, RATIO = "scale factor", "zero", "angle", "N"
 UNIT = {SCALE: "ppm", ZERO: "deg/h", ANGLE: "deg", RATIO: "ppm"}
 """Results, and their units; an angle is that between two input axes."""
@@ -67,14 +62,6 @@ UNITS = {
     RESPONSE: "deg/h",
 }
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
-UNITS_OF_PAIRS = UNITS | {TEMPERATURE: "degC"}
-OFF_LINE = "linearity_error_rms."
-"""Figures of what held rates are off the line of their run begin with this [°/s]."""
-ACROSS = 0.1
-"""Scale factor, relative to the largest, below which a gyro was turned across its axis alone."""
-MOUNTED_RAD = 3e-3
-"""Standard deviation of the angles of simulated input axes to those of their base."""
-DEG_PER_PPM = float(np.degrees(1.0 / PPM))
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +72,7 @@ class Holds(equation.RateRows):
     """Of the mean over each hold [°/s]."""
 
 
-def planned_holds(schedule: Schedule, assumed: Assumed, find_line: Callable[[str], int]) -> Holds:
+def planned_holds(schedule: Schedule, device: Device, find_line: Callable[[str], int]) -> Holds:
     """Holds of a schedule as the fit will see them: means over whole revolutions. The number of the
     table axis of a log is found by its name.
     """
@@ -98,33 +85,101 @@ def planned_holds(schedule: Schedule, assumed: Assumed, find_line: Callable[[str
             turn_s = REVOLUTION_DEG / abs(rate_dps)
             used_s = np.floor((hold.duration_s - 1.0) / turn_s) * turn_s
             hours = (hold.start_s + hold.duration_s / 2.0 - middle_s) / SECONDS_PER_HOUR
-            noise = assumed.noise_of(used_s)
+            noise = device.noise_of(used_s)
             holds.append((rate_dps, rate_dps, run, hold.set_degc, hours, line, line, noise))
     return Holds(*map(np.array, zip(*holds, strict=True)))
 
 
-@dataclass(frozen=True, kw_only=True)
 class GyroBench(Bench):
     """Campaigns of gyros that are turned about one table axis."""
 
-    names: ClassVar[tuple[str, ...]] = (SCALE, ZERO)
-    """Of the results."""
-    axes: ClassVar[tuple[str, ...]] = ("",)
+    results: Mapping[str, str] = {SCALE: UNIT[SCALE], ZERO: UNIT[ZERO]}
+    units: Units = UNITS
+    default_degc: tuple[float, float] | None = (-40.0, 60.0)
+    files, noise_unit = (forms.SCALE_FILE,), "deg/s"
+    axes: tuple[str, ...] = ("",)
     """Table axes about which the base is turned, one mounting each."""
-    withheld: ClassVar[int] = 3
+    withheld = 3
     """Mountings, the first ones, in which a run is withheld, where nothing is yet."""
-    table: RateTable
-    reference_degc: float
-    measured: Mapping[str, Sequence[float]]
-    """Table axis → temperatures [°C] of the runs about it that are measured."""
 
-    def lines(self, holds: Holds, degc: Array) -> tuple[Fit, Array, Array]:
-        """What holds will tell, and the derivatives [axes, m, p] by which scale factors [ppm] and
-        zeros [°/h] follow at temperatures [m] [°C]: of the best straight line about each axis.
+    def __init__(self, spec: Spec, task: Task) -> None:
+        """UsageError also for equipment without a rate table; FitError for measured logs that a fit
+        refuses, or without temperatures.
+        """
+        super().__init__(spec, task)
+        if task.equipment.rate_table is None:
+            raise UsageError(
+                "a plan of gyros needs [rate_table] in the equipment file",
+                hint="see calibkit plan --print-equipment",
+            )
+        self.table = task.equipment.rate_table
+        self.order = self.device.order
+        self.not_stated = self.units.keys() - spec.component_units.keys()
+        self.reference_degc: float = np.clip(spec.reference_temp_degc, *self.range_degc)
+        # runs that are measured, with their table axes
+        self.runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
+        for _, run in self.runs:
+            if not np.isfinite(run.plateaus.temp_degc).all():
+                raise FitError(
+                    f"{run.log.file}: no case temperature, expected one to plan what is missing",
+                    hint="map it under [columns.temp_case_degc], or plan without --have",
+                )
+
+    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], None]:
+        """Also, as the response at a rate, what held rates are off the line of their run, with the
+        noise of the holds in it.
+        """
+        errors, _ = super().seen(records)
+        for record in records:
+            off_line_dps = [
+                figure.value
+                for figure in record.figures
+                if figure.name.startswith("linearity_error_rms.")
+            ]
+            response_dph = rms(off_line_dps) * DPH_PER_DPS
+            errors.append(earlier_error(*RESPONSE, response_dph, UNITS[RESPONSE]))
+        return errors, None
+
+    def measured_degc(self, axis: str) -> list[float]:
+        """Temperatures [°C] of the runs about a table axis that are measured."""
+        return [run.temp_degc for run_axis, run in self.runs if run_axis == axis]
+
+    def measured(self, logs: Sequence[Log]) -> Holds:  # noqa: ARG002 (they are fitted as `runs`)
+        """Holds of each run, and the noise of the gyro that shows most of it; FitError for runs
+        about an axis in one direction.
+        """
+        K = np.array([np.abs(run.slopes) for _, run in self.runs]).max(axis=0)
+        # a gyro that was turned across its own axis alone is taken to be like the others
+        K = np.where(0.1 * K.max() < K, K, K.max())
+        usual, parts = self.device.noise_of(min(self.device.dwell_s)), []
+        for axis, run in self.runs:
+            plateaus, rate = run.plateaus, run.plateaus.rate_dps
+            noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
+            # of a log of one row per hold no noise is known
+            noise = np.where(noise > 0.0, noise, usual)
+            first = np.zeros(noise.size, dtype=np.int64)
+            line = first + self.axes.index(axis)
+            columns = rate, rate, first, plateaus.temp_degc, plateaus.hours, line, line, noise
+            parts.append(Holds(*columns))
+        holds: Holds = join(parts)
+        for line_number in set(holds.line.tolist()):
+            rates = holds.rate_dps[holds.line == line_number]
+            if not equation.turns_both_ways(rates):
+                raise FitError(
+                    f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine"
+                    " the scale factor and its errors, expected rates of both signs",
+                    hint="measure this run again",
+                )
+        return holds
+
+    def results_at(self, holds: Holds, degc: Array, order: int) -> dict[str, Sources]:
+        """Variances of each result at temperatures [m] [°C], by what holds will tell of polynomials
+        of an order, and by the derivatives [axes, m, p] by which scale factors [ppm] and zeros
+        [°/h] follow: of the best straight line about each axis.
         """
         rate, axes = holds.rate_dps, len(self.axes)
         shapes = (equation.ASYMMETRY,) if np.ptp(np.abs(rate)) > 0.0 else ()
-        terms = equation.ResponseTerms(axes, self.order, self.assumed.middle_half, shapes)
+        terms = equation.ResponseTerms(axes, order, self.middle_half, shapes)
         # of temperatures that change within runs a plan knows nothing
         shared = [
             error
@@ -134,24 +189,24 @@ class GyroBench(Bench):
         fit = predict(
             partial(equation.residual, rows=holds, terms=terms),
             terms.start,
-            self.assumed.state(shared),
+            self.device.state(shared),
             noise=holds.noise,
             names=terms.names * terms.lines,
         )
         line = equation.best_line(terms, rate)
-        powers = polynomial.powers(terms.mapped(degc), self.order)
+        powers = polynomial.powers(terms.mapped(degc), order)
         scale, zero = derivative(
             lambda p: np.stack([part @ powers.T for part in line(p)]), terms.start
         )
-        return fit, PPM * scale, DPH_PER_DPS * zero
+        return self.results_of(fit, PPM * scale, DPH_PER_DPS * zero)
 
     def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:
-        """Variances of each result from `lines`."""
+        """Variances of each result by what a fit tells, and by the derivatives of `results_at`."""
         return {SCALE: split_variance(fit, scale[0]), ZERO: split_variance(fit, zero[0])}
 
     def variances(self, rows: Holds) -> dict[str, Sources]:
         """Variances of each result over the range of use."""
-        return self.results_of(*self.lines(rows, np.linspace(*self.assumed.range_degc, LEVELS)))
+        return self.results_at(rows, np.linspace(*self.range_degc, LEVELS), self.order)
 
     def angle(
         self, fit: Fit, scale: Array, own_axis_errors: Sequence[tuple[str, str]], mountings: int
@@ -159,10 +214,10 @@ class GyroBench(Bench):
         """Variances [°²] of what gyros show about an axis across their own, by derivatives [m, p]
         of scale factors [ppm], without `own_axis_errors`, which matter along the own axis alone.
         """
-        sources = split_variance(fit, DEG_PER_PPM * scale)
+        sources = split_variance(fit, np.degrees(scale / PPM))
         for group, effect in own_axis_errors:
             sources.pop(f"{effect} of the {group}", None)
-        mounted = np.full(len(scale), mountings * self.assumed.size(*MOUNTING) ** 2)
+        mounted = np.full(len(scale), mountings * self.device.size(*MOUNTING) ** 2)
         return sources | {"angle of the mounting": mounted}
 
     def temperatures(self, rows: Holds) -> list[Array]:
@@ -171,16 +226,10 @@ class GyroBench(Bench):
 
     def coefficients(self, rows: Holds) -> Iterator[PredictedCoefficient]:
         """K and F0 of each gyro at the reference temperature."""
-        variances = self.results_of(*self.lines(rows, np.array([self.reference_degc])))
+        variances = self.results_at(rows, np.array([self.reference_degc]), self.order)
         for gyro, (letter, name) in product(self.spec.gyros, (("K", SCALE), ("F0", ZERO))):
             u = float(np.sqrt(total_variance(variances[name]))[0])
             yield PredictedCoefficient(f"gyro_{gyro}", letter, UNIT[name], u)
-
-    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
-        """Errors that a recipe of these gyros can state."""
-        stated = self.spec.component_units
-        errors = super().passed_on(campaign)
-        return [error for error in errors if (error.group, error.effect) in stated]
 
     def choices(self) -> Iterator[tuple[int, ...]]:
         """Rates [°/s] up to the fastest, in even steps so that a bend of the response shows."""
@@ -198,9 +247,9 @@ class GyroBench(Bench):
         """Table axis → temperatures of its runs: those that were measured about other axes but not
         about this one, and those of a design.
         """
-        tours, measured_degc = {}, sorted(chain(*self.measured.values()))
+        tours, measured_degc = {}, sorted(chain(*map(self.measured_degc, self.axes)))
         for axis in self.axes:
-            axis_degc, lacking = [*self.measured.get(axis, ()), *degc], list[int]()
+            axis_degc, lacking = [*self.measured_degc(axis), *degc], list[int]()
             for level in measured_degc:
                 distances = [abs(level - axis_level) for axis_level in (*axis_degc, *lacking)]
                 if all(distance > ONE_LEVEL_DEGC for distance in distances):
@@ -216,22 +265,24 @@ class GyroBench(Bench):
         line_of, files = dict[str, int](), dict[str, str]()
         for number, (axis, tour) in enumerate(tours.items()):
             if number > 0:
-                clock.remount(self.task.equipment.fastest(self.assumed.device))
+                clock.remount(self.task.equipment.fastest(self.device))
             stem = self.task.name_log(f"about_{axis}" if axis else "run")
             files[axis] = f"{stem}_*.csv"
             runs = [(level, f"{stem}_{k + 1:02d}_{level}.csv") for k, level in enumerate(tour)]
             if not self.task.withheld and number < self.withheld:
-                lowest = sorted({*tour, *map(round, self.measured.get(axis, ()))})[:2]
+                lowest = sorted({*tour, *map(round, self.measured_degc(axis))})[:2]
                 withheld_degc = round(sum(lowest) / len(lowest))
                 runs.insert(1, (withheld_degc, f"{WITHHELD}{stem}_{withheld_degc}.csv"))
             for level, log in runs:
                 line_of[log] = self.axes.index(axis)
-                clock.settle(self.assumed.device, level)
-                clock.now_s += START_S
+                clock.settle(self.device, level)
+                # the table rests for 3 s, and settles for 6 s of a hold: of a slow rate more than a
+                # whole revolution stays
+                clock.now_s += 3.0
                 for before, rate in zip((0.0, *signed), signed, strict=False):
                     clock.now_s += abs(rate - before) / self.table.acceleration_dps2
-                    turn_s = SPARE * REVOLUTION_DEG / abs(rate)
-                    clock.add("rate", max(dwell_s, SETTLE_S + turn_s), log, table_rate_dps=rate)
+                    turn_s = 1.02 * REVOLUTION_DEG / abs(rate)
+                    clock.add("rate", max(dwell_s, 6.0 + turn_s), log, table_rate_dps=rate)
         levels = count(len({*chain(*tours.values())}), "temperature")
         axes_text = f", about {len(tours)} {'axis' if len(tours) == 1 else 'axes'}"
         label = (
@@ -239,7 +290,7 @@ class GyroBench(Bench):
             f" {levels}{axes_text if len(self.axes) > 1 else ''}, holds of {dwell_s:g} s"
         )
         schedule = clock.schedule()
-        rows = planned_holds(schedule, self.assumed, line_of.__getitem__)
+        rows = planned_holds(schedule, self.device, line_of.__getitem__)
         return Design(label, schedule, tuple(files.values()), rows, self.changes(files))
 
     def changes(self, files: Mapping[str, str]) -> dict[str, Any]:  # noqa: ARG002 (as of more axes)
@@ -247,11 +298,11 @@ class GyroBench(Bench):
         return {}
 
 
-@dataclass(frozen=True, kw_only=True)
 class ThreeAxesBench(GyroBench):
     """Campaigns of gyros that are turned about three table axes."""
 
-    names, axes = (SCALE, ANGLE), forms.AXES
+    results = {SCALE: UNIT[SCALE], ANGLE: UNIT[ANGLE]}
+    axes = forms.AXES
 
     def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:  # noqa: ARG002
         """Variances of the scale factor of the axis that is known worst, and of the angle between
@@ -274,9 +325,8 @@ class ThreeAxesBench(GyroBench):
             near_reference |= np.abs(degc - nearest) <= ONE_LEVEL_DEGC
         columns = {field.name: getattr(rows, field.name)[near_reference] for field in fields(rows)}
         columns["run"] = np.unique(columns["run"], return_inverse=True)[1]
-        at_one = replace(self, order=0)
-        lines = at_one.lines(Holds(**columns), np.array([self.reference_degc]))
-        u = float(np.sqrt(total_variance(at_one.results_of(*lines)[ANGLE]))[0])
+        results = self.results_at(Holds(**columns), np.array([self.reference_degc]), 0)
+        u = float(np.sqrt(total_variance(results[ANGLE]))[0])
         for a, b in combinations(self.spec.gyros, 2):
             yield PredictedCoefficient("triad", f"orthogonality_error_deg.{a}_{b}", "deg", u)
 
@@ -288,19 +338,34 @@ class ThreeAxesBench(GyroBench):
         return {"axes": axis_files}
 
 
-@dataclass(frozen=True, kw_only=True)
 class PairBench(GyroBench):
     """Campaigns of two gyros at one temperature, a run about the axis of each."""
 
-    names, axes = (RATIO, ANGLE), ("a", "b")
-    withheld = 1
+    results = {RATIO: UNIT[RATIO], ANGLE: UNIT[ANGLE]}
+    units, default_degc = UNITS | {TEMPERATURE: "degC"}, None
+    axes, withheld = ("a", "b"), 1
+
+    def __init__(self, spec: Spec, task: Task) -> None:
+        """At the temperature of what is measured; FitError also for two runs about one axis."""
+        super().__init__(spec, task)
+        self.order = 0
+        # a fit of a pair sees the scale of its runs in their scatter, and the mounting not
+        self.not_stated = self.units.keys() - {MOUNTING}
+        if len({axis for axis, _ in self.runs}) < len(self.runs):
+            raise FitError(
+                f"{len(self.runs)} logs, expected one of each table axis",
+                hint="name the log of each axis under [pair]",
+            )
+        if self.runs:
+            self.reference_degc = float(np.mean([run.temp_degc for _, run in self.runs]))
+            self.range_degc = self.reference_degc, self.reference_degc
 
     def results_of(self, fit: Fit, scale: Array, zero: Array) -> dict[str, Sources]:  # noqa: ARG002
         """Variances of N, and of the angle that B shows about A's axis, where it turns little and
         neither scale factor nor response matters.
         """
         a, b = scale
-        difference_degc = np.sqrt(2.0) * self.assumed.size(*TEMPERATURE)
+        difference_degc = np.sqrt(2.0) * self.device.size(*TEMPERATURE)
         of_temperature = np.full(len(a), (PPM * difference_degc * scale_per_degc(self.spec)) ** 2)
         ratio = split_variance(fit, b - a) | {"temperature of the run": of_temperature}
         return {RATIO: ratio, ANGLE: self.angle(fit, a, [RUN_SCALE, RESPONSE], mountings=1)}
@@ -311,11 +376,6 @@ class PairBench(GyroBench):
         yield PredictedCoefficient("pair", "N", "1", results[RATIO].u / PPM)
         yield PredictedCoefficient("pair", "alpha_deg", "deg", results[ANGLE].u)
 
-    def passed_on(self, campaign: Design) -> list[ErrorComponent]:
-        """A fit of a pair sees the scale of its runs in their scatter, and the mounting not."""
-        errors = super().passed_on(campaign)
-        return [error for error in errors if (error.group, error.effect) == MOUNTING]
-
     def tours(self) -> list[Tour]:
         """One run about each axis: none about one that is measured."""
         return [degc for degc in super().tours() if not (degc and self.task.have)]
@@ -325,90 +385,10 @@ class PairBench(GyroBench):
         return {"pair": {f"axis_{axis}": file for axis, file in files.items()}}
 
 
-BENCHES = {"rate_table": GyroBench, "gyro_triad": ThreeAxesBench, "gyro_pair": PairBench}
-"""Procedure → its campaigns."""
-
-
 def prepare_plan(spec: Spec, task: Task) -> GyroBench:
-    """What the search needs.
-
-    Raises UsageError for equipment without a rate table, and for a run of no gyro on one; FitError
-    for measured logs that a fit refuses, or runs about an axis in one direction.
-    """
-    device, table = task.equipment.known_device(spec.procedure, "deg/s"), task.equipment.rate_table
-    if table is None:
-        raise UsageError(
-            "a plan of gyros needs [rate_table] in the equipment file",
-            hint="see calibkit plan --print-equipment",
-        )
-    bench, pair = BENCHES[spec.procedure], isinstance(spec, GyroPairRecipe)
-
-    # Of an earlier run: errors that were seen, and as the response at a rate what held rates are
-    # off the line of their run, with the noise of the holds in it.
-    records = read_earlier(task, "rate_table, gyro_triad or gyro_pair", forms.SCALE_FILE)
-    earlier, (group, effect) = seen_errors(records), RESPONSE
-    for record in records:
-        line_errors_dps = [
-            figure.value for figure in record.figures if figure.name.startswith(OFF_LINE)
-        ]
-        value = rms(line_errors_dps) * DPH_PER_DPS
-        earlier.append(
-            ErrorComponent(group=group, effect=effect, value=value, unit="deg/h", dof=EARLIER_DOF)
-        )
-    units, default_degc = (UNITS_OF_PAIRS, None) if pair else (UNITS, RANGE_DEGC)
-    assumed = assume(spec, task, device, units, default_degc=default_degc, earlier=earlier)
-
-    # What is measured: the holds of each run, and the noise of the gyro that shows most of it.
-    runs = [(spec.find_axis(log.file), table_runs.fit_run(spec, log)) for log in task.have]
-    K = np.array([np.abs(run.slopes) for _, run in runs]).max(axis=0, initial=0.0)
-    # a gyro that was never turned about its own axis is taken to be like the others
-    K = np.where(ACROSS * K.max(initial=0.0) < K, K, K.max(initial=0.0))
-    parts, measured = [], dict[str, list[float]]()
-    for axis, run in runs:
-        plateaus, rate = run.plateaus, run.plateaus.rate_dps
-        if not np.isfinite(plateaus.temp_degc).all():
-            raise FitError(
-                f"{run.log.file}: no case temperature, expected one to plan what is missing",
-                hint="map it under [columns.temp_case_degc], or plan without --have",
-            )
-        noise = np.sqrt(np.mean((plateaus.standard_uncertainty / K) ** 2, axis=1))
-        # of a log of one row per hold no noise is known
-        noise = np.where(noise > 0.0, noise, assumed.noise_of(min(device.dwell_s)))
-        first = np.zeros(noise.size, dtype=np.int64)
-        line = first + bench.axes.index(axis)
-        parts.append(
-            Holds(rate, rate, first, plateaus.temp_degc, plateaus.hours, line, line, noise)
-        )
-        measured.setdefault(axis, []).append(run.temp_degc)
-    have = join(parts)
-    for axis in measured:
-        rates = have.rate_dps[have.line == bench.axes.index(axis)]
-        if not equation.turns_both_ways(rates):
-            raise FitError(
-                f"held rates from {rates.min():.4g} to {rates.max():.4g} °/s do not determine the"
-                " scale factor and its errors, expected rates of both signs",
-                hint="measure this run again",
-            )
-    reference = float(np.clip(spec.reference_temp_degc, *assumed.range_degc))
-    if pair and runs:
-        if len(runs) > len(measured):
-            raise FitError(
-                f"{len(runs)} logs, expected one of each table axis",
-                hint="name the log of each axis under [pair]",
-            )
-        reference = float(np.mean([*measured.values()]))
-        assumed = replace(assumed, range_degc=(reference, reference))
-    return bench(
-        spec=spec,
-        task=task,
-        assumed=assumed,
-        results={name: UNIT[name] for name in bench.names},
-        have=have,
-        order=0 if pair else device.order,
-        table=table,
-        reference_degc=reference,
-        measured=measured,
-    )
+    """Campaigns of a gyro, of three gyros about three axes, or of two."""
+    benches = {"gyro_triad": ThreeAxesBench, "gyro_pair": PairBench}
+    return benches.get(spec.procedure, GyroBench)(spec, task)
 
 
 def scale_per_degc(spec: GyroPairRecipe) -> float:
@@ -419,7 +399,7 @@ def scale_per_degc(spec: GyroPairRecipe) -> float:
     return spec.pair.temperature_coefficient_uncertainty_ppm_degc / PPM / float(np.sqrt(2.0))
 
 
-def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -> Campaign:
+def simulate_plan(spec: Spec, schedule: Schedule, device: Device, seed: int) -> Campaign:
     """Logs of gyros on a table that was run by a schedule, with the errors of mountings and runs
     that the plan assumes, and their truth.
     """
@@ -429,13 +409,14 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
         # both gyros change with temperature alike
         per_degc = float(rng.normal(0.0, scale_per_degc(spec)))
         gyros = {name: replace(gyro, K_per_degc=per_degc) for name, gyro in gyros.items()}
-    directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, MOUNTED_RAD, (len(gyros), 3))
+    # input axes are within a few mrad of those of the base
+    directions = np.eye(3)[: len(gyros)] + rng.normal(0.0, 3e-3, (len(gyros), 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
     shortest_s = min(hold.duration_s for hold in schedule.recorded("rate"))
     table = simulate.TurnedTable(interval_s=1.0, shortest_hold_s=shortest_s)
     # the base is mounted with its axes, or with the axis of each gyro of a pair, along the table's
     mounted = directions if isinstance(spec, GyroPairRecipe) else np.eye(3)
-    tilts = np.radians(rng.normal(0.0, assumed.size(*MOUNTING), (3, 3)))
+    tilts = np.radians(rng.normal(0.0, device.size(*MOUNTING), (3, 3)))
     logs: dict[str, dict[str, Array]] = {}
     for log, actions in schedule.by_log().items():
         axis = spec.find_axis(log.removeprefix(WITHHELD))
@@ -451,11 +432,11 @@ def simulate_plan(spec: Spec, schedule: Schedule, assumed: Assumed, seed: int) -
             log_gyros[f"gyro_{name}_lsb"] = replace(
                 gyro,
                 axis=simulate.tilted(to_table_deg, rng.uniform(0.0, 360.0)),
-                K=gyro.K * (1.0 + rng.normal(0.0, assumed.size(*RUN_SCALE) / PPM)),
-                bias_dps=gyro.bias_dps + rng.normal(0.0, assumed.size(*RUN_ZERO) / DPH_PER_DPS),
+                K=gyro.K * (1.0 + rng.normal(0.0, device.size(*RUN_SCALE) / PPM)),
+                bias_dps=gyro.bias_dps + rng.normal(0.0, device.size(*RUN_ZERO) / DPH_PER_DPS),
             )
         degc = actions[0].set_degc - table.warming_degc / 2.0
-        degc += rng.normal(0.0, assumed.size(*TEMPERATURE))
+        degc += rng.normal(0.0, device.size(*TEMPERATURE))
         rates = [hold.table_rate_dps for hold in actions]
         logs[log] = simulate.run(log_gyros, table, rates, degc, rng)
     truth: dict[str, Any] = {

@@ -12,7 +12,6 @@ uncertain by both,
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
 
@@ -23,6 +22,7 @@ from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
+from calibkit.frame import Log
 from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
@@ -35,56 +35,67 @@ from calibkit.instruments.inclinometer.root_choice import (
 )
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
-from calibkit.planning.exchange import Pool
-from calibkit.planning.schedule import Clock, Schedule
-from calibkit.planning.search import (
+from calibkit.planning.bench import (
     LEVELS,
     WITHHELD,
     Bench,
     Design,
-    PredictedCoefficient,
     Sources,
+    Task,
     Tour,
     count,
     split_variance,
 )
-from calibkit.planning.task import Assumed, Task, assume, read_earlier, seen_errors
+from calibkit.planning.equipment import Device
+from calibkit.planning.exchange import Pool
+from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
 from calibkit.simulate.campaign import Campaign
 
-RANGE_DEGC = (20.0, 120.0)
-FIXTURE = "north"
-LOG = "stations.csv"
-RESULTS = {"azimuth": "deg", "scale factor": "ppm"}
-USED_DEG = (45.0, 90.0)
-"""Inclination and azimuth at which the azimuth is judged: where s matters."""
-PPM = 1e6
-STATIONS = (2, 3, 4, 6, 8, 12)
-"""Stations at each temperature."""
-SEED = 1
-"""Of the random starts of the search."""
-LEFT_OUT = 4
-"""Stations that are withheld."""
-NO_TURN_DEG = 1e-9
-"""Size of a turn of the gyro where none is assumed."""
 WALK, ACCEL = ("reading", "bias walk"), ("reading", "accelerometer noise")
 INDEX, SCATTER = ("position", "index"), ("station", "scale")
 TURN, OF_LOG = ("mounting", "gyro turn"), ("log", "scale")
 UNITS = {WALK: "deg/h", ACCEL: "g", INDEX: "deg", SCATTER: "1", TURN: "deg", OF_LOG: "1"}
 """(group, effect) of the errors that can be assumed, and the units they are stated in."""
 OF_TURN = "gyro turn of the mounting"
-PER_DEGC = 3e-5
-"""Standard deviation of the change of a simulated s with temperature [1/°C]."""
-REACHED_DEGC = 0.1
-"""Standard deviation of the temperature that is reached."""
 
 
-@dataclass(frozen=True, kw_only=True)
 class StationBench(Bench):
     """Campaigns of an inclinometer."""
 
-    places: Array
-    """[n, 2], inclination and azimuth [°] that the fixture has."""
+    results = {"azimuth": "deg", "scale factor": "ppm"}
+    units, default_degc = UNITS, (20.0, 120.0)
+    files, noise_unit = (FILE,), "deg/h"
+
+    def __init__(self, spec: InclinometerRecipe, task: Task) -> None:
+        """Of the order of the recipe, or of the equipment where the fit chooses it."""
+        super().__init__(spec, task)
+        order = spec.scale.order
+        self.order = self.device.order if order == "auto" else order
+        self.polynomials = [(axis, "s", "1", self.order + 1) for axis in spec.axes]
+        # inclinations and azimuths [n, 2] [°] that the fixture has
+        self.fixture = task.equipment.fixture("north")
+        step = self.fixture.step_deg
+        places = product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))
+        self.places: Array = np.array([*places])
+
+    def measured(self, logs: Sequence[Log]) -> StationRoots:
+        """Stations of the sensor pair that tells less; FitError without temperatures."""
+        admitted, _ = stations.admit_logs(list(logs), self.spec)
+        rows = stations.gather_rows(admitted, self.spec.on_site())
+        measured = stations.solve_components(rows, self.spec)
+        if not np.isfinite(measured.temperature).all():
+            raise FitError(
+                f"{logs[0].file}: no case temperature, expected one to plan what is missing",
+                hint="map it under [columns.temp_case_degc], or plan without --have",
+            )
+        pairs, scatter = [], self.device.size(*SCATTER)
+        for axis in self.spec.axes:
+            u, by_turn, _ = self.judge_roots(measured.components[axis], measured.status[axis])
+            used = np.isfinite(u)
+            x, s = self.mapped(measured.temperature[used]), np.ones(int(used.sum()))
+            pairs.append(StationRoots(s, u[used], x, by_turn[used], measured.log[used]))
+        return min(pairs, key=lambda roots: float(np.sum(1.0 / (roots.u**2 + scatter**2))))
 
     @cached_property
     def roots_by_dwell_s(self) -> dict[float, tuple[Array, Array]]:
@@ -92,10 +103,10 @@ class StationBench(Bench):
         would use its root by the history of s alone.
         """
         by_dwell_s = {}
-        for dwell_s in self.assumed.device.dwell_s:
+        for dwell_s in self.device.dwell_s:
             # half differences of two positions; the bias walks over both steps between them
-            gyro = (self.assumed.noise_of(dwell_s) ** 2 + self.assumed.size(*WALK) ** 2) / 2.0
-            accel = self.assumed.size(*ACCEL) ** 2 / 2.0
+            gyro = (self.device.noise_of(dwell_s) ** 2 + self.device.size(*WALK) ** 2) / 2.0
+            accel = self.device.size(*ACCEL) ** 2 / 2.0
             variances = np.array([accel, accel, gyro, gyro])
             parts = ideal_components(self.places, self.spec.site.latitude_deg, variances)
             u, by_turn, unambiguous = self.judge_roots(parts)
@@ -115,7 +126,7 @@ class StationBench(Bench):
         rows = np.arange(column.size)
         used = roots.usable[rows, column] & np.array([not reason for reason in roots.status])
         by_turn, by_index = np.radians(mounting_slopes(parts, roots.slopes[rows, column, :4]))
-        index = by_index * self.assumed.size(*INDEX)
+        index = by_index * self.device.size(*INDEX)
         u = np.where(used, np.hypot(roots.uncertainty[rows, column], index), np.inf)
         # a root that is negative, or no number, is no scale factor
         unambiguous = np.any(~(roots.s > 0.0), axis=1)
@@ -126,8 +137,8 @@ class StationBench(Bench):
         measured.
         """
         of_log = scale_fit.scale_of_logs(rows.log)
-        shared = self.assumed.state([*scale_fit.shared_errors(rows, None), of_log])
-        size = max(self.assumed.size(*TURN), NO_TURN_DEG)
+        shared = self.device.state([*scale_fit.shared_errors(rows, None), of_log])
+        size = max(self.device.size(*TURN), 1e-9)  # [°], of no turn
         turn = Prior(name=OF_TURN, block=slice(-1, None), size=size)
         return predict(
             partial(scale_fit.residual, roots=rows),
@@ -140,7 +151,7 @@ class StationBench(Bench):
 
     def temperatures(self, rows: StationRoots) -> list[Array]:
         """Of all stations."""
-        middle, half = self.assumed.middle_half
+        middle, half = self.middle_half
         return [middle + half * rows.x]
 
     def variances(self, rows: StationRoots) -> dict[str, Sources]:
@@ -148,22 +159,16 @@ class StationBench(Bench):
         have to tell, leave.
         """
         unit_vectors = np.eye(self.order + 2)
-        x = self.assumed.mapped(np.linspace(*self.assumed.range_degc, LEVELS))
+        x = self.mapped(np.linspace(*self.range_degc, LEVELS))
         by_s = derivative(lambda p: scale_fit.scale(p, x), unit_vectors[0])
         psi_by_s, psi_by_turn = azimuth_slopes(self.spec.site.latitude_deg)
         # A turn is measured, and not taken out: the azimuth has what the stations leave unknown of
         # it, through s and by itself, and beside that the turn as it is assumed to be.
         slopes = psi_by_s * by_s + psi_by_turn * unit_vectors[-1]
         of_azimuth = split_variance(self.fit(rows, turn_known=False), slopes)
-        mounted = {OF_TURN: np.full(LEVELS, (psi_by_turn * self.assumed.size(*TURN)) ** 2)}
-        of_scale = split_variance(self.fit(rows), PPM * by_s, [OF_TURN])
+        mounted = {OF_TURN: np.full(LEVELS, (psi_by_turn * self.device.size(*TURN)) ** 2)}
+        of_scale = split_variance(self.fit(rows), 1e6 * by_s, [OF_TURN])
         return {"azimuth": of_azimuth | mounted, "scale factor": of_scale}
-
-    def coefficients(self, rows: StationRoots) -> Iterator[PredictedCoefficient]:
-        """Of s(T) in powers of °C."""
-        fit = self.fit(rows)
-        for axis in self.spec.axes:
-            yield from self.powers_of_degc(axis, "s", "1", fit, self.order + 1)
 
     def passed_on(self, campaign: Design) -> list[ErrorComponent]:
         """A single log shows no difference between logs."""
@@ -176,26 +181,25 @@ class StationBench(Bench):
         """Stations at places, at each of the temperatures in their order; where nothing is withheld
         yet, with stations of other attitudes at the second temperature that are.
         """
-        fixture, clock = self.task.equipment.fixture(FIXTURE), Clock(self.task.equipment)
-        log = self.task.name_log(LOG)
+        log, clock = self.task.name_log("stations.csv"), Clock(self.task.equipment)
         u, by_turn = self.roots_by_dwell_s[dwell_s]
         # the best of those that the design has not
         spare_places = [k for k in np.argsort(u).tolist() if k not in choice and np.isfinite(u[k])]
-        withheld = spare_places[:: max(len(spare_places) // LEFT_OUT, 1)][:LEFT_OUT]
+        withheld = spare_places[:: max(len(spare_places) // 4, 1)][:4]
         for number, level in enumerate(degc):
-            clock.settle(self.assumed.device, level)
+            clock.settle(self.device, level)
             recorded = [(place, log) for place in choice]
             if number == 1 and not self.task.withheld:
                 recorded += [(place, f"{WITHHELD}{log}") for place in withheld]
             for place, name in recorded:
                 tilt, azimuth = self.places[place].tolist()
                 for position in simulated.POSITIONS_DEG.tolist():
-                    clock.dwell(fixture, (tilt, position, azimuth), dwell_s, name)
+                    clock.dwell(self.fixture, (tilt, position, azimuth), dwell_s, name)
         label = (
             f"{count(len(choice), 'station')} at each of {count(len(degc), 'soak')} at"
             f" {count(len({*degc}), 'temperature')}, {dwell_s:g} s in a position"
         )
-        x = self.assumed.mapped(np.repeat(np.array(degc, dtype=np.float64), len(choice)))
+        x = self.mapped(np.repeat(np.array(degc, dtype=np.float64), len(choice)))
         one_log, station_places = np.zeros(len(x), dtype=np.int64), list(choice)
         u, by_turn = (np.tile(of_place[station_places], len(degc)) for of_place in (u, by_turn))
         roots = StationRoots(np.ones(len(x)), u, x, by_turn, one_log)
@@ -206,16 +210,16 @@ class StationBench(Bench):
         size, and of the azimuth with a turn that is measured.
         """
         u, by_turn = self.roots_by_dwell_s[max(self.roots_by_dwell_s)]
-        able, rng = np.flatnonzero(np.isfinite(u)), np.random.default_rng(SEED)
+        able, rng = np.flatnonzero(np.isfinite(u)), np.random.default_rng(1)
         rows = np.column_stack([np.ones(able.size), by_turn[able]])
-        rows /= np.hypot(u[able], self.assumed.size(*SCATTER))[:, None]
+        rows /= np.hypot(u[able], self.device.size(*SCATTER))[:, None]
         parts = rows[:, :, None] * rows[:, None, :]
-        turn = self.assumed.size(*TURN) or 1.0
+        turn = self.device.size(*TURN) or 1.0
         of_azimuth = azimuth_slopes(self.spec.site.latitude_deg)
         # precision of s and of the turn; 1e-6 of what is not known, for M to have an inverse
         for prior, combination in ((turn**-2.0, np.array([1.0, 0.0])), (1e-6, of_azimuth)):
             pool = Pool(np.diag([1e-6, prior]), parts, np.outer(combination, combination))
-            for number in STATIONS:
+            for number in (2, 3, 4, 6, 8, 12):
                 if number <= able.size:
                     selection, _ = pool.search(number, rng, restarts=1)
                     yield able[selection].tolist()
@@ -234,61 +238,34 @@ def ideal_components(places: Array, latitude_deg: float, variances: Array) -> Co
 
 
 def azimuth_slopes(latitude_deg: float) -> Array:
-    """Derivatives (2) [2] of the azimuth, where it is judged, by s [°] and by a turn of the gyro
-    [1].
+    """Derivatives (2) [2] of the azimuth by s [°] and by a turn of the gyro [1], at an inclination
+    of 45° and an azimuth of 90°, where s matters.
     """
-    parts, one = ideal_components(np.array([USED_DEG]), latitude_deg, np.zeros(4)), np.ones(1)
+    used_deg, one = np.array([[45.0, 90.0]]), np.ones(1)
+    parts = ideal_components(used_deg, latitude_deg, np.zeros(4))
     # s = 1, whatever the root of the station
     _, slopes = seek_with_slopes(parts, latitude_deg * one, one > 0.0, 0.0 * one, one)
     by_turn, _ = mounting_slopes(parts, slopes[:, AZIMUTH, :4])
     return np.array([np.degrees(slopes[0, AZIMUTH, -1]), by_turn[0]])
 
 
-def prepare_plan(spec: InclinometerRecipe, task: Task) -> StationBench:
-    """What the search needs, measured stations of the sensor pair that tells less; UsageError for
-    what cannot be planned, FitError for measured stations without temperatures.
-    """
-    device = task.equipment.known_device(spec.procedure, "deg/h")
-    earlier = seen_errors(read_earlier(task, spec.procedure, FILE))
-    assumed = assume(spec, task, device, UNITS, default_degc=RANGE_DEGC, earlier=earlier)
-    order = device.order if spec.scale.order == "auto" else spec.scale.order
-    step = task.equipment.fixture(FIXTURE).step_deg
-    places = [*product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))]
-    bench = StationBench(spec, task, assumed, RESULTS, None, order, places=np.array(places))
-    if not task.have:
-        return bench
-    admitted, _ = stations.admit_logs(list(task.have), spec)
-    measured = stations.solve_components(stations.gather_rows(admitted, spec.on_site()), spec)
-    if not np.isfinite(measured.temperature).all():
-        raise FitError(
-            f"{task.have[0].file}: no case temperature, expected one to plan what is missing",
-            hint="map it under [columns.temp_case_degc], or plan without --have",
-        )
-    pairs = []
-    for axis in spec.axes:
-        u, by_turn, _ = bench.judge_roots(measured.components[axis], measured.status[axis])
-        used = np.isfinite(u)
-        x = assumed.mapped(measured.temperature[used])
-        pairs.append(StationRoots(np.ones(len(x)), u[used], x, by_turn[used], measured.log[used]))
-    scatter = assumed.size(*SCATTER)
-    weight = [float(np.sum(1.0 / (roots.u**2 + scatter**2))) for roots in pairs]
-    return replace(bench, have=pairs[int(np.argmin(weight))])
+prepare_plan = StationBench
 
 
 def simulate_plan(
-    spec: InclinometerRecipe, schedule: Schedule, assumed: Assumed, seed: int
+    spec: InclinometerRecipe, schedule: Schedule, device: Device, seed: int
 ) -> Campaign:
     """Logs of the stations of a schedule, and the coefficients of s(T) of each gyro."""
     rng = np.random.default_rng(seed)
-    noise = assumed.noise_of(schedule.recorded("dwell")[0].duration_s)
+    noise = device.noise_of(schedule.recorded("dwell")[0].duration_s)
     pairs = [
         simulated.draw(rng, gyro_noise_dph=noise, ideal=True)
         | {
-            "s_per_degc": rng.normal(0.0, PER_DEGC),
-            "s_repeat": assumed.size(*SCATTER),
-            "bias_walk_dph": assumed.size(*WALK),
-            "accel_noise_g": assumed.size(*ACCEL),
-            "gyro_turn_deg": rng.normal(0.0, assumed.size(*TURN)),
+            "s_per_degc": rng.normal(0.0, 3e-5),
+            "s_repeat": device.size(*SCATTER),
+            "bias_walk_dph": device.size(*WALK),
+            "accel_noise_g": device.size(*ACCEL),
+            "gyro_turn_deg": rng.normal(0.0, device.size(*TURN)),
         }
         for _ in "xy"
     ]
@@ -301,9 +278,9 @@ def simulate_plan(
         tilt, azimuth, set_degc = np.array(spots).T
         attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
         soak = np.unique(set_degc, return_inverse=True)[1]
-        degc = np.round(set_degc + rng.normal(0.0, REACHED_DEGC, tilt.size)[soak], 2)
-        x, y = (pair | {"s": pair["s"] + rng.normal(0.0, assumed.size(*OF_LOG))} for pair in pairs)
-        tool = simulated.Tool((x, y), index_deg=assumed.size(*INDEX))
+        degc = np.round(set_degc + rng.normal(0.0, 0.1, tilt.size)[soak], 2)
+        x, y = (pair | {"s": pair["s"] + rng.normal(0.0, device.size(*OF_LOG))} for pair in pairs)
+        tool = simulated.Tool((x, y), index_deg=device.size(*INDEX))
         columns, _ = tool.stations(attitudes, spec.site.latitude_deg, degc, rng)
         log: dict[str, Array] = {key: np.asarray(column) for key, column in columns.items()}
         log["time_s"] = np.array([dwell.start_s for dwell in actions])
