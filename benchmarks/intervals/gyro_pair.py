@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 RUNS = 2
 MOUNTING = "mounting"
 ALPHA_DEG = 60.0
-FEW = "u of gamma and alpha holds a mounting error of"
+FEW = "the two runs show a mounting error of"
 
 
 def list_cases() -> list[Case]:
