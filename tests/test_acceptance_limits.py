@@ -18,7 +18,7 @@ from calibkit.instruments.bias.compensate import LogFigures
 from calibkit.instruments.bias.recipe import _FogAcceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, NoiseAcceptance
-from calibkit.instruments.gyro_scale import acceptance
+from calibkit.instruments.gyro_scale import flags
 from calibkit.instruments.gyro_scale.recipe import (
     PairAcceptance,
     RateTableAcceptance,
@@ -160,7 +160,7 @@ def triad_noise(value, **limits):
 def lines(value, **limits):
     """Criteria of two runs of a rate table, one of unknown noise, the other with this ratio."""
     lines = [SimpleNamespace(residual_over_noise=ratio) for ratio in (np.nan, value)]
-    return acceptance.judge_noise(lines, RateTableAcceptance(**limits))
+    return flags.judge_noise(lines, RateTableAcceptance(**limits))
 
 
 def station(*, angle="after", value=0.1, **limits):
@@ -205,7 +205,7 @@ def runs(name):
         figures = [
             Figure(f"{name}.GJB 2426A.{gyro}", v, "", 0.0) for gyro, v in (("x", 0.1), ("y", value))
         ]
-        return acceptance.judge_figures(figures, RateTableAcceptance(**limits))
+        return flags.judge_figures(figures, RateTableAcceptance(**limits))
 
     return made
 
@@ -216,7 +216,7 @@ def pair(value, **limits):
         Figure("gamma", 0.0, "1", value),
         Figure("orthogonality_error_deg", -value, "deg", 9.0),
     ]
-    return acceptance.judge_figures(figures, PairAcceptance(**limits))
+    return flags.judge_figures(figures, PairAcceptance(**limits))
 
 
 def runs_unseen(value, **limits):
@@ -224,7 +224,7 @@ def runs_unseen(value, **limits):
     stands = [
         {"scale_factor_error_ppm": -v, "nonlinearity_full_scale_ppm": v} for v in (0.1, value)
     ]
-    return acceptance.judge_unseen(stands, RateTableAcceptance(**limits))
+    return flags.judge_unseen(stands, RateTableAcceptance(**limits))
 
 
 def axes(value, **limits):
@@ -235,7 +235,7 @@ def axes(value, **limits):
         Figure("angle_deg.x_y.at_60", 90.0, "deg", 0.1),
         Figure("orthogonality_error_deg.x_y.at_60", 0.0, "deg", 0.1),
     ]
-    return acceptance.judge_figures(figures, TriadAcceptance(**limits))
+    return flags.judge_figures(figures, TriadAcceptance(**limits))
 
 
 def axes_unseen(value, **limits):
@@ -244,7 +244,7 @@ def axes_unseen(value, **limits):
         "rate_error_max_ppm_of_full_scale": value,
         "cross_axis_max_ppm_of_full_scale": value,
     }
-    return acceptance.judge_unseen([after], TriadAcceptance(**limits))
+    return flags.judge_unseen([after], TriadAcceptance(**limits))
 
 
 def limited(key, make):

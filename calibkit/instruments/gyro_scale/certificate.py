@@ -120,7 +120,6 @@ NAMES = {
 """Figure → its term in the standards."""
 LETTERS = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
 """Coefficient of a line → its term."""
-GYRO = Words("gyro", "陀螺")
 ANGLE = "angle_deg"
 """Figures of angles between input axes, and name of type B terms on the angles between the axes of
 the table.
@@ -133,9 +132,6 @@ MAGNITUDES = {
     "repeatability",
 }
 """Figures that are magnitudes and cannot be negative."""
-OF_THESE_RUNS = Words(
-    "U leaves out how the scale factor repeats from run to run", "U 未包含各测次间标度因数的重复性"
-)
 PAIR_WORDS = {
     "N": ("N", Words("ratio of the scale factors", "标度因数比")),
     "epsilon": ("ε", Words("projection ratio", "投影比")),
@@ -202,8 +198,10 @@ def undecided_scale(record: Record) -> Words | None:
     """Why no limit on a scale factor, or on the ratio of two, is decided: scale factors hold within
     their runs, where nothing tells how they repeat; None where one is.
     """
-    within_runs = any(figure.name == forms.WITHIN_RUNS for figure in record.figures)
-    return OF_THESE_RUNS if within_runs else None
+    if not any(figure.name == forms.WITHIN_RUNS for figure in record.figures):
+        return None
+    en = "U leaves out how the scale factor repeats from run to run"
+    return Words(en, "U 未包含各测次间标度因数的重复性")
 
 
 def sensitivity_name(gyro: str, axis: str) -> str:
@@ -552,7 +550,9 @@ def _state_triad(basis: Stated, record: Record) -> Block:
         grid = tuple(tuple(results.get((row, head)) for head in heads) for row in rows)
         note = COEFFICIENT_NOTE if kind == "S" else None
         of_heads = (units[kind],) * len(heads)
-        tables.append(GridTable(kinds[kind], GYRO, heads, of_heads, rows, grid, note))
+        tables.append(
+            GridTable(kinds[kind], Words("gyro", "陀螺"), heads, of_heads, rows, grid, note)
+        )
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
     return _block(record, title, tables, notes)
 

@@ -27,7 +27,6 @@ from calibkit.frame import Log, refuse, require, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments.gyro_scale import (
-    acceptance,
     certificate,
     fit,
     forms,
@@ -35,7 +34,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
-from calibkit.instruments.gyro_scale.flags import WITHIN
+from calibkit.instruments.gyro_scale.flags import WITHIN, judge_noise, judge_unseen
 from calibkit.instruments.gyro_scale.forms import AXES, TEMPERATURE, GyroMatrix, gyro_column
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
@@ -50,8 +49,6 @@ MOST_DOF = 1e6
 """Degrees of freedom that stand for any number above."""
 ALONG, ACROSS = "rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale"
 """Keys of the largest errors along and across the turned axis."""
-SUFFIX = {GJB: "_gjb", IEEE: "_ieee"}
-"""Standard → end of the key of an asymmetry in validation.json."""
 Entry = dict[str, Any]
 """JSON object of validation.json."""
 RESTED = (
@@ -215,7 +212,7 @@ def validate(
         heads = ("", "frozen", "found", "difference", "unit")
         tables.append(Table("The pair again", heads, tuple(rows)))
     of_limits = [error["after"] if triad else error for _, error in errors]
-    for criterion in acceptance.judge_unseen(of_limits, spec.acceptance):
+    for criterion in judge_unseen(of_limits, spec.acceptance):
         # where scale factors hold within their runs, a run beyond a limit of theirs rejects, and
         # one within it accepts nothing
         of_scale = criterion.name in ("scale-factor error", "rate error")
@@ -224,7 +221,7 @@ def validate(
             flags.append(f"{size} of these runs decides no limit: {WITHIN}")
         else:
             criteria.append(criterion)
-    criteria += acceptance.judge_noise(straight, spec.acceptance)
+    criteria += judge_noise(straight, spec.acceptance)
     of_both = tuple(dict.fromkeys((*flags, *of_pair)))
     return body, Summary("", tuple(tables), of_both, tuple(criteria))
 
@@ -314,8 +311,8 @@ def _compare_line(
     for figure in published.figures(line, float(of_run.u), gyro):
         if figure.unit == "ppm":
             kind, standard, _ = FigureName.of(figure.name)
-            key = kind + SUFFIX[standard] if kind == "asymmetry" else kind
-            entry[f"{key}_ppm"] = figure.value
+            suffix = {GJB: "_gjb", IEEE: "_ieee"}[standard] if kind == "asymmetry" else ""
+            entry[f"{kind}{suffix}_ppm"] = figure.value
     return entry, compensated
 
 

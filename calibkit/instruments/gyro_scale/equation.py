@@ -390,34 +390,29 @@ def choose_powers(rows: RateRows, terms: ResponseTerms) -> ResponseTerms:
 
 
 def _best(rows: RateRows, candidates: Sequence[ResponseTerms], margin: float) -> ResponseTerms:
-    """The first candidate whose rms error at left-out runs (at left-out rates of a single run) no
-    later one brings below `margin` times it.
+    """The first candidate whose rms of e, (2), no later one brings below `margin` times it; it is
+    infinite where the rest of the runs does not determine the equation.
     """
-    best_terms, smallest_rms = candidates[0], _left_out_rms(rows, candidates[0])
-    for terms in candidates[1:]:
-        error = _left_out_rms(rows, terms)
-        if error < margin * smallest_rms:
-            best_terms, smallest_rms = terms, error
-    return best_terms
-
-
-def _left_out_rms(rows: RateRows, terms: ResponseTerms) -> float:
-    """Root mean square error at runs, or rates of a single run, that are left out; infinite where
-    the rest does not determine the equation.
-    """
-    design = derivative(partial(residual, rows=rows, terms=terms), terms.start)
     single = not rows.run.any()
     groups = np.round(rows.rate_dps, 3) if single else rows.run
-    errors = []
-    for label in np.unique(groups):
-        out = groups == label
-        if rank(design[~out]) < design.shape[1]:
-            return np.inf
-        coefficients = np.linalg.lstsq(design[~out], rows.indication[~out])[0]
-        error = rows.indication[out] - design[out] @ coefficients
-        if not single:
-            # K and F0 of a run differ from those of the others: its line tells nothing of the bend
-            line = np.column_stack((rows.rate_dps[out], np.ones(error.size)))
-            error = error - line @ np.linalg.lstsq(line, error)[0]
-        errors.append(error)
-    return rms(np.concatenate(errors))
+    best_terms, smallest_rms = candidates[0], np.inf
+    for terms in candidates:
+        design = derivative(partial(residual, rows=rows, terms=terms), terms.start)
+        errors = []
+        for label in np.unique(groups):
+            out = groups == label
+            if rank(design[~out]) < design.shape[1]:
+                break
+            coefficients = np.linalg.lstsq(design[~out], rows.indication[~out])[0]
+            error = rows.indication[out] - design[out] @ coefficients
+            if not single:
+                # K and F0 of a run differ from those of the others: its line tells nothing of the
+                # bend
+                line = np.column_stack((rows.rate_dps[out], np.ones(error.size)))
+                error = error - line @ np.linalg.lstsq(line, error)[0]
+            errors.append(error)
+        else:
+            left_out_rms = rms(np.concatenate(errors))
+            if left_out_rms < margin * smallest_rms:
+                best_terms, smallest_rms = terms, left_out_rms
+    return best_terms

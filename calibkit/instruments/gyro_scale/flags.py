@@ -1,5 +1,7 @@
 """What the logs of a campaign do not show, or show to be wrong: flags of runs about one, two or
-three axes, and the refusal of what no campaign can be.
+three axes, and the refusal of what no campaign can be. And criteria of the limits that a recipe
+states: on the largest figure of each kind over all gyros and runs of a fit, on the residuals of the
+lines over their noise, on the largest error in unseen runs.
 
 A run contradicts the others where it is of another gyro, setting or unit, or has a turned sign or
 swapped columns. A gyro that a table turns across its axis indicates the share k/|s| of the rate,
@@ -13,7 +15,7 @@ about such means in all logs but that one, of all gyros and axes together, at le
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, product
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -29,11 +31,12 @@ from calibkit.instruments.gyro_scale.coefficient_files import (
     temperature_difference,
 )
 from calibkit.instruments.gyro_scale.lines import Lines
-from calibkit.instruments.gyro_scale.published import PPM, ROOM_DEGC
+from calibkit.instruments.gyro_scale.published import IEEE, PPM, ROOM_DEGC, FigureName, Line
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
     GyroTriadRecipe,
+    LineAcceptance,
     RateTableRecipe,
 )
 from calibkit.instruments.gyro_scale.table_runs import TableRun
@@ -50,6 +53,31 @@ CONSISTENT = 4.0
 """Difference of two results, in standard uncertainties, above which they are inconsistent."""
 NOISE = 2.0
 """Standard uncertainties of γ within which it may be a limit of it."""
+LIMITS = {
+    "nonlinearity_full_scale": ("nonlinearity over full scale", "max_nonlinearity_ppm", "ppm"),
+    "asymmetry": ("asymmetry", "max_asymmetry_ppm", "ppm"),
+    "repeatability": ("repeatability", "max_repeatability_ppm", "ppm"),
+    "temperature_sensitivity": (
+        "temperature sensitivity",
+        "max_temperature_sensitivity_ppm_degc",
+        "ppm/degC",
+    ),
+    "orthogonality_error_deg": ("orthogonality error", "max_orthogonality_error_deg", "deg"),
+    "gamma": ("standard uncertainty of gamma", "max_gamma_uncertainty", "1"),
+    "angle_deg": ("standard uncertainty of an angle", "max_angle_uncertainty_deg", "deg"),
+}
+"""Figure of runs (GJB 2426A), or between gyros → name, recipe key and unit of its limit."""
+UNSEEN_LIMITS = {
+    "scale_factor_error_ppm": ("scale-factor error", "max_scale_factor_error_ppm", "ppm"),
+    "nonlinearity_full_scale_ppm": LIMITS["nonlinearity_full_scale"],
+    "rate_error_max_ppm_of_full_scale": ("rate error", "max_rate_error_ppm", "ppm"),
+    "cross_axis_max_ppm_of_full_scale": (
+        "rate across the turned axis",
+        "max_cross_axis_ppm",
+        "ppm",
+    ),
+}
+"""Error in unseen runs → name, recipe key and unit of its limit."""
 UNLOGGED = (
     "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
 )
@@ -510,3 +538,58 @@ def of_contradicted_shares(
                 f" much with temperature: its {values}; repeat the log"
             )
             yield Contradiction.of((K[k] - expected[k]) / size[log_lines][k], text)
+
+
+def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Criterion, ...]:
+    """Criteria on the largest figure of each kind, of γ and angles on their standard uncertainties;
+    raises FitError where a limit is stated but no run gives the figure.
+    """
+    values_of: dict[str, list[float]] = {}
+    for figure in figures:
+        kind, standard, _ = FigureName.of(figure.name)
+        if standard != IEEE:
+            limited_u = kind in ("gamma", "angle_deg")
+            value = figure.standard_uncertainty if limited_u else abs(figure.value)
+            values_of.setdefault(kind, []).append(value)
+    for kind, (_, key, _) in LIMITS.items():
+        if getattr(limits, key, None) is not None and kind not in values_of:
+            raise FitError(
+                f"acceptance.{key} = {getattr(limits, key):g}: these logs cannot show that figure",
+                hint="add the runs that it needs, or take the limit out of the recipe",
+            )
+    return _judge(limits, LIMITS, values_of)
+
+
+def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterion, ...]:
+    """Criterion on the residuals of the lines of runs over the noise of their held rates, the
+    largest of all gyros, where the recipe limits it and noise was measured.
+    """
+    ratios = np.array([line.residual_over_noise for line in lines])
+    limit = ("residual over noise", "max_residual_over_noise", "1")
+    return _judge(limits, {"noise": limit}, {"noise": ratios[np.isfinite(ratios)].tolist()})
+
+
+def judge_unseen(
+    errors: Sequence[Mapping[str, Any]], limits: LineAcceptance
+) -> tuple[Criterion, ...]:
+    """Criteria on the largest error of each kind in unseen runs."""
+    values_of = {
+        kind: [abs(error[kind]) for error in errors if kind in error] for kind in UNSEEN_LIMITS
+    }
+    return _judge(limits, UNSEEN_LIMITS, values_of)
+
+
+def _judge(
+    limits: LineAcceptance,
+    names: Mapping[str, tuple[str, str, str]],
+    values_of: Mapping[str, Sequence[float]],
+) -> tuple[Criterion, ...]:
+    """Criteria that the largest values do not exceed their limits; a limit that the recipe does not
+    state is left out.
+    """
+    criteria = []
+    for kind, (name, key, unit) in names.items():
+        values, limit = values_of.get(kind), getattr(limits, key, None)
+        if values and limit is not None:
+            criteria.append(at_most(name, max(values), limit, unit))
+    return tuple(criteria)

@@ -3,7 +3,6 @@ with K and F0, gyro_orthogonality.json with N, ε, γ and α of `published`, (2)
 work.
 """
 
-from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.instrument import (
     FORMS,
     blocks,
@@ -15,6 +14,7 @@ from calibkit.instruments.gyro_scale.instrument import (
     validate,
 )
 from calibkit.instruments.gyro_scale.propose import propose_pair as propose
+from calibkit.instruments.gyro_scale.published import LINE_KEYS
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe as Recipe
 
 __all__ = [

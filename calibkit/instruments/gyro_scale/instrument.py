@@ -3,49 +3,36 @@ three axes. The story of a fit: logs → held rates → equation → coefficient
 with errors of the inputs, tables, the first screen, verdicts.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
-from calibkit.coefficients import Input
+from calibkit.coefficients import Coefficient, Figure, Input, StageResult
 from calibkit.errors import RecipeError
 from calibkit.ingest import logs as ingest
-from calibkit.instruments import Fitted
+from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_scale import (
-    acceptance,
     coefficient_files,
     flags,
     forms,
-    published,
     table_runs,
 )
 from calibkit.instruments.gyro_scale.certificate import blocks, results
+from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
 from calibkit.instruments.gyro_scale.corrections import correct, validate
 from calibkit.instruments.gyro_scale.fit import fit_campaign
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.published import GJB
-from calibkit.instruments.gyro_scale.table_runs import faults, read
+from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
+from calibkit.instruments.gyro_scale.recipe import AnyRecipe
+from calibkit.instruments.gyro_scale.table_runs import TableRun, faults, read
 from calibkit.report.overview import KeyValue, Overview, concise
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
-from calibkit.sensitivities import InputError, differentiate, of_thermometer
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.coefficients import Coefficient, Figure, StageResult
-    from calibkit.instruments import Progress
-    from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
-    from calibkit.instruments.gyro_scale.recipe import AnyRecipe
-    from calibkit.instruments.gyro_scale.table_runs import TableRun
-    from calibkit.report.table import Table
-    from calibkit.sensitivities import Sensitivity
+from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
 MOVED = {
     forms.RATE: ("rate_dps", "angle_rate_dps"),
@@ -86,7 +73,7 @@ def fit(
     # the first screen shows the first table of the last file: lines of one gyro, what is between
     # several
     of_files = [tabulate_fit([result], spec, influences, blocks) for result in stages]
-    tables: list[Table] = [table for of_file in of_files for table in of_file]
+    tables = [table for of_file in of_files for table in of_file]
     shared = list_components("Errors that held rates share", stages[0].models)
     tables += [shared] if shared.rows else []
     first = replace(_summarize(campaign, stages[0]), table=of_files[-1][0])
@@ -94,8 +81,8 @@ def fit(
         {channel.gyro: channel.response for channel in campaign.own_channels}
     )
     figures = [figure for result in stages for figure in result.figures]
-    criteria = acceptance.judge_figures(figures, spec.acceptance)
-    criteria += acceptance.judge_noise(straight, spec.acceptance)
+    criteria = flags.judge_figures(figures, spec.acceptance)
+    criteria += flags.judge_noise(straight, spec.acceptance)
     criteria += flags.judge_contradictions(campaign.flags)
     single = not (campaign.pair or campaign.sets)
     return Fitted(
@@ -152,8 +139,8 @@ def _find_sensitivities(
 def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
     """Sentence, facts and values of a fit; `scales` is what gyro_scale.json will hold."""
     largest: list[KeyValue] = []
-    for kind, (name, _, _) in acceptance.LIMITS.items():
-        figures = [f for f in scales.figures if published.FigureName.of(f.name)[:2] == (kind, GJB)]
+    for kind, (name, _, _) in flags.LIMITS.items():
+        figures = [f for f in scales.figures if FigureName.of(f.name)[:2] == (kind, GJB)]
         if figures:
             worst = max(figures, key=lambda figure: abs(figure.value))
             label, unit = f"largest {name} ({GJB})", worst.unit.replace("degC", "°C")
@@ -186,7 +173,7 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
     (in_words,) = _in_words(scale_factors)
     if not campaign.sets:
         first = scale_factors[0]
-        ppm = published.PPM * first.standard_uncertainty / abs(first.value)
+        ppm = PPM * first.standard_uncertainty / abs(first.value)
         sentence = f"{in_words.removesuffix('.')} (u {ppm:.2g} ppm)."
         return Overview(sentence, facts, (*scale_factors, *largest)[:4])
     errors = [

@@ -24,16 +24,12 @@ from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric.dispersion import rms
 
-BETWEEN_RUNS = ("run scale", "run zero")
-"""Errors that a line of each run does not show."""
 DRIFTS = {
     "scale over temperature": "its scale factor by {:+.2g} ppm/°C",
     "scale drift": "its scale factor by {:+.2g} ppm/h",
     "zero drift": "its zero by {:+.2g} (°/h)/h",
 }
 """Errors that change during a run and are taken out where they are seen, and what a flag says."""
-BENDS = np.array([2, 3, 5, 7])
-"""Powers of the rate of which the bend of a response is made that no run repeats."""
 FOLLOWS = 0.2
 """Relative standard uncertainty of a scale factor from which a gyro does not follow the table."""
 
@@ -103,7 +99,12 @@ class Lines:
             terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
             errors = [*_errors(rows, terms, axes)]
             fitted = equation.fit(rows, terms, errors)
-        fit = fitted.fit.restated(lambda p: _best_lines(fitted, p))
+        best_line, terms = equation.best_line(fitted.terms, rate), fitted.terms
+
+        def K_F0_and_rest(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
+            return np.concatenate((*best_line(p), terms.split(p)[equation.ZERO])).ravel()
+
+        fit = fitted.fit.restated(K_F0_and_rest)
         if not frozen:
             fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
@@ -330,14 +331,15 @@ def _errors(rows: equation.RateRows, terms: equation.ResponseTerms, axes: int) -
     repeated = False
     for error in equation.shared_errors(rows, terms, K, own_K):
         repeated |= error.group == "rate"
-        if error.name not in BETWEEN_RUNS:
+        # how runs differ, a line of each run does not show
+        if error.group != "run" or error.effect not in ("scale", "zero"):
             yield replace(error, optional=error.optional or error.effect in DRIFTS)
     if not repeated:
         # rates that no run repeats do not show what the response is at each: a bend is smooth, and
         # must not pass for a drift
         w = rows.rate_dps / np.max(np.abs(rows.rate_dps))
         line = np.linalg.qr(np.column_stack((w, np.ones_like(w))))[0]
-        bend = w[:, None] ** BENDS
+        bend = w[:, None] ** [2, 3, 5, 7]
         yield Shared(
             group="rate",
             effect="response",
@@ -346,12 +348,6 @@ def _errors(rows: equation.RateRows, terms: equation.ResponseTerms, axes: int) -
             unit="deg/s",
             optional=True,
         )
-
-
-def _best_lines(fitted: equation.ResponseFit, p: Numbers) -> Numbers:
-    """K, F0 and indication at rest of each line [3 lines] from the parameters."""
-    K, F0 = equation.best_line(fitted.terms, fitted.rows.rate_dps)(p)
-    return np.concatenate((K, F0, fitted.terms.split(p)[equation.ZERO])).ravel()
 
 
 def _bounds(fitted: equation.ResponseFit, errors: Sequence[Shared]) -> Array:

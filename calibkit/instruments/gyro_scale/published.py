@@ -41,6 +41,8 @@ REST = 1e-9
 """Rate, relative to the largest, up to which the table rests, and step [°/s] that is none."""
 ROOM_DEGC = 5.0
 """Largest difference from room temperature [°C] of runs that count as repeated (GJB 2426A)."""
+LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
+"""Pattern of the key figures of lines."""
 _NAME = re.compile(rf"(\w+)\.(?:({GJB}|{IEEE})\.)?(.+)")
 
 

@@ -2,9 +2,6 @@
 over temperature where it varies (`equation`, (1)). `instrument` does the work.
 """
 
-from __future__ import annotations
-
-from calibkit.instruments.gyro_scale.acceptance import LINE_KEYS
 from calibkit.instruments.gyro_scale.instrument import (
     FORMS,
     blocks,
@@ -16,6 +13,7 @@ from calibkit.instruments.gyro_scale.instrument import (
     validate,
 )
 from calibkit.instruments.gyro_scale.propose import propose_rate_table as propose
+from calibkit.instruments.gyro_scale.published import LINE_KEYS
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe as Recipe
 
 __all__ = [

@@ -192,6 +192,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
         *check.find_missing_values(log, logged),
     ]
     gyros = [forms.gyro_column(gyro) for gyro in spec.gyros]
+    thermometers = [name for name in logged if name == forms.TEMPERATURE]
     if not findings:
         expected = f"at most {FASTEST_DPS:g} °/s"
         findings += check.find_unordered_times(log) if "time_s" in logged else ()
@@ -209,7 +210,6 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
             findings += check.find_out_of_range(
                 log, gyro, -limit, limit, "1/s", expected, advice=advice
             )
-        thermometers = [name for name in logged if name == forms.TEMPERATURE]
         findings += check.find_implausible_temperatures(log, thermometers)
         if one_row:
             findings += check.find_copied_rows(log, [*gyros, forms.RATE, *thermometers])
@@ -234,31 +234,24 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
         return findings, None
     findings += _find_wrong_rates(spec, log, means)
     if not one_row and not any(finding.refused for finding in findings):
-        findings += _find_suspicious(spec, log)
+        # suspicious sensors, loggers and signs, which do not stop a fit
+        for name in thermometers:
+            findings += check.series.check_temperature(log, name)
+            findings += check.thermometers.check_steps(log, name)
+        # from the 0.5 % to the 99.5 % quantile, which excludes spikes
+        reach = [float(np.ptp(np.quantile(F, (0.005, 0.995)))) for F in signals.T]
+        for gyro in gyros:
+            findings += check.series.check_driven_indication(
+                log, gyro, forms.RATE, "1/s", max(reach)
+            )
+        # a gyro across the table axis indicates its misalignment, of either sign; with two gyros of
+        # a triad, neither need be along this axis
+        if spec.procedure != "gyro_triad" or len(gyros) >= 3:
+            driven_gyro = gyros[int(np.argmax(reach))]
+            findings += check.magnitude.check_gyro_sign(log, driven_gyro, forms.RATE)
+        findings += check.magnitude.find_compensated_names(log, spec, gyros)
     findings += _find_dropouts(log, means, gyros)
     return findings, means
-
-
-def _find_suspicious(spec: AnyRecipe, log: Log) -> Iterator[Finding]:
-    """Findings on suspicious sensors, loggers and signs, which do not stop a fit."""
-    columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
-    if forms.TEMPERATURE in log.frame.columns:
-        yield from check.series.check_temperature(log, forms.TEMPERATURE)
-        yield from check.thermometers.check_steps(log, forms.TEMPERATURE)
-    # from the 0.5 % to the 99.5 % quantile, which excludes spikes
-    reach = {}
-    for name in columns:
-        reach[name] = float(np.ptp(np.quantile(values(log.frame, name), (0.005, 0.995))))
-    # a gyro across the table axis indicates its misalignment, of either sign
-    driven_column = max(columns, key=lambda name: reach[name])
-    for name in columns:
-        yield from check.series.check_driven_indication(
-            log, name, forms.RATE, "1/s", reach[driven_column]
-        )
-    # with two gyros of a triad, neither need be along this axis
-    if spec.procedure != "gyro_triad" or len(columns) >= 3:
-        yield from check.magnitude.check_gyro_sign(log, driven_column, forms.RATE)
-    yield from check.magnitude.find_compensated_names(log, spec, columns)
 
 
 def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[Finding]:
