@@ -597,6 +597,22 @@ def test_simulated_ramps_have_the_sizes_of_their_plan(tmp_path):
     assert "initial state" in truth["not_of_the_plan"]
 
 
+def test_simulated_runs_have_the_noise_of_their_plan(bench, tmp_path):
+    """Ten times that of the sample bench; what is not of the plan is named."""
+    text, path = bench.read_text(encoding="utf-8"), tmp_path / "bench.toml"
+    device = text.index("[device.rate_table]")
+    path.write_text(text[:device] + text[device:].replace("= 3e-4 ", "= 3e-3 ", 1), "utf-8")
+    plans.plan(recipe.find("rate_table"), tmp_path / "plan", within_h=9.0, equipment=path)
+    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
+    truth = json.loads((tmp_path / "logs" / "truth.json").read_text())
+    (gyro,) = truth["gyros"].values()
+    log = pd.read_csv(next((tmp_path / "logs").glob("run_*.csv")))
+    # in counts a second; the table turns evenly from sample to sample of a hold
+    steps = np.diff(log["gyro_x_lsb"] - gyro["K"] * log["table_rate_dps"])
+    assert np.median(np.abs(steps)) / 0.6745 / np.sqrt(2.0) == pytest.approx(30.0, rel=0.1)
+    assert "response" in truth["not_of_the_plan"]
+
+
 def test_ramps_are_held_against_the_schedule(planned_ramps, tmp_path):
     """Another rate and another end are named."""
     plan = document.load_plan(planned_ramps)

@@ -370,7 +370,11 @@ def simulate_plan(
         log: {name: column[log_of == log] for name, column in columns.items()}
         for log in schedule.by_log()
     }
-    truth = {"shared_errors": drawn, "sensors": simulated.describe(sensors)}
+    truth = {
+        "shared_errors": drawn,
+        "sensors": simulated.describe(sensors),
+        "not_of_the_plan": "the second order of the sensors, which have errors of their own",
+    }
     return Campaign(logs, simulated.DECIMALS, truth)
 
 

@@ -400,11 +400,13 @@ def scale_per_degc(spec: GyroPairRecipe) -> float:
 
 
 def simulate_plan(spec: Spec, schedule: Schedule, device: Device, seed: int) -> Campaign:
-    """Logs of gyros on a table that was run by a schedule, with the errors of mountings and runs
-    that the plan assumes, and their truth.
+    """Logs of gyros on a table that was run by a schedule, with the noise and the errors of
+    mountings and runs that the plan assumes, and their truth, which states what is not of the plan.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    gyros = {name: simulate.RateGyro.draw(rng) for name in spec.gyros}
+    # a sample each second, of a scale factor near 10,000
+    noise_lsb = 1e4 * device.noise_of(1.0)
+    gyros = {name: simulate.RateGyro.draw(rng, noise_lsb=noise_lsb) for name in spec.gyros}
     if isinstance(spec, GyroPairRecipe):
         # both gyros change with temperature alike
         per_degc = float(rng.normal(0.0, scale_per_degc(spec)))
@@ -443,6 +445,8 @@ def simulate_plan(spec: Spec, schedule: Schedule, device: Device, seed: int) -> 
         "gyros": {name: asdict(gyro) for name, gyro in gyros.items()},
         "directions": directions.tolist(),
         "tilts_rad": tilts.tolist(),
+        "not_of_the_plan": "the response at a rate, which the gyros have of their own; the drift of"
+        " the zero within a run, which is none",
     }
     if isinstance(spec, GyroPairRecipe):
         K_a, K_b = (
