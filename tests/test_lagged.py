@@ -66,6 +66,12 @@ def campaign(*, noise=0.0, seed=0, coefficients=TRUE, lags=LAGS):
 # coil temperatures
 
 
+def temperatures(time, case, *lags):
+    """Outer and inner temperature [°C] of a coil, and the rate [°C/s] of the outer one."""
+    drivers = coil.path([(time, case)]).drivers(*lags)
+    return drivers.temperature, drivers.temperature - drivers.gradient, drivers.rate / 60.0
+
+
 @pytest.mark.parametrize(
     "lags", [(210.0, 120.0), (120.0, 210.0), (150.0, 150.0), (20.0, 3600.0), (3600.0, 20.0)]
 )
@@ -77,7 +83,7 @@ def test_the_coil_follows_the_matrix_exponential_on_any_sampling(lags):
     time = np.cumsum(rng.uniform(1.0, 40.0, 200))
     time[120:] += 5000.0
     case = np.cumsum(rng.normal(0.0, 1.0, 200))
-    outer, inner, rate = coil._temperatures(coil.path([(time, case)]), *lags)
+    outer, inner, rate = temperatures(time, case, *lags)
     state = np.array([case[0], case[0]])
     for k in range(1, time.size):
         h = time[k] - time[k - 1]
@@ -104,8 +110,8 @@ def test_the_sampling_makes_no_difference(outer, inner, finer):
     fine = np.sort(
         np.concatenate([time, *(time[:-1] + np.diff(time) * k / finer for k in range(1, finer))])
     )
-    coarse = coil._temperatures(coil.path([(time, case)]), outer, inner)
-    finely = coil._temperatures(coil.path([(fine, np.interp(fine, time, case))]), outer, inner)
+    coarse = temperatures(time, case, outer, inner)
+    finely = temperatures(fine, np.interp(fine, time, case), outer, inner)
     for a, b in zip(coarse, finely, strict=True):
         assert b[::finer] == pytest.approx(a, abs=1e-8)  # °C
 

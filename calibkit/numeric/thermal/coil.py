@@ -107,14 +107,28 @@ class Path:
     def drivers(self, tau_outer: float, tau_inner: float | None) -> Drivers:
         """Drivers [n] of all logs in sequence for the lags [s]; without an inner lag the coil is
         one mass without gradient.
+
+        Both temperatures start at the first case temperature of a log, as after a long soak. With
+        the case temperature linear between samples, the solution is exact for any step and gap:
+        with m the slope over a step h and a = exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a),
+        where x0 and x1 are the case temperatures at both ends. The inner one, with b = exp(−h/τ_i):
+        T_i ← b T_i + x1 − b x0 − m (τ_o + τ_i) (1 − b) + (T_o − x0 + m τ_o) · `_carried`.
         """
-        outer, inner, rate = _temperatures(self, tau_outer, tau_inner)
-        per_minute = rate * SECONDS_PER_MINUTE
-        gradient = outer - inner
+        h, x = self.step, self.rise[:, :-1]
+        m = self.change / np.where(h > 0.0, h, 1.0)
+        decay = np.exp(-h / tau_outer)
+        ramp_lag = m * tau_outer
+        outer = _decaying(h / tau_outer, self.change - (ramp_lag - x) * (1.0 - decay))
+        rate = ((self.rise - outer) / tau_outer)[self.inside] * SECONDS_PER_MINUTE
+        outer_degc = (outer + self.start[:, None])[self.inside]
         if tau_inner is None:
-            return Drivers(outer, per_minute, gradient, gradient_rate=gradient)
-        gradient_rate = per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
-        return Drivers(outer, per_minute, gradient, gradient_rate)
+            none = np.zeros_like(outer_degc)
+            return Drivers(outer_degc, rate, none, none)
+        line = x - ramp_lag - m * tau_inner
+        from_outer = (outer[:, :-1] - x + ramp_lag) * _carried(h, tau_outer, tau_inner)
+        inner = _decaying(h / tau_inner, self.change - line * np.expm1(-h / tau_inner) + from_outer)
+        gradient = outer_degc - (inner + self.start[:, None])[self.inside]
+        return Drivers(outer_degc, rate, gradient, rate - gradient / tau_inner * SECONDS_PER_MINUTE)
 
 
 FOLLOWED_DEGC = (-70.0, 110.0)
@@ -171,40 +185,6 @@ def path(logs: Sequence[tuple[Array, Array]]) -> Path:
         inside[row, : time.size] = True
     rise = np.concatenate([np.zeros((len(logs), 1)), np.cumsum(change, axis=1)], axis=1)
     return Path(np.array([case[0] for _, case in logs]), rise, step, change, inside)
-
-
-def _temperatures(
-    case_path: Path, tau_outer: float, tau_inner: float | None
-) -> tuple[Array, Array, Array]:
-    """Outer and inner coil temperature [n, °C] and T_o' [n, °C/s] of all logs in sequence.
-
-    Both temperatures start at the first case temperature of a log, as after a long soak. With the
-    case temperature linear between samples, the solution is exact for any step and gap: with m the
-    slope over a step h and a = exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a), where x0 and x1
-    are the case temperatures at both ends. The inner one, with b = exp(−h/τ_i):
-    T_i ← b T_i + x1 − b x0 − m (τ_o + τ_i) (1 − b) + (T_o − x0 + m τ_o) · `_carried`.
-    Without an inner lag it equals the outer one.
-    """
-    h, x = case_path.step, case_path.rise[:, :-1]
-    m = case_path.change / np.where(h > 0.0, h, 1.0)
-    decay = np.exp(-h / tau_outer)
-    ramp_lag = m * tau_outer
-    outer = _decaying(h / tau_outer, case_path.change - (ramp_lag - x) * (1.0 - decay))
-    rate = (case_path.rise - outer) / tau_outer
-    first = case_path.start[:, None]
-    if tau_inner is None:
-        outer_at_samples = (outer + first)[case_path.inside]
-        return outer_at_samples, outer_at_samples, rate[case_path.inside]
-    line = x - ramp_lag - m * tau_inner
-    from_outer = (outer[:, :-1] - x + ramp_lag) * _carried(h, tau_outer, tau_inner)
-    inner = _decaying(
-        h / tau_inner, case_path.change - line * np.expm1(-h / tau_inner) + from_outer
-    )
-    return (
-        (outer + first)[case_path.inside],
-        (inner + first)[case_path.inside],
-        rate[case_path.inside],
-    )
 
 
 def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:

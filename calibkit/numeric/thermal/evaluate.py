@@ -108,10 +108,23 @@ def evaluate_terms(
     )
     rest_row = design_at_rest(model, reference_degc)
     rows = clamped.raw_design() - rest_row
-    by_lag = [
-        _by_lag(model, k, log_drivers, clamped, (time, case, env, spans))
-        for k in range(len(model.lags))
-    ]
+    # by each lag: a clamped driver is taken as constant
+    by_lag = []
+    for k, lag in enumerate(model.lags):
+        longer = (*model.lags[:k], lag + lag * RELATIVE_STEP, *model.lags[k + 1 :])
+        at_longer_lag = Drivers(
+            *(
+                np.where(values == limited, after, limited)
+                for values, limited, after in zip(
+                    log_drivers,
+                    clamped,
+                    _drivers(replace(model, lags=longer), time, case, env, spans),
+                    strict=True,
+                )
+            )
+        )
+        change = (at_longer_lag.raw_design() - clamped.raw_design()) @ model.coefficients
+        by_lag.append(change / (lag * RELATIVE_STEP))
     temperature, rate, gradient, gradient_rate = (
         np.asarray(values != clamped_values)
         for values, clamped_values in zip(log_drivers, clamped, strict=True)
@@ -166,30 +179,6 @@ def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
     return Drivers(np.array([model.nearest_fitted(reference_degc)]), zero, zero, zero).raw_design()
 
 
-def _by_lag(
-    model: ThermalModel,
-    k: int,
-    log_drivers: Drivers,
-    clamped: Drivers,
-    log: tuple[Array, Array, Array, Spans],
-) -> Array:
-    """Derivative [n, °/h/s] of the drift by the k-th lag; a clamped driver is taken as constant."""
-    step = model.lags[k] * RELATIVE_STEP
-    at_longer_lag = _drivers(
-        replace(model, lags=tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))), *log
-    )
-    clamped_at_longer_lag = Drivers(
-        *(
-            np.where(values == limited, after, limited)
-            for values, limited, after in zip(log_drivers, clamped, at_longer_lag, strict=True)
-        )
-    )
-    return np.asarray(
-        (clamped_at_longer_lag.raw_design() - clamped.raw_design()) @ model.coefficients / step,
-        dtype=np.float64,
-    )
-
-
 NEIGHBOURING = (1, 2, 3)
 """Lags, in 100 s means, of the products of left-out errors: 100 to 300 s."""
 POSTERIOR_REACH = 6.0
@@ -209,7 +198,13 @@ def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
     negative by chance; the model error is therefore the root mean square over its posterior for a
     flat prior, with the standard error from the scatter of the ramps.
     """
-    products, counts = _products(errors)
+    # sums of the products of neighbouring errors of each ramp, and their numbers
+    products, counts = np.zeros((2, len(errors)))
+    for ramp, ramp_errors in enumerate(errors):
+        for k in NEIGHBOURING:
+            if k < ramp_errors.size:
+                products[ramp] += float(ramp_errors[k:] @ ramp_errors[: ramp_errors.size - k])
+                counts[ramp] += ramp_errors.size - k
     if counts.sum() == 0:
         return 0.0
     mean = float(products.sum() / counts.sum())
@@ -222,19 +217,6 @@ def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
     log_share = -0.5 * ((levels**2 - excess) / error) ** 2
     share = np.exp(log_share - log_share.max())
     return float(np.sqrt(share @ levels**2 / share.sum()))
-
-
-def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
-    """Sums [ramps] of the products of neighbouring errors of each ramp, and the numbers of products
-    [ramps].
-    """
-    sums, counts = np.zeros(len(errors)), np.zeros(len(errors))
-    for ramp, error in enumerate(errors):
-        for k in NEIGHBOURING:
-            if k < error.size:
-                sums[ramp] += float(error[k:] @ error[: error.size - k])
-                counts[ramp] += error.size - k
-    return sums, counts
 
 
 def explained(

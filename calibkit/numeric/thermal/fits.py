@@ -333,7 +333,21 @@ def finish(solution: TermSolution) -> ThermalModel:
     drift = solution.columns @ solved.coefficients
     residual = (stacked.indication - drift - stacked.level_columns @ levels)[rows.blocks]
     dof = residual.size - column_numbers.size - free.size - logs
-    flags, entangled = _judge_lags(solution, np.sqrt(np.diag(covariance)[9:]) / lags)
+    # lags that the logs do not determine, and what holds with them jointly only
+    flags: list[str] = []
+    entangled: list[str] = []
+    relative = np.sqrt(np.diag(covariance)[9:]) / lags
+    for name, lag, is_free, u in zip(LAGS, lags, solution.free, relative, strict=False):
+        if not is_free:
+            entangled += LAGS[: lags.size]
+            flags.append(f"{name} is taken as {lag:.0f} s: the logs do not determine it")
+        elif u > DETERMINED:
+            flags.append(
+                f"{name} is {lag:.0f} s with a relative standard uncertainty of {u:.1g}: hardly"
+                " determined"
+            )
+        if not is_free or u > DETERMINED:
+            entangled += [name, *(term for term in ONE_WITH_LAGS if term in solution.terms)]
     drivers = solution.basis.drivers(solution.log_lags)
     return ThermalModel(
         form=solution.form,
@@ -349,27 +363,6 @@ def finish(solution: TermSolution) -> ThermalModel:
         dof=dof,
         residual_rms=rms(residual),
         noise=rows.noise,
-        entangled=entangled,
-        flags=flags,
+        entangled=tuple(dict.fromkeys(entangled)),
+        flags=tuple(flags),
     )
-
-
-def _judge_lags(solution: TermSolution, relative: Array) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Flags of lags that the logs do not determine, by their relative standard uncertainties, and
-    the lags and terms whose uncertainties hold jointly only.
-    """
-    flags: list[str] = []
-    entangled: list[str] = []
-    lags = np.exp(solution.log_lags)
-    for name, lag, free, u in zip(LAGS, lags, solution.free, relative, strict=False):
-        if not free:
-            entangled += LAGS[: lags.size]
-            flags.append(f"{name} is taken as {lag:.0f} s: the logs do not determine it")
-        elif u > DETERMINED:
-            flags.append(
-                f"{name} is {lag:.0f} s with a relative standard uncertainty of {u:.1g}: hardly"
-                " determined"
-            )
-        if not free or u > DETERMINED:
-            entangled += [name, *(term for term in ONE_WITH_LAGS if term in solution.terms)]
-    return tuple(flags), tuple(dict.fromkeys(entangled))
