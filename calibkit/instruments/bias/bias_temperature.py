@@ -57,7 +57,6 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
-    from calibkit.fit.shared import Shared
     from calibkit.ingest.evidence import Evidence
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
@@ -244,7 +243,15 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
     sized_errors = state_sizes(errors, log_errors)
     shared = sized_errors if many_logs else []
     if shared and shared[0].size is None:
-        _require_levels_apart(shared[0], rotation.rows(blocks.design), names)
+        error, design = shared[0], rotation.rows(blocks.design)
+        if rank(np.hstack([design, error.design(np.arange(len(design)))])) == count:
+            raise FitError(
+                f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
+                f" {error.levels} of them, each at one value of the abscissa, expected more"
+                f" than {count}, or changes of the abscissa within each",
+                hint="measure more of them, lower the order, or state how much the"
+                f" {error.effect} differs in [[errors.component]]",
+            )
     estimate = fit_blocks(blocks, rotation, unit, shared, names)
     coefficients, turn_on, sizes = estimate.parameters, np.zeros(len(rows)), estimate.mixed
     if shared:
@@ -290,19 +297,6 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
         BiasCurve(entry.indication, *means, fitted),
         tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_levels(sizes)),
     )
-
-
-def _require_levels_apart(error: Shared, design: Array, names: Sequence[str]) -> None:
-    """Refuse turn-on biases that rows of a design [m, p] do not separate from its coefficients."""
-    turn_on_columns = error.design(np.arange(len(design)))
-    if rank(np.hstack([design, turn_on_columns])) == len(names):
-        raise FitError(
-            f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
-            f" {error.levels} of them, each at one value of the abscissa, expected more"
-            f" than {len(names)}, or changes of the abscissa within each",
-            hint="measure more of them, lower the order, or state how much the"
-            f" {error.effect} differs in [[errors.component]]",
-        )
 
 
 def summarize(

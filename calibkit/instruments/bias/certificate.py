@@ -218,7 +218,9 @@ def _list_bias(basis: Stated, record: Record, levels: FittedBias) -> ListTable:
 
 
 def _tabulate_drift(basis: Stated, record: Record, levels: FittedBias) -> GridTable | None:
-    """Drift over temperature: at rest, on ramps in both directions, and between the two."""
+    """Drift over temperature: at rest, and of a model with lags on its fastest ramp in both
+    directions, and between the two.
+    """
     reference, case = f"{levels.reference:g} °C", levels.inputs[:1]
     temperatures = basis.grid(CASE, case[0].low, case[0].high)
     _, drift = levels.quantities(record.stage)
@@ -234,52 +236,47 @@ def _tabulate_drift(basis: Stated, record: Record, levels: FittedBias) -> GridTa
         f"ref.: at rest at {reference} the drift is zero by definition.",
         f"ref.：按定义，{reference} 稳态漂移为零。",
     )
+    columns = [(AT_REST, drift_at_rest)]
+    # a model with lags holds on a ramp where the coil is within its range
+    low, high = levels.model.valid.get(RATE, (0.0, 0.0))
+    rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
+    if levels.model.form in COIL_FORMS and rate is not None:
+
+        def on_ramp(way: float) -> Quantity:
+            return replace(
+                drift_at_rest,
+                name=f"drift_{way:+g}",
+                words=Words("thermal drift on a ramp", "温变热致漂移"),
+                inputs=(*drift_at_rest.inputs, QuantityInput(RATE, low, high, way)),
+                beyond=levels.beyond,
+                principal=False,
+            )
+
+        def between(operating_point: At) -> Point:
+            return less(levels.bias(operating_point), levels.bias({**operating_point, RATE: -rate}))
+
+        difference = replace(
+            on_ramp(rate),
+            name=f"hysteresis_{rate:g}",
+            words=Words("hysteresis", "滞回"),
+            point=between,
+            beyond=lambda operating_point: (
+                levels.beyond(operating_point) or levels.beyond({**operating_point, RATE: -rate})
+            ),
+        )
+        columns += [
+            (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), on_ramp(rate)),
+            (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), on_ramp(-rate)),
+            (Words("heating − cooling", "升温 − 降温"), difference),
+        ]
     return tabulate(
         basis,
         title,
-        [(AT_REST, drift_at_rest), *_on_ramps(drift_at_rest, levels)],
+        columns,
         temperatures,
         note=note if levels.reference in temperatures else None,
         principal_at=temperatures[-1] if temperatures else None,
     )
-
-
-def _on_ramps(drift_at_rest: Quantity, levels: FittedBias) -> list[tuple[Words, Quantity]]:
-    """Drift of a model with lags on its fastest ramp in both directions, and what lies between the
-    two; it holds where the coil is within its range.
-    """
-    low, high = levels.model.valid.get(RATE, (0.0, 0.0))
-    rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
-    if levels.model.form not in COIL_FORMS or rate is None:
-        return []
-
-    def on_ramp(way: float) -> Quantity:
-        return replace(
-            drift_at_rest,
-            name=f"drift_{way:+g}",
-            words=Words("thermal drift on a ramp", "温变热致漂移"),
-            inputs=(*drift_at_rest.inputs, QuantityInput(RATE, low, high, way)),
-            beyond=levels.beyond,
-            principal=False,
-        )
-
-    def between(operating_point: At) -> Point:
-        return less(levels.bias(operating_point), levels.bias({**operating_point, RATE: -rate}))
-
-    difference = replace(
-        on_ramp(rate),
-        name=f"hysteresis_{rate:g}",
-        words=Words("hysteresis", "滞回"),
-        point=between,
-        beyond=lambda operating_point: (
-            levels.beyond(operating_point) or levels.beyond({**operating_point, RATE: -rate})
-        ),
-    )
-    return [
-        (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), on_ramp(rate)),
-        (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), on_ramp(-rate)),
-        (Words("heating − cooling", "升温 − 降温"), difference),
-    ]
 
 
 def _tabulate_rates(basis: Stated, record: Record, model: Model) -> GridTable | None:

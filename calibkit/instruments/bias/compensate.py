@@ -492,13 +492,12 @@ def state_along_logs(
 
 @dataclass(frozen=True, slots=True)
 class RestLevel:
-    """Rate at rest at the reference temperature that a run states, and its standard uncertainty
-    [°/h]; turn-on biases of the fitted logs [logs, °/h].
+    """Rate at rest at the reference temperature that a run states, and the expanded uncertainty of
+    that of one more log, its turn-on bias included [°/h].
     """
 
     rate: float
-    standard_uncertainty: float
-    turn_on: Array
+    expanded: float
 
     @staticmethod
     def find(figures: Sequence[Figure]) -> "RestLevel | None":
@@ -508,25 +507,9 @@ class RestLevel:
         turn_on = [entry.value for name, entry in by_name.items() if name.startswith(TURN_ON)]
         if rate is None or len(turn_on) < 2:
             return None
-        return RestLevel(rate.value, rate.standard_uncertainty, np.array(turn_on))
-
-    @property
-    def expanded(self) -> float:
-        """Expanded uncertainty [°/h] of the rate at rest of one more log, its turn-on included."""
-        dof = self.turn_on.size - 1
-        one_more = gum.coverage_factor(float(dof)) * float(np.std(self.turn_on, ddof=1))
-        return float(np.hypot(one_more, 2.0 * self.standard_uncertainty))
-
-    def compare(self, left: Array, limit: Array) -> dict[str, float]:
-        """JSON object: share of compensated means [m, °/h] that are as near to the rate at rest as
-        their limits [m, °/h] and this level say, and the log's offset.
-        """
-        absolute = np.hypot(limit, self.expanded)
-        return {
-            "share_within_absolutely": float(np.mean(np.abs(left - self.rate) <= absolute)),
-            "offset": float(left.mean()) - self.rate,
-            "offset_expanded_uncertainty": float(absolute.mean()),
-        }
+        k = gum.coverage_factor(float(len(turn_on) - 1))
+        one_more = k * float(np.std(turn_on, ddof=1))
+        return RestLevel(rate.value, float(np.hypot(one_more, 2.0 * rate.standard_uncertainty)))
 
 
 def check_coverage(
@@ -554,5 +537,12 @@ def check_coverage(
     left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
     compared, means, limit = compare_means(left, drift_uncertainty, noise, group)
     if compared and level is not None:
-        entry |= level.compare(means, limit)
+        # whether means are as near to the rate at rest as their limits and its own say
+        absolute = np.hypot(limit, level.expanded)
+        share = float(np.mean(np.abs(means - level.rate) <= absolute))
+        entry |= {
+            "share_within_absolutely": share,
+            "offset": float(means.mean()) - level.rate,
+            "offset_expanded_uncertainty": float(absolute.mean()),
+        }
     return entry | compared

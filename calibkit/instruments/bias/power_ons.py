@@ -114,13 +114,6 @@ def mend_clock(log: Log, spec: ThermalTable) -> Log:
     return replace(log, frame=frame, notes=(*log.notes, note))
 
 
-def choose_interval(logs: Sequence[Log], spec: ThermalTable) -> float:
-    """Model interval [s]: stated, or USUAL_INTERVAL_S, or that of the slowest log."""
-    if spec.interval_s != "auto":
-        return float(spec.interval_s)
-    return max(USUAL_INTERVAL_S, *(float(np.ceil(log.steps.usual - 1e-6)) for log in logs))
-
-
 def find_power_ons(
     logs: Sequence[Log], raw: Sequence[Log], spec: ThermalTable, interval_s: float
 ) -> list[PowerOn]:
@@ -305,16 +298,3 @@ def _starting_rate(time: Array, case: Array) -> float:
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
     return 0.5 * (first + second) if steady and sure and abs(first) >= ON_A_RAMP_DEGC_MIN else 0.0
-
-
-def refuse_little_change(logs: Sequence[Log], spec: ThermalTable) -> None:
-    """Raise FitError for logs in which the temperature hardly changes."""
-    ends = [log.extremes(CASE) for log in logs]
-    low, high = min(low for low, _ in ends), max(high for _, high in ends)
-    if high - low < spec.min_span_degc:
-        raise FitError(
-            f"{', '.join(log.file for log in logs)}: the temperature goes from {low:g} to"
-            f" {high:g} °C, expected a change of at least {spec.min_span_degc:g} °C",
-            hint="log the instrument while its temperature changes, or lower [thermal]"
-            " min_span_degc",
-        )

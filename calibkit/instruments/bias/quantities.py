@@ -144,25 +144,6 @@ class FittedBias:
         return bias, drift
 
 
-def _increments(record: Record, model: Model) -> Quantity:
-    """Drift increment per interval, of one side or of one ramp."""
-    form = forms.PER_RAMP if model.form == forms.PER_RAMP.name else forms.OVER_RATES
-    columns = (GRADIENT,) if form is forms.PER_RAMP else (RATE, GRADIENT)
-    inputs = tuple(ranged(model, column) for column in columns)
-    low, high = model.valid[GRADIENT]
-    groups = tuple(({GRADIENT: x},) for x in (low, (low + high) / 2.0, high))
-    return Quantity(
-        "increment",
-        record.stage,
-        model.name,
-        Words(f"drift increment per {model.value('interval'):g} s", "漂移增量"),
-        "deg/h",
-        inputs,
-        of_form(form, model, inputs),
-        compared=() if form.per_log else groups,
-    )
-
-
 def results(records: Mapping[str, Record], spec: BiasRecipe) -> tuple[Quantity, ...]:
     """Bias and drift of each channel, or increments of the published scheme; those of each ramp
     last.
@@ -171,7 +152,24 @@ def results(records: Mapping[str, Record], spec: BiasRecipe) -> tuple[Quantity, 
     for record in sorted(records.values(), key=lambda record: record.stage == "drift"):
         for model in record.models:
             if model.form not in forms.FORMS:
-                quantities.append(_increments(record, model))
+                # drift increment per interval, of one side or of one ramp
+                form = forms.PER_RAMP if model.form == forms.PER_RAMP.name else forms.OVER_RATES
+                columns = (GRADIENT,) if form is forms.PER_RAMP else (RATE, GRADIENT)
+                inputs = tuple(ranged(model, column) for column in columns)
+                low, high = model.valid[GRADIENT]
+                groups = tuple(({GRADIENT: x},) for x in (low, (low + high) / 2.0, high))
+                quantities.append(
+                    Quantity(
+                        "increment",
+                        record.stage,
+                        model.name,
+                        Words(f"drift increment per {model.value('interval'):g} s", "漂移增量"),
+                        "deg/h",
+                        inputs,
+                        of_form(form, model, inputs),
+                        compared=() if form.per_log else groups,
+                    )
+                )
                 continue
             fitted = FittedBias(model, spec.reference_temp_degc)
             bias, drift = fitted.quantities(record.stage)

@@ -27,6 +27,7 @@ DEGREE = {"s_grad2": 2, "s_temp_rate": 2}
 """Degree in temperatures of the terms that are neither powers p_k, b_k nor linear."""
 
 
+TIMED = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
 ENV, SHARE = "temp_env_degc", 1e-5
 POINTS = 41
 """Temperatures at rest over which shifted coefficients are found."""
@@ -45,22 +46,15 @@ def find(result: StageResult) -> tuple[Sensitivity, ...]:
             sensitivities += _of_levels(result.stage, model, rest_figures)
         elif model.form in forms.FORMS:
             sensitivities += _of_terms(result.stage, model)
-        if model.form in forms.FORMS:
-            sensitivities += list_time_errors(result.stage, model)
+        # terms of rates, and lags, are in proportion to the logged time, but lags that are given
+        timed = {
+            f"{result.stage}.{model.name}.{c.name}": c.value
+            for c in model.coefficients
+            if c.name in TIMED and c.value and model.form in forms.FORMS
+        }
+        if timed:
+            sensitivities.append(Sensitivity("time_s", "scale", timed))
     return tuple(sensitivities)
-
-
-def list_time_errors(stage: str, model: Model) -> tuple[Sensitivity, ...]:
-    """Sensitivity of a model on levels to the scale of the time base: terms of rates, and lags, are
-    in proportion to the logged time. None of a model whose lags are given.
-    """
-    timed = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
-    derivatives = {
-        f"{stage}.{model.name}.{coefficient.name}": coefficient.value
-        for coefficient in model.coefficients
-        if coefficient.name in timed and coefficient.value
-    }
-    return (Sensitivity("time_s", "scale", derivatives),) if derivatives else ()
 
 
 def _of_terms(stage: str, model: Model) -> list[Sensitivity]:

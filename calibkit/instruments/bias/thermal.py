@@ -135,8 +135,20 @@ def fit(
         logs.append(mended)
         flags += [f"{log.file}: {note}" for note in mended.notes]
         flags += [str(finding) for finding in findings if finding.flagged]
-    power_ons.refuse_little_change(logs, spec.thermal)
-    interval_s = power_ons.choose_interval(logs, spec.thermal)
+    ends = [log.extremes(power_ons.CASE) for log in logs]
+    low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    if high - low < spec.thermal.min_span_degc:
+        raise FitError(
+            f"{', '.join(log.file for log in logs)}: the temperature goes from {low:g} to"
+            f" {high:g} °C, expected a change of at least {spec.thermal.min_span_degc:g} °C",
+            hint="log the instrument while its temperature changes, or lower [thermal]"
+            " min_span_degc",
+        )
+    # the model interval: stated, or the usual one, or that of the slowest log
+    slowest = max(float(np.ceil(log.steps.usual - 1e-6)) for log in logs)
+    interval_s = max(power_ons.USUAL_INTERVAL_S, slowest)
+    if spec.thermal.interval_s != "auto":
+        interval_s = float(spec.thermal.interval_s)
     found_power_ons = power_ons.find_power_ons(logs, raw, spec.thermal, interval_s)
     found_power_ons, notes = power_ons.cut_stretches(found_power_ons, interval_s)
     flags += [*notes, *(note for power_on in found_power_ons for note in power_on.notes)]

@@ -225,16 +225,6 @@ class BankSolution:
     columns: Array
 
     @property
-    def endless(self) -> bool:
-        """Whether a lag does not describe a real lag: those of a bank are given."""
-        return False
-
-    @property
-    def rows(self) -> WhitenedRows:
-        """Rows of the fit."""
-        return self.problem.rows
-
-    @property
     def parameters(self) -> int:
         """Number of parameters that no prior holds: the mean, the variances of the parts that the
         model has, and the static lag.
@@ -272,7 +262,7 @@ class BankSolution:
         than chance.
         """
         prior = self.problem.prior
-        gram = self.problem.gram(self.rows, self.lag, self.columns)
+        gram = self.problem.gram(self.problem.rows, self.lag, self.columns)
         values = []
         for size in (1.0, NEGLIGIBLE):
             theta = self.posterior.theta.copy()
@@ -290,11 +280,11 @@ class BankSolution:
             return
         stacked, states = self.problem.stacked, self.problem.initial_states
         variance = np.exp(self.posterior.theta[INITIAL])
-        precision = np.full(1 + len(WARM_UP_S), self.rows.noise.white_variance / variance)
+        precision = np.full(1 + len(WARM_UP_S), self.problem.rows.noise.white_variance / variance)
         precision[0] = 0.0  # the level of a ramp is free
         for rows, drift in zip(stacked.ramps, predicted, strict=True):
             columns = np.column_stack([np.ones(rows.stop - rows.start), states[rows]])
-            weighted = columns * self.rows.sound[rows, None]
+            weighted = columns * self.problem.rows.sound[rows, None]
             left = stacked.indication[rows] - drift
             information = weighted.T @ columns + np.diag(precision)
             yield drift + columns @ np.linalg.solve(information, weighted.T @ left)
@@ -305,7 +295,9 @@ class BankSolution:
         """
         problem, theta = self.problem, self.posterior.theta
         for rows in remaining_rows:
-            gram = problem.gram(replace(rows, noise=self.rows.noise), self.lag, self.columns)
+            gram = problem.gram(
+                replace(rows, noise=self.problem.rows.noise), self.lag, self.columns
+            )
             yield self.drift(evidence.condition(gram, problem.prior, theta)[0])
 
     def finish(self) -> BankModel:
@@ -313,7 +305,7 @@ class BankSolution:
         problem, posterior = self.problem, self.posterior
         by_lag, logs = problem.by_lag, len(problem.stacked.logs)
         terms = slice(by_lag.start)
-        gram = problem.gram(self.rows, self.lag, self.columns)
+        gram = problem.gram(self.problem.rows, self.lag, self.columns)
         mean, covariance = evidence.average(gram, problem.prior, posterior, POINTS)
         coefficients = problem.root @ mean[terms]
         coefficients[0] += problem.level
@@ -339,9 +331,9 @@ class BankSolution:
             ),
             turn_on=mean[by_lag.stop : by_lag.stop + logs],
             turn_on_sd=float(np.exp(0.5 * posterior.theta[TURN_ON])),
-            dof=max(int(self.rows.starts.size - determined), 1),
-            residual_rms=rms(problem.left(self.lag, self.columns, mean)[self.rows.blocks]),
-            noise=self.rows.noise,
+            dof=max(int(problem.rows.starts.size - determined), 1),
+            residual_rms=rms(problem.left(self.lag, self.columns, mean)[problem.rows.blocks]),
+            noise=self.problem.rows.noise,
         )
 
 

@@ -131,7 +131,7 @@ def _left_out_ramps_agree(
         errors = left_out_errors(
             solution.with_own_start(predicted) if after.unsettled else predicted,
             stacked,
-            solution.rows.sound,
+            solution.problem.rows.sound,
             FIGURE_BLOCKS,
         )
         squares.append(np.array([np.var(error) for error in errors]))
@@ -232,8 +232,9 @@ def choose(
         if last_bank is not None:  # which knows how unsettled logs start
             predicted = last_bank.with_own_start(predicted)
         errors = left_out_errors(predicted, stacked, sound, figure_blocks)
-        parameters, endless = fit.solution.parameters, fit.solution.endless
-        results.append(LeftOutErrors(fit.name, errors, raw, parameters, endless))
+        # the lags of a bank are given
+        endless = isinstance(fit.solution, fits.TermSolution) and fit.solution.endless
+        results.append(LeftOutErrors(fit.name, errors, raw, fit.solution.parameters, endless))
     tested = tuple(results)
     best = _best_of(tested, one_sided=one_sided)
     if best is None:
