@@ -47,7 +47,7 @@ from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import linear_in_blocks, rank
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
-from calibkit.recipe.type_b import RELATIVE, TypeB, combine_terms
+from calibkit.recipe.type_b import RELATIVE, combine_terms
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
 
@@ -395,23 +395,12 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     powers = np.vander(np.linspace(low, high, BINS), order + 1, increasing=True)[:, 1:]
     centred_powers = powers - powers.mean(axis=0)
     covariance = np.array(of_log.covariance) + np.array(model.covariance)
-    covariance += _type_b(model, abscissa, spec.type_b)
-    comparison = unseen(
-        centred_powers @ (POLYNOMIAL.read(of_log) - POLYNOMIAL.read(model))[1:],
-        centred_powers @ gum.square_root(covariance[1:, 1:]),
-        dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
-    )
-    return comparison.to_object()
-
-
-def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:
-    """Covariance [p, p] of the coefficients by type B terms: on the abscissa, which shifts the
-    polynomial, on the indication or on single coefficients.
-    """
+    # type B terms: on the abscissa, which shifts the polynomial, on the indication or on single
+    # coefficients
     p = POLYNOMIAL.read(model)
     slopes = np.append(p[1:] * np.arange(1, p.size), 0.0)
-    errors = []
-    for term in terms:
+    errors = [np.zeros(p.size)]
+    for term in spec.type_b:
         if term.quantity == abscissa:
             errors.append(slopes * term.u_of(0.0))
         elif term.quantity == model.name:
@@ -426,7 +415,13 @@ def _type_b(model: Model, abscissa: str, terms: Sequence[TypeB]) -> Array:
                     ]
                 )
             )
-    return np.einsum("ti,tj->ij", errors, errors) if errors else np.zeros((p.size, p.size))
+    covariance += np.einsum("ti,tj->ij", errors, errors)
+    comparison = unseen(
+        centred_powers @ (POLYNOMIAL.read(of_log) - p)[1:],
+        centred_powers @ gum.square_root(covariance[1:, 1:]),
+        dof=(max(1.0, min(map(model.dof_of, model.coefficients[1:]))), np.inf),
+    )
+    return comparison.to_object()
 
 
 def _bin_means(

@@ -465,28 +465,29 @@ def state_along_logs(
     """
     if model.thermal is None:
         return []
-    entries = []
-
-    def state(place: str, degc: float, drift_uncertainty: evaluate.Along, row: int) -> None:
-        drift = float(drift_uncertainty.drift[row])
-        parts = [
-            gum.UncertaintyComponent(name, drift, float(values[row]), kind, dof=dof)
-            for name, kind, values, dof in drift_uncertainty.contributions
-        ]
-        entry = budget.combine("drift taken off the indication", "deg/h", parts)
-        entries.append(entry | {"where": place, "temp_case_degc": degc})
-
+    stated: list[tuple[str, float, evaluate.Along, int]] = []
     no_change = np.zeros(2)
     fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
     for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
         resting = DriftBlocks(
             np.array([0.0, 1.0]), np.full(2, degc), no_change, no_change, no_change
         )
-        state("at rest", degc, along_blocks(model, resting, terms, long_at_rest=True), 1)
+        at_rest = along_blocks(model, resting, terms, long_at_rest=True)
+        stated.append(("at rest", degc, at_rest, 1))
     for log in logs:
         moving = along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
-        state(log.name, float(log.raw.case[row]), moving, row)
+        stated.append((log.name, float(log.raw.case[row]), moving, row))
+    entries = []
+    for place, degc, along, row in stated:
+        parts = [
+            gum.UncertaintyComponent(
+                name, float(along.drift[row]), float(values[row]), kind, dof=dof
+            )
+            for name, kind, values, dof in along.contributions
+        ]
+        entry = budget.combine("drift taken off the indication", "deg/h", parts)
+        entries.append(entry | {"where": place, "temp_case_degc": degc})
     return entries
 
 

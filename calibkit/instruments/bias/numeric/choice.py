@@ -238,7 +238,16 @@ def choose(
     tested = tuple(results)
     best = _best_of(tested, one_sided=one_sided)
     if best is None:
-        reason = _nothing_helps(tested, stacked.ramp_names, refused)
+        reason = f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
+        if tested:
+            least = min(tested, key=lambda result: result.pooled)
+            ramps = zip(stacked.ramp_names, least.squares, least.raw_squares, strict=True)
+            worse = [name for name, left, before in ramps if left > WORSE**2 * before]
+            harm = f" and makes {', '.join(worse)} worse" if worse else ""
+            reason = (
+                f"the best candidate ({least.name}) leaves {least.pooled:.3g} deg/h on left-out"
+                f" ramps against {least.pooled_raw:.3g} deg/h raw{harm}: no drift term"
+            )
         return ThermalChoice(tested, tuple(refused), None, None, reason)
     chosen, solution = tested[best], fitted[best].solution
     model: OnLevels = (
@@ -292,24 +301,6 @@ def _best_of(tested: Sequence[LeftOutErrors], *, one_sided: bool = False) -> int
     if one_sided and banks:
         helping = banks[-1:]
     return simplest(tested, helping) if helping else None
-
-
-def _nothing_helps(
-    tested: Sequence[LeftOutErrors], ramps: Sequence[str], refused: Sequence[str]
-) -> str:
-    if not tested:
-        return f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
-    best = min(tested, key=lambda result: result.pooled)
-    worse = [
-        name
-        for name, a, b in zip(ramps, best.squares, best.raw_squares, strict=True)
-        if a > WORSE**2 * b
-    ]
-    harm = f" and makes {', '.join(worse)} worse" if worse else ""
-    return (
-        f"the best candidate ({best.name}) leaves {best.pooled:.3g} deg/h on left-out"
-        f" ramps against {best.pooled_raw:.3g} deg/h raw{harm}: no drift term"
-    )
 
 
 # Channels at rest beside one thermometer: stretches of power-ons are left out
