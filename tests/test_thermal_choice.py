@@ -109,7 +109,7 @@ def test_the_chosen_model_takes_ten_times_the_drift_off_every_withheld_ramp(logs
     """On ±3 and ±6 °C/min the true drift is reduced more than 10 times on each, and by the level
     model less.
     """
-    assert choice.model.form == "bank"
+    assert isinstance(choice.model, bank.BankModel)
     before, after, _ = withheld(logs, choice.model)
     assert len(before) == 4
     assert np.min(before / after) > 10.0
@@ -202,13 +202,10 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """For each ramp generalised least squares of the other logs, each with a free level held to
     the mean of all by the scatter of turn-on biases, gives the same compensated figure.
     """
-    candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
+    cubic = [Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))]
     stacked = pooled_fit.Stack.of_logs(fitted(logs))
-    basis = fits.level_basis(stacked)
-    solution = basis.solve(candidate.terms)
-    without = left_out.leave_out(stacked, basis.rows)
-    fit = thermal_choice._Fitted(candidate, solution)
-    found = thermal_choice._left_out(fit, stacked, without, 10, None)
+    (found,) = choose(fitted(logs), cubic, figure_blocks=10).tested
+    solution = fits.level_basis(stacked).solve(cubic[0].terms)
     sound = solution.rows.sound
     noise, tau = solution.rows.noise, np.sqrt(solution.turn_on_variance)
     for ramp, rows in enumerate(stacked.ramps):
