@@ -23,11 +23,12 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array, Mask
+    from calibkit.arrays import Array
     from calibkit.instruments import Fitted
     from calibkit.instruments.bias.at_rest import Hysteresis
     from calibkit.instruments.bias.compensate import LogFigures
     from calibkit.instruments.bias.numeric import published
+    from calibkit.instruments.bias.power_ons import PowerOn
     from calibkit.instruments.bias.ramps import PreparedLog
 
 
@@ -87,15 +88,6 @@ class BiasReport:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
-    """One power-on: time [n, min], temperature [n, °C] and where [n] blocks were not fitted."""
-
-    minutes: Array
-    temperature: Array
-    withheld: Mask
-
-
-@dataclass(frozen=True, slots=True)
 class ChannelCurves:
     """One channel: its indication and what the model leaves of it [n] in each power-on, about the
     turn-on bias.
@@ -111,21 +103,20 @@ class ChannelCurves:
 class ThermalReport:
     """All that the figures of terms show."""
 
-    courses: tuple[Course, ...]
+    power_ons: tuple[PowerOn, ...]
     channels: tuple[ChannelCurves, ...]
 
     def residuals(self) -> dict[str, Array]:
         """Columns of a tidy table, one row per model interval: what the model leaves of each
         channel, about the turn-on bias.
         """
-        numbers = [
-            np.full(course.minutes.size, k) for k, course in enumerate(self.courses, start=1)
-        ]
+        blocks = [power_on.blocks for power_on in self.power_ons]
+        numbers = [np.full(log.time.size, k) for k, log in enumerate(blocks, start=1)]
         columns = {
             "power_on": np.concatenate(numbers),
-            "time_s": np.concatenate([60.0 * course.minutes for course in self.courses]),
-            "temp_case_degc": np.concatenate([course.temperature for course in self.courses]),
-            "withheld": np.concatenate([course.withheld for course in self.courses]),
+            "time_s": np.concatenate([log.time - log.time[0] for log in blocks]),
+            "temp_case_degc": np.concatenate([log.case for log in blocks]),
+            "withheld": np.concatenate([~power_on.fitted for power_on in self.power_ons]),
         }
         left = {
             f"residual_{channel.name}": np.concatenate(channel.left) for channel in self.channels
@@ -144,22 +135,23 @@ class ThermalReport:
         rows = len(channels) + 1
         heading, height = f"{title}: bias before and after compensation", 1.2 + 2.2 * rows
         figure, axes = page(rows, 2, title=heading, height=height)
-        starts = [0.0]
-        for course in self.courses:
-            starts.append(starts[-1] + float(course.minutes[-1]) * 1.02)
+        temperature_axes, start, courses = axes[2 * len(channels)], 0.0, []
+        for power_on in self.power_ons:
+            plotted_rows = slice(None, None, max(1, power_on.fitted.size // MOST_POINTS))
+            minutes = (power_on.blocks.time - power_on.blocks.time[0]) / 60.0
+            courses.append((plotted_rows, minutes[plotted_rows] + start, power_on))
+            start += float(minutes[-1]) * 1.02
         for k, channel in enumerate(channels):
             over_time, over_temperature = axes[2 * k], axes[2 * k + 1]
-            for number, course in enumerate(self.courses):
-                plotted_rows = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
-                minutes = course.minutes[plotted_rows] + starts[number]
+            for number, (plotted_rows, minutes, power_on) in enumerate(courses):
                 raw, left = channel.raw[number][plotted_rows], channel.left[number][plotted_rows]
                 before, after = ("before", "after") if number == 0 else (None, None)
                 for values, colour, label in ((raw, RAW, before), (left, GOOD, after)):
                     over_time.plot(minutes, values, color=colour, lw=0.8, label=label)
                     over_temperature.plot(
-                        course.temperature[plotted_rows], values, ".", ms=2, color=colour
+                        power_on.blocks.case[plotted_rows], values, ".", ms=2, color=colour
                     )
-                withheld = course.withheld[plotted_rows]
+                withheld = ~power_on.fitted[plotted_rows]
                 if withheld.any():
                     over_time.plot(
                         minutes[withheld], left[withheld], ".", ms=2, color=ALERT, label="withheld"
@@ -169,12 +161,8 @@ class ThermalReport:
                 title=channel.name, xlabel="time [min]", ylabel=f"less turn-on bias {unit}"
             )
             over_temperature.set(title=channel.name, xlabel="temperature [°C]")
-        temperature_axes = axes[2 * len(channels)]
-        for course, start in zip(self.courses, starts, strict=False):
-            plotted_rows = slice(None, None, max(1, course.minutes.size // MOST_POINTS))
-            temperature_axes.plot(
-                course.minutes[plotted_rows] + start, course.temperature[plotted_rows], color=INK
-            )
+        for plotted_rows, minutes, power_on in courses:
+            temperature_axes.plot(minutes, power_on.blocks.case[plotted_rows], color=INK)
         temperature_axes.set(title="temperature", xlabel="time [min]", ylabel="temperature [°C]")
         axes[-1].set_visible(False)
         axes[0].legend(loc="best", ncols=3)

@@ -37,7 +37,7 @@ from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
-from calibkit.instruments.bias.figures import ChannelCurves, Course, ThermalReport
+from calibkit.instruments.bias.figures import ChannelCurves, ThermalReport
 from calibkit.instruments.bias.numeric import choice
 from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
 from calibkit.numeric import chunks, dispersion
@@ -164,19 +164,11 @@ def fit(
         )
     flags = list(dict.fromkeys(flags))
     stage = _write(fitted, interval_s, flags)
-    courses = tuple(
-        Course(
-            (power_on.blocks.time - power_on.blocks.time[0]) / 60.0,
-            power_on.blocks.case,
-            ~power_on.fitted,
-        )
-        for power_on in found_power_ons
-    )
     return Fitted(
         (stage,),
         tuple(Input.of(log) for log in raw),
         _summarize(spec, fitted, flags),
-        ThermalReport(courses, tuple(channel.curves for channel in fitted)),
+        ThermalReport(tuple(found_power_ons), tuple(channel.curves for channel in fitted)),
         exports=any(channel.choice.varies for channel in fitted),
         sensitivities=sensitivities.find(stage),
     )
