@@ -145,7 +145,7 @@ class Bench(bench.Bench):
         """Numbers of rounds."""
         return range(1, 7)
 
-    def measured(self, logs):
+    def rows_of_logs(self, logs):
         """Turns of all logs."""
         return turns_of(logs)
 

@@ -180,7 +180,7 @@ class Bench(ABC):
                     f"that run has no {' or '.join(self.files)}",
                     hint=f"name a run of {procedure}",
                 )
-            earlier, earlier_noise = self.seen(records)
+            earlier, earlier_noise = self.errors_of_run(records)
             earlier = [error for error in earlier if (error.group, error.effect) in self.units]
             sizes = [f"{name_source(error)} {error.value:.2g} {error.unit}" for error in earlier]
             if earlier_noise:
@@ -222,7 +222,7 @@ class Bench(ABC):
         return np.asarray((degc - middle) / half)
 
     @abstractmethod
-    def measured(self, logs: Sequence[Log]) -> Any:  # noqa: ANN401 (as of `fit`)
+    def rows_of_logs(self, logs: Sequence[Log]) -> Any:  # noqa: ANN401 (as of `fit`)
         """Rows of logs that are measured already; FitError for logs that a plan cannot use."""
 
     @abstractmethod
@@ -255,7 +255,7 @@ class Bench(ABC):
         """What is to be said of a campaign beside the assumptions."""
         return ()
 
-    def seen(
+    def errors_of_run(
         self, records: Sequence[Record | StageResult]
     ) -> tuple[list[ErrorComponent], float | None]:
         """Errors of an earlier run that are assumed, by default those of its models that are above
@@ -274,7 +274,7 @@ class Bench(ABC):
     @cached_property
     def have(self) -> Any:  # noqa: ANN401 (as of `fit`)
         """Rows that are measured already; None without any."""
-        return self.measured(self.task.have) if self.task.have else None
+        return self.rows_of_logs(self.task.have) if self.task.have else None
 
     def rows(self, design: Design) -> Any:  # noqa: ANN401 (as of `fit`)
         """Rows of what is measured already and of a design."""

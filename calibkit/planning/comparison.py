@@ -83,10 +83,8 @@ def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
         # its rate is measured in the middle, from 30 to 70 % of the way
         share = (degc - degc[0]) / (action.set_degc - degc[0] or np.nan)
         first, last = (int(np.argmax(share >= part)) for part in (0.3, 0.7))
-        if last <= first:
-            yield f"{planned}; there is no ramp"
-            return
-        rate = (degc[last] - degc[first]) / (time[last] - time[first]) * SECONDS_PER_MINUTE
+        minutes = (time[last] - time[first]) / SECONDS_PER_MINUTE
+        rate = (degc[last] - degc[first]) / minutes if last > first else 0.0
         if not abs(rate / action.ramp_degc_per_min - 1.0) <= 0.2:
             yield f"{planned}; its rate is {rate:+.3g} °C/min"
 

@@ -121,7 +121,7 @@ class TriadBench(Bench):
         self.fixture = fixture
         self.mountings = [np.array(spots, dtype=np.float64) for spots in mountings]
 
-    def seen(
+    def errors_of_run(
         self, records: Sequence[Record | StageResult]
     ) -> tuple[list[ErrorComponent], float | None]:
         """Also the noise of a dwell."""
@@ -129,9 +129,9 @@ class TriadBench(Bench):
         # residuals hold the errors that dwells share, which are assumed beside the noise
         stated = [p for model in models for p in model.parameters if p.name.startswith("noise_")]
         noises = [p.value for p in stated] or [model.residual_rms for model in models]
-        return super().seen(records)[0], rms(noises) if noises else None
+        return super().errors_of_run(records)[0], rms(noises) if noises else None
 
-    def measured(self, logs: Sequence[Log]) -> DwellSet:
+    def rows_of_logs(self, logs: Sequence[Log]) -> DwellSet:
         """Dwells of a triad without an error, in the attitudes of the logs."""
         dwells = triad_dwells.collect_dwells(logs, self.spec)
         indication = np.round(dwells.reference, DECIMALS)
@@ -307,7 +307,7 @@ class HandBench(TriadBench):
                 hint="leave it out, or name a fixture with its own spots in the equipment file",
             )
 
-    def measured(self, logs: Sequence[Log]) -> DwellSet:
+    def rows_of_logs(self, logs: Sequence[Log]) -> DwellSet:
         """Positions with the noise that they show, at the reference temperature."""
         dwells = triad_dwells.collect_dwells(logs, self.spec)
         # of a log with a row for each dwell no noise is known

@@ -73,7 +73,7 @@ class BiasBench(Bench):
             )
         super().__init__(spec, task)
 
-    def measured(self, logs: Sequence[Log]) -> Means:
+    def rows_of_logs(self, logs: Sequence[Log]) -> Means:
         """Means of up to 64 parts of each log; FitError for a log without times."""
         means, device = [], self.device
         for log in logs:

@@ -113,7 +113,9 @@ class RampBench(Bench):
                 hint="state the fastest ramp of chamber and device in the equipment file",
             )
 
-    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], float]:
+    def errors_of_run(
+        self, records: Sequence[Record | StageResult]
+    ) -> tuple[list[ErrorComponent], float]:
         """White noise, and sizes of drift, turn-on bias and flicker noise of a run; UsageError for
         one that does not state them.
         """
@@ -148,7 +150,7 @@ class RampBench(Bench):
         )
         return errors, white
 
-    def measured(self, logs: Sequence[Log]) -> tuple[Ramp, ...]:
+    def rows_of_logs(self, logs: Sequence[Log]) -> tuple[Ramp, ...]:
         """Ramps of logs, by the case temperature that was logged."""
         measured = []
         for log in logs:

@@ -71,7 +71,9 @@ class RecordBench(Bench):
         self.terms = assumed_terms(self.device)
         self.results = {WORDS[name]: LAWS[name].unit for name in self.terms}
 
-    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], None]:
+    def errors_of_run(
+        self, records: Sequence[Record | StageResult]
+    ) -> tuple[list[ErrorComponent], None]:
         """The largest of all gyros and logs of an earlier run."""
         largest: dict[str, float] = {}
         for figure in (figure for record in records for figure in record.figures):
@@ -83,7 +85,7 @@ class RecordBench(Bench):
             for name, value in largest.items()
         ], None
 
-    def measured(self, logs: Sequence[Log]) -> tuple[int, float]:
+    def rows_of_logs(self, logs: Sequence[Log]) -> tuple[int, float]:
         """The longest log."""
         times = [values(log.frame, "time_s") for log in logs]
         longest = max(times, key=lambda time: float(time[-1] - time[0]))

@@ -125,11 +125,13 @@ class GyroBench(Bench):
                     hint="map it under [columns.temp_case_degc], or plan without --have",
                 )
 
-    def seen(self, records: Sequence[Record | StageResult]) -> tuple[list[ErrorComponent], None]:
+    def errors_of_run(
+        self, records: Sequence[Record | StageResult]
+    ) -> tuple[list[ErrorComponent], None]:
         """Also, as the response at a rate, what held rates are off the line of their run, with the
         noise of the holds in it.
         """
-        errors, _ = super().seen(records)
+        errors, _ = super().errors_of_run(records)
         for record in records:
             off_line_dps = [
                 figure.value
@@ -144,7 +146,7 @@ class GyroBench(Bench):
         """Temperatures [°C] of the runs about a table axis that are measured."""
         return [run.temp_degc for run_axis, run in self.runs if run_axis == axis]
 
-    def measured(self, logs: Sequence[Log]) -> Holds:  # noqa: ARG002 (they are fitted as `runs`)
+    def rows_of_logs(self, logs: Sequence[Log]) -> Holds:  # noqa: ARG002 (they are fitted as `runs`)
         """Holds of each run, and the noise of the gyro that shows most of it; FitError for runs
         about an axis in one direction.
         """

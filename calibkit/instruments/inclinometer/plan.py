@@ -79,7 +79,7 @@ class StationBench(Bench):
         places = product(np.arange(step, 90.0, step), np.arange(0.0, 360.0, step))
         self.places: Array = np.array([*places])
 
-    def measured(self, logs: Sequence[Log]) -> StationRoots:
+    def rows_of_logs(self, logs: Sequence[Log]) -> StationRoots:
         """Stations of the sensor pair that tells less; FitError without temperatures."""
         admitted, _ = stations.admit_logs(list(logs), self.spec)
         rows = stations.gather_rows(admitted, self.spec.on_site())
