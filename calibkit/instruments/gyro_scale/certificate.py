@@ -330,11 +330,39 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
     laid_out = []
     if forms.SCALE_FILE in basis.records:
         laid_out.append(_state_scale(basis, basis.records[forms.SCALE_FILE]))
-    if forms.ORTHOGONALITY_FILE in basis.records:
-        record = basis.records[forms.ORTHOGONALITY_FILE]
-        pair = any(model.form == forms.PAIR.name for model in record.models)
-        laid_out.append(_state_pair(basis, record) if pair else _state_triad(basis, record))
-    return tuple(laid_out)
+    if forms.ORTHOGONALITY_FILE not in basis.records:
+        return tuple(laid_out)
+    record = basis.records[forms.ORTHOGONALITY_FILE]
+    if all(model.form != forms.PAIR.name for model in record.models):
+        return (*laid_out, _state_triad(basis, record))
+    pair = record.model("pair")
+    figures = {figure.name: figure for figure in record.figures}
+    *ratios, alpha = (state(basis, quantity, {}) for quantity in list_pair(record, pair))
+    if alpha.uncertainty is not None:
+        U = alpha.uncertainty.expanded_uncertainty
+        if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
+            # first-order u(α) diverges at 0° and 180°
+            low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
+            alpha = replace(alpha, interval=(low, high))
+    error = figures["orthogonality_error_deg"]
+    words = Words("orthogonality error 90° − α", "正交误差 90° − α")
+    slopes = by_angle(pair, error.name)
+    orthogonality_error = state(
+        basis, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {}
+    )
+    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
+    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, orthogonality_error))
+    notes = [
+        Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
+        if figures["side"].value < 0.0
+        else Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。"),
+        range_words(pair),
+    ]
+    if figures["clamped"].value:
+        notes.append(
+            Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
+        )
+    return (*laid_out, _block(record, title, (table,), notes))
 
 
 def _state_scale(basis: Stated, record: Record) -> Block:
@@ -555,35 +583,3 @@ def _state_triad(basis: Stated, record: Record) -> Block:
         )
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
     return _block(record, title, tables, notes)
-
-
-def _state_pair(basis: Stated, record: Record) -> Block:
-    """Block of N, ε, γ, α; errors of table rate and time base cancel in these ratios."""
-    pair = record.model("pair")
-    figures = {figure.name: figure for figure in record.figures}
-    *ratios, alpha = (state(basis, quantity, {}) for quantity in list_pair(record, pair))
-    if alpha.uncertainty is not None:
-        U = alpha.uncertainty.expanded_uncertainty
-        if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
-            # first-order u(α) diverges at 0° and 180°
-            low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
-            alpha = replace(alpha, interval=(low, high))
-    error = figures["orthogonality_error_deg"]
-    words = Words("orthogonality error 90° − α", "正交误差 90° − α")
-    slopes = by_angle(pair, error.name)
-    orthogonality_error = state(
-        basis, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {}
-    )
-    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
-    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, orthogonality_error))
-    notes = [
-        Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
-        if figures["side"].value < 0.0
-        else Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。"),
-        range_words(pair),
-    ]
-    if figures["clamped"].value:
-        notes.append(
-            Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
-        )
-    return _block(record, title, (table,), notes)

@@ -209,7 +209,7 @@ def list_results(campaign: CampaignFit, spec: GyroRecipe) -> tuple[StageResult, 
         else:
             valid.pop(forms.TEMPERATURE, None)
         response = forms.RESPONSE.write_fit(
-            forms.response_name(channel.name),
+            f"{channel.name}.response",
             fitted,
             units,
             residual_rms=rms(fitted.noise_residual),
@@ -328,50 +328,6 @@ def temperature_difference(runs: Runs) -> float:
     """How much warmer [°C] the runs about B's axis of a pair were; NaN where it is not known."""
     of_a, of_b = (float(np.mean([run.temp_degc for run in runs[axis]])) for axis in "ab")
     return of_b - of_a
-
-
-def write_pair(
-    run_lines: Lines,
-    runs: Runs,
-    ratios: published.Ratios,
-    from_a: Value,
-    components: tuple[Component, ...],
-    *,
-    interval: bool,
-) -> tuple[Model, tuple[Figure, ...]]:
-    """Model of N, ε, γ and α of a pair, and figures: these, the `interval` of α, and the second
-    estimate of γ.
-    """
-    all_runs = [run for axis in "ab" for run in runs[axis]]
-    of_b = [run_lines.published(run, "b").fit for run in runs["b"]]
-    units = forms.PAIR_UNITS.items()
-    pair = forms.PAIR.write(
-        "pair",
-        [(name, value, unit) for (name, unit), value in zip(units, ratios.results, strict=True)],
-        ratios.covariance,
-        dof=min(run.rate_dps.size for run in all_runs) - 2,
-        residual_rms=rms([fit.residual_rms for fit in of_b]),
-        residual_unit="1/s",
-        valid=table_runs.valid_ranges(all_runs),
-        effective_dof=np.array(ratios.dof),
-        components=components,
-    )
-    low, high = ratios.alpha_interval_deg
-    ends = (
-        Figure("alpha_low_95_deg", low, "deg", 0.0),
-        Figure("alpha_high_95_deg", high, "deg", 0.0),
-    )
-    _, _, gamma, alpha = pair.coefficients
-    indicated = float(ratios.indicated.value)
-    return pair, (
-        *pair.coefficients,
-        Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
-        *(ends if interval else ()),
-        Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
-        Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
-        Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),
-        figure_of("gamma_from_a_about_b", from_a, "1"),
-    )
 
 
 def of_input_axes(fit: Fit, gyros: Sequence[str]) -> Iterator[Figure]:

@@ -222,8 +222,8 @@ def validate(
         else:
             criteria.append(criterion)
     criteria += judge_noise(straight, spec.acceptance)
-    of_both = tuple(dict.fromkeys((*flags, *of_pair)))
-    return body, Summary("", tuple(tables), of_both, tuple(criteria))
+    every_flag = tuple(dict.fromkeys((*flags, *of_pair)))
+    return body, Summary("", tuple(tables), every_flag, tuple(criteria))
 
 
 def _scale_factors(

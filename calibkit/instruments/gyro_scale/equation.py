@@ -191,12 +191,6 @@ class ResponseTerms:
             by_power = by_power * (K / K[:, :1])[:, :, None]
         return K, F0, np.swapaxes(by_power, 1, 2)
 
-    def up_to(self, order: int) -> Mask:
-        """Which parameters [p] equation (1) has with polynomials of a lower order."""
-        of_line = np.ones(len(self.names), dtype=np.bool_)
-        of_line[: 2 * self.order + 2] = np.tile(np.arange(self.order + 1) <= order, 2)
-        return np.tile(of_line, self.lines)
-
     def mapped(self, degc: Array) -> Array:
         """Temperatures [n] mapped to [-1, 1]."""
         middle, half = self.middle_half
@@ -314,12 +308,15 @@ def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Respo
     """
 
     def fit_order(order: int, errors: Sequence[Shared]) -> Fit:
+        # polynomials of K and F0 of this order, and all shapes
+        of_line = np.ones(len(terms.names), dtype=np.bool_)
+        of_line[: 2 * terms.order + 2] = np.tile(np.arange(terms.order + 1) <= order, 2)
         return solve(
             partial(residual, rows=rows, terms=terms),
             terms.start,
             errors,
             channel=rows.channel,
-            free=terms.up_to(order),
+            free=np.tile(of_line, terms.lines),
             names=terms.names * terms.lines,
         )
 

@@ -40,7 +40,6 @@ from calibkit.instruments.gyro_scale.coefficient_files import (
     of_input_axes,
     stated_components,
     temperature_difference,
-    write_pair,
 )
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, ROOM_DEGC, FigureName
@@ -273,9 +272,37 @@ def _fit_pair(
             if terms.powers:  # without errors that the runs share
                 bent = equation.fit(rows, terms, ())
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
-    components = stated_components(run_scale, mounting)
-    # values of a refit have no errors, and α has no interval
-    pair, figures = write_pair(run_lines, runs, ratios, from_a, components, interval=frozen is None)
+    # N, ε, γ and α, the interval of α, which values of a refit do not have, and γ of A about B
+    all_runs = [run for axis in "ab" for run in runs[axis]]
+    of_b = [run_lines.published(run, "b").fit for run in runs["b"]]
+    units = forms.PAIR_UNITS.items()
+    pair = forms.PAIR.write(
+        "pair",
+        [(name, value, unit) for (name, unit), value in zip(units, ratios.results, strict=True)],
+        ratios.covariance,
+        dof=min(run.rate_dps.size for run in all_runs) - 2,
+        residual_rms=rms([fit.residual_rms for fit in of_b]),
+        residual_unit="1/s",
+        valid=table_runs.valid_ranges(all_runs),
+        effective_dof=np.array(ratios.dof),
+        components=stated_components(run_scale, mounting),
+    )
+    low, high = ratios.alpha_interval_deg
+    ends = (
+        Figure("alpha_low_95_deg", low, "deg", 0.0),
+        Figure("alpha_high_95_deg", high, "deg", 0.0),
+    )
+    _, _, gamma, alpha = pair.coefficients
+    indicated = float(ratios.indicated.value)
+    figures = (
+        *pair.coefficients,
+        Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
+        *(ends if frozen is None else ()),
+        Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
+        Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
+        Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),
+        figure_of("gamma_from_a_about_b", from_a, "1"),
+    )
     return CampaignFit(
         tuple(channels),
         run_lines,

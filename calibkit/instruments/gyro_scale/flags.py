@@ -88,7 +88,7 @@ WITHIN = (
 )
 
 
-def _those(*flags: tuple[bool, str]) -> list[str]:
+def _list_holding(*flags: tuple[bool, str]) -> list[str]:
     """Sentences whose test holds. One is a remark where U holds what it says, or where it says what
     U holds within.
     """
@@ -97,7 +97,7 @@ def _those(*flags: tuple[bool, str]) -> list[str]:
 
 def list_undetermined(campaign: CampaignFit) -> list[str]:
     """What the runs of single gyros do not determine, and what it takes."""
-    return _those(
+    return _list_holding(
         (
             not all(channel.curves for channel in campaign.channels),
             "K and F0 over temperature: log runs at temperatures 5 °C apart or more",
@@ -161,7 +161,7 @@ def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
                     ),
                 )
             )
-        yield from _those(
+        yield from _list_holding(
             (
                 len(channel.runs) == 1 and bool(unknown),
                 Remark(
@@ -224,7 +224,7 @@ def of_gamma(indicated: Value, from_a: Value) -> list[str]:
     gamma, u = float(indicated.value), float(indicated.u)
     excess, difference = abs(gamma) - 1.0, float(from_a.value) - gamma
     expected = max(float(np.hypot(from_a.u, u)), np.finfo(np.float64).tiny)
-    return _those(
+    return _list_holding(
         (excess > 0.0, f"|gamma| {abs(gamma):.9g} clamped to 1"),
         (
             excess > CONSISTENT * u,
@@ -260,7 +260,7 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
     yield from of_gamma(*campaign.gammas)
     limit = spec.pair.largest_temperature_coefficient_ppm_degc
     stated = spec.pair.temperature_coefficients_ppm_degc is not None
-    yield from _those(
+    yield from _list_holding(
         (
             bool(np.isnan(apart_degc)),
             "temperature is not logged: N carries no difference between the runs' temperatures",
@@ -365,7 +365,7 @@ def _of_axes(spec: GyroTriadRecipe, runs: Runs, campaign: CampaignFit) -> Iterat
             yield f"{_place(axes_set)}{flag}"
     directions = [[axes_set.misalignment(gyro) for gyro in spec.gyros] for axes_set in sets]
     three = len(spec.gyros) == len(forms.AXES)
-    yield from _those(
+    yield from _list_holding(
         (
             three and bool(np.any(np.linalg.det(directions) < 0.0)),
             "the input axes make a left-handed system: logs or signs may be exchanged",
@@ -375,7 +375,7 @@ def _of_axes(spec: GyroTriadRecipe, runs: Runs, campaign: CampaignFit) -> Iterat
         size = axes_set.figures[f"scale_factor.{gyro}"]
         name = f"{_place(axes_set)}{gyro}"
         yield from of_uncertain(name, size.value, size.standard_uncertainty)
-    yield from _those(
+    yield from _list_holding(
         (
             not stated_mounting and len(spec.gyros) > 1,
             Remark(

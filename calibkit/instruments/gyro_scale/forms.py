@@ -52,11 +52,6 @@ def curve_name(line: str, letter: str) -> str:
     return f"{line}.{letter}_over_temperature"
 
 
-def response_name(line: str) -> str:
-    """Name of the response over rate of a line."""
-    return f"{line}.response"
-
-
 def triad_names(gyros: Sequence[str]) -> tuple[list[str], list[str]]:
     """Names of the sensitivities of a triad, gyro by gyro, and names of its biases."""
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
@@ -280,7 +275,7 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
     for gyro in spec.gyros:
         name, outputs = line_name(gyro, spec.own_axis(gyro)), (f"gyro_{gyro}_dps",)
         polynomials = over_temperature([curve_name(name, "K"), curve_name(name, "F0")])
-        line, response = scale.model(name), models.get(response_name(name))
+        line, response = scale.model(name), models.get(f"{name}.response")
         matrices.append(GyroMatrix((gyro,), outputs, line, ("K", "F0"), polynomials, response))
     return tuple(matrices)
 

@@ -134,7 +134,13 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         begin, covered = max(first_window, covered), end - 1 + window
         if covered <= begin:
             continue
-        first, stop = _steady(rate_dps, begin, covered, rules, quantum)
+        # the longest stretch that stays near the median; a slow creep at its ends is cut off
+        part = rate_dps[begin:covered]
+        middle = order_statistics.median(part)
+        noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
+        range_limit = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise)
+        near = chunks.find_runs(np.abs(part - middle) <= max(range_limit, quantum))
+        first, stop = (begin + near[np.argmax(near[:, 1] - near[:, 0])]).tolist()
         # without its settling time and without its first and last sampling interval
         wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
         first_settled = int(np.searchsorted(time_s, time_s[first] + wait, side="right"))
@@ -359,23 +365,6 @@ def _quantum(rate: Array) -> float:
     taken_back = (change[1:] * change[:-1] < 0.0) & (np.diff(rows) < 8)
     count = int(np.count_nonzero(flicker[1:] & flicker[:-1] & taken_back))
     return quantum if count > 0.02 * rate.size else 0.0
-
-
-def _steady(
-    rate: Array, first: int, stop: int, rules: PlateauSpec, quantum: float
-) -> tuple[int, int]:
-    """First and end row of the longest stretch of a span whose rate stays near the span's median; a
-    slow creep at its ends is cut off.
-    """
-    part = rate[first:stop]
-    middle = order_statistics.median(part)
-    noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
-    departure_limit = max(
-        rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum
-    )
-    steady_runs = chunks.find_runs(np.abs(part - middle) <= departure_limit)
-    begin, end = steady_runs[np.argmax(steady_runs[:, 1] - steady_runs[:, 0])].tolist()
-    return first + begin, first + end
 
 
 @dataclass(frozen=True, slots=True)

@@ -116,20 +116,16 @@ class Lines:
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
-        in_time = frozen.in_time if frozen else tuple(run_lines._find_in_time())
-        return replace(run_lines, in_time=in_time)
-
-    def _find_in_time(self) -> Iterator[tuple[int, Mask, ordering.Ordering]]:
-        """Decisions of `ordering` on the runs of each gyro about its own axis at each
-        temperature.
-        """
-        own_axis = self.own_axis_mask()
-        for gyro, number in np.unique(np.column_stack((self.gyro_of, self.set_of)), axis=0):
-            lines = own_axis & (self.gyro_of == gyro) & (self.set_of == number)
-            rows = self.rows.of_lines(lines)
-            decided = ordering.decide(rows, rows.indication)
+        if frozen:
+            return replace(run_lines, in_time=frozen.in_time)
+        own_axis, in_time = run_lines.own_axis_mask(), []
+        for g, s in np.unique(np.column_stack((gyro_of, set_of)), axis=0).tolist():
+            own_lines = own_axis & (gyro_of == g) & (set_of == s)
+            own_rows = rows.of_lines(own_lines)
+            decided = ordering.decide(own_rows, own_rows.indication)
             if decided:
-                yield int(gyro), lines, decided
+                in_time.append((g, own_lines, decided))
+        return replace(run_lines, in_time=tuple(in_time))
 
     def require_followed(self) -> None:
         """Raise FitError for a gyro that does not follow the table about its own axis."""
