@@ -111,7 +111,7 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
         model = fits.finish(basis.solve(TERMS))
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
-    stated = model.standard_uncertainty
+    stated = np.sqrt(np.diag(model.covariance))
     alone = np.array(
         [name not in model.entangled for name in (*TERMS, "tau_outer", "tau_inner")[: errors.size]]
     )

@@ -1,5 +1,7 @@
 """Level and lagged drift models fitted to logs, as the choice among candidates fits each."""
 
+import numpy as np
+
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import fits, pooled_fit
 from calibkit.numeric.thermal.fits import LAGGED_TERMS
@@ -12,6 +14,11 @@ def block_log(name, columns, interval_s, begins=()):
     held = intervals.Intervals.find(slow[0], interval_s)
     means = (held.means(column) for column in slow)
     return pooled_fit.thermal_blocks(name, held, means, indication, begins)
+
+
+def stated_uncertainty(model):
+    """Type A standard uncertainties of coefficients and lags."""
+    return np.sqrt(np.clip(np.diag(model.covariance), 0.0, None))
 
 
 def fit_level(logs, terms=TERMS):
