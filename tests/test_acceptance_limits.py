@@ -16,7 +16,7 @@ from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.bias import fog_thermal as fog
 from calibkit.instruments.bias.compensate import LogFigures
 from calibkit.instruments.bias.recipe import _FogAcceptance
-from calibkit.instruments.gyro_noise import tables as noise_tables
+from calibkit.instruments.gyro_noise import figures as noise_figures
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, NoiseAcceptance
 from calibkit.instruments.gyro_scale import flags
 from calibkit.instruments.gyro_scale.recipe import (
@@ -24,7 +24,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     RateTableAcceptance,
     TriadAcceptance,
 )
-from calibkit.instruments.inclinometer import errors as angle_limits
+from calibkit.instruments.inclinometer import solve as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
 from calibkit.numeric.thermal.left_out import NoiseSplit
 from calibkit.recipe.type_b import TypeB
@@ -195,7 +195,7 @@ def noise(value, *, observed=True, sensor=GYRO, **limits):
         curve=curve,
         stability=(SimpleNamespace(block_s=10.0, value=value),),
     )
-    return noise_tables.criteria([one], NoiseAcceptance(**limits))
+    return noise_figures.criteria([one], NoiseAcceptance(**limits))
 
 
 def runs(name):

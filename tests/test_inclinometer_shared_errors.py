@@ -12,7 +12,6 @@ from calibkit.coefficients import at_most
 from calibkit.errors import FitError
 from calibkit.frame import Log, Remark
 from calibkit.instruments.inclinometer import (
-    errors,
     forms,
     simulate,
     solve,
@@ -72,13 +71,13 @@ def compare(fits, log, spec=PLAIN):
     models = {axis: scale.model for axis, scale in fits.items()}
     noise = {axis: model.noise for axis, model in models.items()}
     stations = stations_of([log], spec, noise)
-    return errors.AngleErrors.compare(stations, solve.seek_north(stations, models, spec))
+    return solve.seek_north(stations, models, spec).errors
 
 
 def judge(found):
     """Criteria of unseen stations without limits of the recipe."""
     angle, u = found.turn()
-    turn = at_most("turn that azimuths share", abs(angle) / u, errors.TURNED, "1")
+    turn = at_most("turn that azimuths share", abs(angle) / u, solve.TURNED, "1")
     return [found.judge_uncertainty("unseen"), turn]
 
 

@@ -12,7 +12,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, chunks, level_changes, order_statistics
+from calibkit.numeric import anomalies, chunks, order_statistics
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""
@@ -273,7 +273,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
 def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """One finding for the sudden changes of the bias that stay, at the largest; a spike is none."""
     calm = anomalies.remove_spikes(data)
-    rows, change = level_changes.jumps(calm, int(np.clip(data.size // 50, 20, 2000)))
+    rows, change = anomalies.jumps(calm, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
         return []
     k = int(np.argmax(np.abs(change)))
@@ -298,7 +298,7 @@ def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]
 
 def _check_start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Rows at the head of a log that were written before the instrument ran."""
-    count = level_changes.start_up(data)
+    count = anomalies.start_up(data)
     if not count:
         return []
     after = float(np.median(data[count : count + 100]))

@@ -1,26 +1,178 @@
-"""Figures of sensors at rest: deviations over averaging time with the noise terms, and the
-indication over time.
+"""What the report of sensors at rest shows: acceptance limits, tables and the first screen; figures
+of the deviations over averaging time with the noise terms, and of the indication over time; and the
+JSON of a validation.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.certificate.words import unit_mark
+from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import share_unit
+from calibkit.numeric.noise.confidence import TYPES
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
+from calibkit.report.overview import KeyValue, Overview
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 from calibkit.units import known
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.axes import Axes
 
     from calibkit.instruments import Fitted
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
+    from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
+    from calibkit.numeric.noise import allan
+
+
+def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
+    """Limits tested on each record; of a term that is not observable, on its largest possible
+    value.
+    """
+    tested = []
+    for noise in records:
+        sensor = noise.sensor
+        largest = {name: getattr(limits, key) for name, key in sensor.limits.items()}
+        observed = {term.name: term.value for term in noise.terms.terms}
+        for law in sensor.laws:
+            limit = largest.get(law.name)
+            if limit is not None:
+                name = f"{law.name} of {noise.name}"
+                value = observed.get(law.name)
+                if value is None:
+                    name += " (not observable: at most)"
+                    # no term is larger than the whole of σ² at any averaging time, its upper limit
+                    upper, tau = noise.curve.upper, noise.curve.tau_s
+                    value = float(np.min(law.scale * upper / tau ** (law.exponent / 2.0)))
+                tested.append(at_most(name, value, limit, law.unit))
+        if limits.max_residual_over_noise is not None:
+            name = f"{noise.name}: residual over noise"
+            tested.append(at_most(name, noise.over_noise, limits.max_residual_over_noise, "1"))
+        if largest["bias_stability"] is not None:
+            tested += [
+                at_most(
+                    f"bias stability over {entry.block_s:g} s of {noise.name}",
+                    entry.value,
+                    largest["bias_stability"],
+                    sensor.unit,
+                )
+                for entry in noise.stability
+            ]
+    return tuple(tested)
+
+
+def summarize(
+    title: str, records: Sequence[NoiseFigures], flags: Sequence[str], limits: NoiseAcceptance
+) -> Summary:
+    """Mean, noise terms and bias stability of every record, the deviations over averaging time,
+    flags and tested limits; the first screen has the terms that are determined.
+    """
+    rows = []
+    for noise in records:
+        name, sensor = noise.name, noise.sensor
+        rows.append((name, sensor.mean.replace("_", " "), number(noise.mean, 6), "", sensor.unit))
+        cells_of_terms = {
+            term.name: (number(term.value), number(term.standard_uncertainty, 2))
+            for term in noise.terms.terms
+        }
+        for law in sensor.laws:
+            cells = cells_of_terms.get(law.name, ("not observable", ""))
+            rows.append((name, f"{law.name} {law.symbol}", *cells, law.unit))
+        for entry in noise.stability:
+            cells = number(entry.value), number(entry.standard_uncertainty, 2)
+            rows.append((name, f"bias stability, {entry.block_s:g} s", *cells, sensor.unit))
+    title_of_terms = (
+        "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
+    )
+    heads = ("record", "figure", "value", "standard uncertainty", "unit")
+    terms = Table(title_of_terms, heads, tuple(rows))
+    curves = [
+        _curve_table(noise, curve) for noise in records for curve in (noise.curve, noise.wavelet)
+    ]
+
+    first = records[0]
+    key_values = [
+        KeyValue(
+            f"{term.name.replace('_', ' ')} {term.symbol}",
+            term.value,
+            unit_mark(term.unit),
+            term.standard_uncertainty,
+        )
+        for term in first.terms.terms
+    ]
+    terms_text = "; ".join(f"{entry.name} {entry}" for entry in key_values)
+    terms_text = terms_text or "no term of noise is determined by the Allan deviation"
+    key_values += [
+        KeyValue(
+            f"bias stability, {entry.block_s:g} s",
+            entry.value,
+            unit_mark(first.sensor.unit),
+            entry.standard_uncertainty,
+        )
+        for entry in first.stability
+    ]
+    hours = first.curve.samples * first.curve.interval_s / SECONDS_PER_HOUR
+    sentence = f"Noise of {first.name} over {hours:.3g} h at rest: {terms_text}."
+    determined = replace(terms, rows=tuple(row for row in rows if row[3]))
+    overview = Overview(sentence, (), tuple(key_values[:4]), determined)
+    tested = criteria(records, limits)
+    return Summary(title, (terms, *curves), tuple(flags), tested, overview=overview)
+
+
+def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:
+    """A deviation of one record over averaging time with confidence limits, and the exponent α of
+    the noise type that those of the Allan deviation assume.
+    """
+    columns = {
+        "τ [s]": [f"{tau:g}" for tau in curve.tau_s],
+        "deviation": map(number, curve.deviation),
+        "lower": map(number, curve.lower),
+        "upper": map(number, curve.upper),
+        "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
+    }
+    if curve.noise:
+        columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
+    quantity = f"{curve.estimator} deviation [{unit_mark(noise.sensor.unit)}]"
+    title = f"{noise.name}: {quantity} with {100.0 * curve.probability:g} % limits"
+    return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
+
+
+def validation_entry(noise: NoiseFigures) -> dict[str, object]:
+    """JSON object of one record's figures."""
+    unit = noise.sensor.unit
+    curves = {
+        key: {
+            "estimator": curve.estimator,
+            "tau_s": curve.tau_s.tolist(),
+            "deviation": curve.deviation.tolist(),
+            "lower": curve.lower.tolist(),
+            "upper": curve.upper.tolist(),
+            "dof": curve.dof.tolist(),
+            "noise": list(curve.noise),
+            "probability": curve.probability,
+            "unit": unit,
+        }
+        for key, curve in (("allan_deviation", noise.curve), ("wavelet_deviation", noise.wavelet))
+    }
+    return {
+        "name": noise.name,
+        "interval_s": noise.curve.interval_s,
+        "missing": noise.missing,
+        "mean": noise.mean,
+        "unit": unit,
+        "terms": [asdict(term) for term in noise.terms.terms],
+        "not_observable": [asdict(term) for term in noise.terms.not_observable],
+        "bias_stability": [asdict(stability) | {"unit": unit} for stability in noise.stability],
+        **curves,
+    }
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.gyro_noise import certificate, deviations, forms, tables
-from calibkit.instruments.gyro_noise.figures import NoiseReport
+from calibkit.instruments.gyro_noise import certificate, deviations, forms
+from calibkit.instruments.gyro_noise.figures import NoiseReport, summarize, validation_entry
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GyroNoiseRecipe, find_sensor
 from calibkit.left_out import LeftOut
 from calibkit.sensitivities import Sensitivity
@@ -122,7 +122,7 @@ def fit(
     return Fitted(
         (result,),
         tuple(inputs),
-        tables.summarize(spec.title, figures, flags, spec.acceptance),
+        summarize(spec.title, figures, flags, spec.acceptance),
         NoiseReport(tuple(figures)),
         sensitivities=tuple(sensitivities),
         left_out=tuple(gaps),
@@ -155,12 +155,12 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "records": [tables.validation_entry(noise) for noise in of_log],
+                "records": [validation_entry(noise) for noise in of_log],
             }
         )
         figures += of_log
         flags += flags_of_log
-    return {"logs": entries}, tables.summarize("", figures, flags, spec.acceptance)
+    return {"logs": entries}, summarize("", figures, flags, spec.acceptance)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit.coefficients import Condition, Figure, StageResult
-from calibkit.instruments.inclinometer.errors import AngleErrors
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -39,7 +38,6 @@ def make_result(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
     solved: SolvedStations,
-    angles: AngleErrors,
     notes: Iterable[str],
     spec: InclinometerRecipe,
 ) -> StageResult:
@@ -93,9 +91,11 @@ def make_result(
         Figure("stations_used", float(solved.refused.size - refused), "1", 0.0),
         Figure("stations_refused", float(refused), "1", 0.0),
     ]
-    if angles.known.any():
-        share = float(np.sqrt(1.0 / (2.0 * angles.known.sum())))
-        for stage, value in zip(("before", "after"), angles.sizes["azimuth"][:, 0], strict=True):
+    count_known = int(solved.errors.known.sum())
+    if count_known:
+        share = float(np.sqrt(1.0 / (2.0 * count_known)))
+        of_azimuth = solved.errors.sizes["azimuth"][:, 0]
+        for stage, value in zip(("before", "after"), of_azimuth, strict=True):
             figures.append(
                 Figure(f"azimuth_rms_{stage}", float(value), "deg", float(value * share))
             )

@@ -1,5 +1,6 @@
-"""Figures of a north-seeking inclinometer: s(T), azimuth error against C, stations before and after
-correction.
+"""What the report of a north-seeking inclinometer shows: tables and the first screen, stations and
+their errors against the reference before and after correction; figures, s(T) and the azimuth error
+against C.
 """
 
 from __future__ import annotations
@@ -9,22 +10,144 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.coefficients import at_most
 from calibkit.instruments.inclinometer import published
-from calibkit.instruments.inclinometer.errors import tabulate_stations
 from calibkit.numeric.attitude import wrapped
+from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import DENOISED, GOOD, MUTED, RAW, page
+from calibkit.report.overview import KeyValue, Overview
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from calibkit.arrays import Array
     from calibkit.instruments import Fitted
-    from calibkit.instruments.inclinometer.errors import AngleErrors
     from calibkit.instruments.inclinometer.published import Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
     from calibkit.instruments.inclinometer.scale_fit import ScaleFit
-    from calibkit.instruments.inclinometer.solve import SolvedStations
+    from calibkit.instruments.inclinometer.solve import AngleErrors, SolvedStations
     from calibkit.instruments.inclinometer.stations import Stations
+
+
+SHOWN = 40
+"""Stations listed on the console; report.txt lists all."""
+COVERAGE = 2.0
+"""Coverage factor of the stated uncertainty U (GUM 6.3.3)."""
+EXPANDED = f"U (k = {COVERAGE:g})"
+"""Its name in tables."""
+TITLE = "Stations before (s = 1) and after"
+COMPUTED = 1e-9
+"""Standard uncertainty of a root of s below which the readings are taken for computed, not measured
+ones: they close exactly (r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = 0), and U by such a noise would be 0.
+"""
+UNTESTED = (
+    "the [acceptance] limits of angles were not tested: the logs have no azimuth_deg to test them"
+    " on"
+)
+
+
+def tabulate_stations(stations: Stations, solved: SolvedStations) -> Table:
+    """Table of the azimuth before and after correction, a row for each station."""
+    angles = solved.errors
+
+    def fixed(values: Array, decimals: int = 3) -> list[str]:
+        return [f"{v:.{decimals}f}" if np.isfinite(v) else "-" for v in values.tolist()]
+
+    U = [f"{COVERAGE * u:#.2g}" for u in angles.standard_uncertainty.tolist()]
+    columns = {
+        "station": stations.names,
+        "incl. [°]": fixed(solved.combined.inclination_deg),
+        "toolface [°]": fixed(solved.combined.toolface_deg),
+        "azimuth s=1 [°]": fixed(solved.combined.uncorrected_deg),
+        "azimuth [°]": fixed(solved.combined.azimuth_deg),
+        f"{EXPANDED} [°]": np.where(solved.refused, "refused", U).tolist(),
+        **{f"s {axis}": fixed(pair.s, 6) for axis, pair in solved.solutions.items()},
+    }
+    if angles.known.any():
+        columns |= {
+            "error s=1 [°]": fixed(angles.before),
+            "error [°]": fixed(angles.after),
+        }
+    return Table(TITLE, tuple(columns), tuple(zip(*columns.values(), strict=True)))
+
+
+def tabulate_errors(angles: AngleErrors, title: str) -> Table:
+    """Table of the errors over all stations, before and after correction; s does not affect
+    inclination and toolface.
+    """
+    cells = tuple(
+        (name, f"{sizes[1, 2]:.0f}", *(number(size, 3) for size in sizes[:, :2].T.ravel().tolist()))
+        for name, sizes in angles.sizes.items()
+        if sizes[1, 2] or name == "azimuth"
+    )
+    heads = ("", "stations", "rms, s = 1 [°]", "rms [°]", "largest, s = 1 [°]", "largest [°]")
+    return Table(title, heads, cells)
+
+
+def summarize(
+    fits: Mapping[Sensor, ScaleFit],
+    stations: Stations,
+    solved: SolvedStations,
+    flags: tuple[str, ...],
+    spec: InclinometerRecipe,
+    results: Sequence[Table],
+) -> Summary:
+    """Summary of a fit, as the console shows it, with the tables of its results at the end."""
+    table, count, angles = tabulate_stations(stations, solved), len(stations.names), solved.errors
+    if count > SHOWN:
+        title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
+        table = replace(table, title=title, rows=table.rows[:SHOWN])
+    tables = [table]
+    if angles.known.any():
+        title = "Errors against the reference, each station by the s(T) of the others"
+        tables.append(tabulate_errors(angles, title))
+    tables += results
+    criteria, limits = angles.criteria(spec), spec.acceptance
+    limited = any(limit is not None for name, limit in limits if name.endswith("_deg"))
+    untested = limited and not criteria
+    for axis, scale in fits.items():
+        u = solved.solutions[axis].s_root_uncertainty[scale.used]
+        if limits.max_residual_over_noise is not None and u.min() > COMPUTED:
+            of_model = scale.model.prior(np.nan_to_num(stations.temperature)).s
+            left = (solved.solutions[axis].s_root - of_model)[scale.used]
+            name = f"gyro {axis}: residual over noise"
+            criteria += (at_most(name, rms(left / u), limits.max_residual_over_noise, "1"),)
+    conclusion = ""
+    if untested and criteria:
+        flags = (*flags, UNTESTED)
+    elif untested:
+        conclusion = f"No verdict: {UNTESTED}"
+
+    # first screen: U of the azimuths, what s changes, errors where the azimuths are known
+    with_result, facts = ~solved.refused, list[str]()
+    U = COVERAGE * angles.standard_uncertainty[with_result]
+    if not U.size:
+        first = Overview("No station has a result.", (), (), table)
+        return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
+    shifts = wrapped(solved.combined.azimuth_deg - solved.combined.uncorrected_deg)[with_result]
+    largest_shift = float(np.fmax.reduce(np.abs(shifts)))
+    values = [
+        KeyValue(f"median {EXPANDED} of the azimuth", float(np.median(U)), "°"),
+        KeyValue(f"largest {EXPANDED} of the azimuth", float(U.max()), "°"),
+        KeyValue("largest change of the azimuth by the correction", largest_shift, "°"),
+    ]
+    sentence = (
+        f"Azimuth of {U.size} of {count} stations: {EXPANDED} {U.min():.2g}° to {U.max():.2g}°,"
+        f" median {np.median(U):.2g}°; the in-situ scale factor changes it by up to"
+        f" {largest_shift:.2g}°."
+    )
+    if angles.known.any():
+        before, after = angles.sizes["azimuth"][:, 0].tolist()
+        facts.append(
+            f"Azimuth error against the reference (rms): {before:.3g}° before, {after:.3g}° after,"
+            " each station by the s(T) of the others."
+        )
+        values.insert(0, KeyValue("azimuth error (rms), after", after, "°"))
+    first = Overview(sentence, tuple(facts), tuple(values), table)
+    return Summary(spec.title, tuple(tables), flags, criteria, conclusion, first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +157,6 @@ class SeekingReport:
     fits: Mapping[Sensor, ScaleFit]
     stations: Stations
     seen: SolvedStations
-    errors: AngleErrors
     latitude_deg: float
 
     @property
@@ -49,7 +171,7 @@ class SeekingReport:
         """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
         where there is none, over C.
         """
-        errors = self.errors
+        errors = self.seen.errors
         return {
             "station": list(self.stations.names),
             "c": self.c,
@@ -64,8 +186,8 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     reference azimuth what s changes; s(T) of each gyro; and the summary with all stations.
     """
     report, count = fitted.drawing, len(fitted.drawing.fits)
-    errors, combined, C = report.errors, report.seen.combined, report.c
-    table = tabulate_stations(report.stations, report.seen, errors)
+    errors, combined, C = report.seen.errors, report.seen.combined, report.c
+    table = tabulate_stations(report.stations, report.seen)
     full_summary = replace(fitted.summary, tables=(table, *fitted.summary.tables[1:]))
     against_c = f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ"
     azimuth, (ax,) = page(1, 1, title=against_c, height=4.4)

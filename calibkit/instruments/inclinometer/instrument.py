@@ -25,7 +25,6 @@ from calibkit.instruments.inclinometer import (
     certificate,
     coefficient_files,
     dwells,
-    errors,
     figures,
     published,
     solve,
@@ -98,8 +97,7 @@ def fit(
     fits, solved = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in findings if finding.flagged]
-    angles = errors.AngleErrors.compare(stations, solved)
-    result = coefficient_files.make_result(fits, stations, solved, angles, notes, spec)
+    result = coefficient_files.make_result(fits, stations, solved, notes, spec)
     influences = coefficient_files.find_sensitivities(fits, stations, spec.on_site())
     result_tables = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
@@ -110,8 +108,8 @@ def fit(
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        errors.summarize(fits, stations, solved, angles, result.flags, spec, result_tables),
-        figures.SeekingReport(fits, stations, solved, angles, spec.site.latitude_deg),
+        figures.summarize(fits, stations, solved, result.flags, spec, result_tables),
+        figures.SeekingReport(fits, stations, solved, spec.site.latitude_deg),
         sensitivities=influences,
         left_out=tuple(left_out),
     )
@@ -199,7 +197,7 @@ def validate(
         file = log.file
         (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
         stations, solved, station_flags = _seek(spec, records, admitted)
-        angles = errors.AngleErrors.compare(stations, solved)
+        angles = solved.errors
         if not angles.known.any():
             raise FrameError(
                 f"{file}: no station has both a reference azimuth and a result",
@@ -240,7 +238,7 @@ def validate(
                 ],
             }
         )
-        tables.append(errors.tabulate_errors(angles, f"{file}: errors against the reference"))
+        tables.append(figures.tabulate_errors(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(station_flags)
         rms_before, rms_after = angles.sizes["azimuth"][:, 0]  # behind it stands the largest
         if rms_after > rms_before:
@@ -251,7 +249,7 @@ def validate(
             )
         angle, u_angle = angles.turn()
         turn_over_u = abs(angle) / u_angle
-        if turn_over_u > errors.TURNED:
+        if turn_over_u > solve.TURNED:
             flags.append(
                 f"{file}: the azimuths are turned together by {angle:.3f}° ± {u_angle:.2g}°,"
                 " expected 0°: the gyros are turned against the accelerometers, or the reference"
@@ -261,12 +259,12 @@ def validate(
         parts.append(angles)
         name = f"{file}: turn that azimuths share, over its u"
         criteria.append(angles.judge_uncertainty(file))
-        criteria.append(at_most(name, turn_over_u, errors.TURNED, "1", "calibkit"))
+        criteria.append(at_most(name, turn_over_u, solve.TURNED, "1", "calibkit"))
     pooled = (
         np.concatenate([getattr(part, field.name) for part in parts])
-        for field in fields(errors.AngleErrors)
+        for field in fields(solve.AngleErrors)
     )
-    all_criteria = (*criteria, *errors.AngleErrors(*pooled).criteria(spec))
+    all_criteria = (*criteria, *solve.AngleErrors(*pooled).criteria(spec))
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), all_criteria)
 
 

@@ -1,5 +1,9 @@
 """Stations → s(T) of each gyro; then the attitude of every station with s from s(T) or from its
-history, and what it owes to how gyros, accelerometers and positions go together.
+history, its uncertainty, and its errors against a reference.
+
+    u²(ψ) = u² of the readings, s and the latitude (`root_choice`) + (∂ψ/∂δ u(δ))² + type B terms
+
+δ is the turn of a gyro against its accelerometer about the tool axis.
 """
 
 from collections.abc import Mapping
@@ -8,8 +12,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
+from calibkit.fit.unseen import unseen
 from calibkit.instruments.inclinometer import root_choice, scale_fit
 from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
@@ -23,9 +29,14 @@ from calibkit.instruments.inclinometer.root_choice import (
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
+from calibkit.numeric.dispersion import rms
 from calibkit.recipe.shared_errors import state_sizes
 from calibkit.recipe.type_b import terms_of
 
+TURNED = 5.0
+"""Standard uncertainties above which unseen azimuths are turned together; 260 simulated tools had
+at most 3.4.
+"""
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
 """Advice for a scale factor that no gyro has."""
 SHARP = 0.1
@@ -43,20 +54,91 @@ SMALL_WEIGHT = 0.25
 
 
 @dataclass(frozen=True, slots=True)
+class AngleErrors:
+    """Errors [n] [°] against the reference; NaN without reference or result. `before` is the
+    azimuth error with s = 1.
+    """
+
+    inclination: Array
+    toolface: Array
+    before: Array
+    after: Array
+    standard_uncertainty: Array
+    """Of the corrected azimuth [n] [°]."""
+    noise: Array
+    """The same without what the mounting of the sensors adds [n] [°]."""
+    stated: Array
+    """What the recipe states of the mounting, or of the reference [n] [°]."""
+    by_turn: Array
+    """Derivative of the azimuth by a turn of the gyros against the accelerometers [n] [°/°]."""
+
+    @property
+    def known(self) -> Mask:
+        """Mask [n] of the stations with a reference azimuth and a result."""
+        return np.isfinite(self.after) & np.isfinite(self.before)
+
+    @property
+    def sizes(self) -> dict[str, Array]:
+        """Angle → root mean square and largest size [°] of its errors and their number [2, 3], with
+        s = 1 and corrected, which does not affect inclination and toolface; NaN without any.
+        """
+        by_angle = {
+            "azimuth": np.where(self.known, [self.before, self.after], np.nan),
+            "inclination": np.array([self.inclination] * 2),
+            "toolface": np.array([self.toolface] * 2),
+        }
+        sizes = {}
+        for name, stages in by_angle.items():
+            finite = [errors[np.isfinite(errors)] for errors in stages]
+            largest = [np.fmax.reduce(np.abs(errors), initial=np.nan) for errors in finite]
+            counts = [errors.size for errors in finite]
+            sizes[name] = np.column_stack([[*map(rms, finite)], largest, counts])
+        return sizes
+
+    def turn(self) -> tuple[float, float]:
+        """Turn of the gyros against the accelerometers, or of the reference azimuths, that the
+        errors of the known stations share, and its standard uncertainty [°].
+
+            β = Σ (s e / u²) / Σ (s² / u²),   u(β)² = 1 / Σ (s² / u²) + (rms v / rms s)²
+
+        e azimuth errors, s their derivatives by a turn, u their noise, v what the recipe states.
+        """
+        slope, u, with_reference = self.by_turn, self.noise, self.known
+        weight = np.where(with_reference, slope / u**2, 0.0)
+        power = float(np.nansum(weight * slope))
+        shared = rms(self.stated[with_reference]) / rms(slope[with_reference])
+        return float(np.nansum(weight * self.after)) / power, float(np.hypot(power**-0.5, shared))
+
+    def judge_uncertainty(self, name: str) -> Criterion:
+        """Criterion that azimuth errors of unseen stations are as large as stated; s(T) is common
+        to all stations, so that all azimuths may err alike.
+        """
+        u = self.standard_uncertainty[self.known]
+        comparison = unseen(self.after[self.known], u[:, None])
+        return over_u(f"{name}: rms azimuth error", comparison.to_object())
+
+    def criteria(self, spec: InclinometerRecipe) -> tuple[Criterion, ...]:
+        """Criteria of the recipe's acceptance limits."""
+        limits, sizes = spec.acceptance, self.sizes
+        tests = [("azimuth rms", sizes["azimuth"][1, 0], limits.max_azimuth_rms_deg)]
+        for name in sizes:
+            limit = getattr(limits, f"max_{name}_error_deg")
+            tests.append((f"largest {name} error", sizes[name][1, 1], limit))
+        return tuple(
+            at_most(name, float(size), limit, "deg")
+            for name, size, limit in tests
+            if limit is not None and np.isfinite(size)
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class SolvedStations:
     """Solutions of n stations by each sensor pair that is read, and combined."""
 
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, ScalePrior]
     combined: Combined
-    by_turn: Array
-    """Derivatives [n] [°/°] of the azimuth by a turn of the gyros, which both pairs share."""
-    mounted_variance: Array
-    """Part [n] [°²] of the variance of the combined azimuth, by how sensors and positions are
-    mounted.
-    """
-    stated_variance: Array
-    """Part of it that the recipe states [n] [°²]."""
+    errors: AngleErrors
 
     @property
     def refused(self) -> Mask:
@@ -287,14 +369,18 @@ def _solve_stations(
     )
     of_mounting = [entry for entry in spec.errors.component if entry.group == MOUNTING]
     stated_deg = max((entry.value_in("deg") for entry in of_mounting), default=0.0)
-    mounted_variance = without_turn + np.fmax.reduce(sizes_deg * counted) ** 2
     covariance = combined.covariance.copy()
-    covariance[:, 2, 2] += mounted_variance
-    return SolvedStations(
-        solutions,
-        priors,
-        replace(combined, covariance=covariance),
-        np.fmax.reduce(by_turn),
-        mounted_variance,
-        np.asarray(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
+    covariance[:, 2, 2] += without_turn + np.fmax.reduce(sizes_deg * counted) ** 2
+    inclination_deg, toolface_deg, azimuth_deg = stations.reference.T
+    solved = np.array([not reason for reason in combined.status])
+    errors = AngleErrors(
+        inclination=np.where(solved, combined.inclination_deg - inclination_deg, np.nan),
+        toolface=wrapped(combined.toolface_deg - toolface_deg),
+        before=wrapped(combined.uncorrected_deg - azimuth_deg),
+        after=wrapped(combined.azimuth_deg - azimuth_deg),
+        standard_uncertainty=np.sqrt(covariance[:, 2, 2]),
+        noise=combined.standard_uncertainty[:, 2],
+        stated=np.sqrt(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
+        by_turn=np.fmax.reduce(by_turn),
     )
+    return SolvedStations(solutions, priors, replace(combined, covariance=covariance), errors)
