@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -120,11 +120,6 @@ class _InclinometerAcceptance(Table):
     max_residual_over_noise: Positive | None = None
 
 
-def _no_place() -> Any:  # noqa: ANN401 (pydantic validates it into a Place and names what is missing)
-    """An empty [site], so that the loader names the missing key in it and not the table."""
-    return {}
-
-
 class InclinometerRecipe(Recipe):
     """Stations of a north-seeking inclinometer, each read in several rotations about the tool
     axis.
@@ -133,7 +128,8 @@ class InclinometerRecipe(Recipe):
     error_groups: ClassVar[tuple[str, ...]] = ("log", "mounting")
 
     procedure: Literal["inclinometer"]
-    site: _Place = Field(default_factory=_no_place, validate_default=True)
+    # empty by default, so that the loader names the missing key in it and not the table
+    site: _Place = Field(default={}, validate_default=True)
     reference: _Sign = _Sign()
     stations: _StationSpec = _StationSpec()
     root: _RootSpec = _RootSpec()
