@@ -185,25 +185,35 @@ def _bias(coil: Coil, nodes: Array, state: float | None) -> tuple[Array, Array, 
     return drift, terms, last
 
 
-def _log(
+@dataclass(frozen=True)
+class Recorded:
+    """One log at 1 Hz: true drift and terms of every row, and the state (case, nodes, play) at the
+    end.
+    """
+
+    time: Array
+    case: Array
+    env: Array
+    indication: Array
+    drift: Array
+    terms: Array
+    turn_on_dph: float
+    last: tuple[float, Array, float | None]
+
+
+def record(
     coil: Coil,
-    name: str,
     programme: Programme,
     rng: np.random.Generator,
-    start: tuple[float, Array, float | None] | None,
-) -> tuple[Made, tuple[float, Array, float | None]]:
-    """One log at 1 Hz as block means, from a state (case, nodes, play) or from rest; its last
-    state.
-    """
-    time, set_degc = programme.set_points()
-    air = Chamber().air(set_degc, rng)
-    case0, nodes0, play = start or (
-        float(set_degc[0]),
-        np.full(NODES + 1, float(set_degc[0])),
-        None,
-    )
+    start: tuple[float, Array, float | None] | None = None,
+) -> Recorded:
+    """Log of a programme from a state, or from rest at its first set point."""
     from scipy.signal import lfilter
 
+    time, set_degc = programme.set_points()
+    air = Chamber().air(set_degc, rng)
+    first = float(set_degc[0])
+    case0, nodes0, play = start or (first, np.full(NODES + 1, first), None)
     keep = math.exp(-1.0 / coil.case_lag_s)
     case = lfilter([1.0 - keep], [1.0, -keep], air, zi=[keep * case0])[0]
     coarse = np.arange(0.0, time[-1] + STEP_S, STEP_S)
@@ -220,15 +230,27 @@ def _log(
         + noise.angle_random_walk(coil.walk, time.size, rng)
         + noise.flicker(coil.flicker_dph, time.size, rng)
     )
-    columns = (
+    return Recorded(
         time,
         noise.reading(case, coil.resolution_degc, coil.reading_degc, rng),
         Chamber().air_reading(air, rng),
+        indication,
+        own,
+        np.column_stack([np.interp(time, coarse, term) for term in terms.T]),
+        turn_on,
+        (float(case[-1]), nodes[-1], play),
     )
-    held = intervals.Intervals.find(time, INTERVAL_S)
-    log = pooled_fit.thermal_blocks(name, held, [held.means(c) for c in columns], indication)
-    means = np.column_stack([held.means(np.interp(time, coarse, term)) for term in terms.T])
-    return Made(log, held.means(own), means, turn_on), (float(case[-1]), nodes[-1], play)
+
+
+def _average(name: str, recorded: Recorded) -> Made:
+    """Block means of a log, as they are fitted."""
+    held = intervals.Intervals.find(recorded.time, INTERVAL_S)
+    columns = (recorded.time, recorded.case, recorded.env)
+    log = pooled_fit.thermal_blocks(
+        name, held, [held.means(c) for c in columns], recorded.indication
+    )
+    terms = np.column_stack([held.means(term) for term in recorded.terms.T])
+    return Made(log, held.means(recorded.drift), terms, recorded.turn_on_dph)
 
 
 def campaign(
@@ -251,9 +273,9 @@ def campaign(
             programme = Programme.ramp(*ends, rate, soak_before_s=soak_s, soak_after_s=soak_s)
             rng = np.random.default_rng([seed, 23, round(10 * rate), way + 1])
             name = f"{'heating' if way > 0 else 'cooling'}_{rate:g}"
-            found, last = _log(coil, name, programme, rng, state)
-            state = last if cycled else None
-            made.append(found)
+            recorded = record(coil, programme, rng, state)
+            state = recorded.last if cycled else None
+            made.append(_average(name, recorded))
     return made
 
 
@@ -284,7 +306,7 @@ def unseen_programmes(seed: int) -> dict[str, Programme]:
 def unseen(coil: Coil, seed: int) -> list[Made]:
     """Logs of the programmes that are not fitted, each from rest."""
     return [
-        _log(coil, name, programme, np.random.default_rng([seed, 31, k]), None)[0]
+        _average(name, record(coil, programme, np.random.default_rng([seed, 31, k])))
         for k, (name, programme) in enumerate(unseen_programmes(seed).items())
     ]
 

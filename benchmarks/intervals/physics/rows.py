@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from intervals.physics import accelerometer, campaigns, gyro, inclinometer
+from intervals.physics import accelerometer, bias, campaigns, gyro, inclinometer
 from intervals.rows import Case
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 FAULTS = {
     f"{fault.procedure}, {fault.label}": fault
-    for fault in (*accelerometer.FAULTS, *gyro.FAULTS, *inclinometer.FAULTS)
+    for fault in (*accelerometer.FAULTS, *gyro.FAULTS, *inclinometer.FAULTS, *bias.FAULTS)
 }
 COVERED, COVERED_OR_NAMED = 0.88, 0.95
 """Least shares: of truths within U where nothing names the cause, and of either."""
