@@ -110,20 +110,18 @@ def pool(
 
     """
     p, all_rows = jacobian.shape[1], np.arange(len(noise))
-    columns = [error.design(all_rows) * (error.size or 0.0) for error in shared]
-    R = np.hstack([jacobian, *columns]) / noise[:, None]
-    order, count = np.argsort(candidate, kind="stable"), int(candidate.max()) + 1
-    parts = R[order].reshape(count, -1, R.shape[1])
-    single_loadings = [error.loading * (error.size or 0.0) / noise[:, None] for error in single]
-    z = np.hstack([np.zeros((len(R), 0)), *single_loadings])[order].reshape(*parts.shape[:2], -1)
-    # (I + z zᵀ)⁻¹ = I - z (I + zᵀ z)⁻¹ zᵀ
-    loading_products = np.einsum("crk,crq->ckq", z, parts)
-    inner = np.einsum("crk,crl->ckl", z, z) + np.eye(z.shape[2])
-    information = np.einsum("crq,crs->cqs", parts, parts)
-    information -= np.einsum(
-        "ckq,ckl,cls->cqs", loading_products, np.linalg.inv(inner), loading_products
+    common = [error.design(all_rows) * (error.size or 0.0) for error in shared]
+    of_one = [error.loading * (error.size or 0.0) for error in single]
+    R = np.hstack([jacobian, *common, *of_one]) / noise[:, None]
+    parts = R[np.argsort(candidate, kind="stable")].reshape(
+        int(candidate.max()) + 1, -1, R.shape[1]
     )
-    start = np.diag(np.arange(R.shape[1]) >= p).astype(np.float64)
+    moments = np.einsum("cri,crj->cij", parts, parts)
+    # what a candidate has of its own is eliminated: A - Bᵀ (C + I)⁻¹ B
+    q = R.shape[1] - sum(error.width for error in single)
+    A, B, C = moments[:, :q, :q], moments[:, q:, :q], moments[:, q:, q:]
+    information = A - np.swapaxes(B, 1, 2) @ np.linalg.solve(C + np.eye(C.shape[1]), B)
+    start = np.diag(np.arange(q) >= p).astype(np.float64)
     target = np.zeros_like(start)
     target[:p, :p] = slopes.T @ slopes / len(slopes)
     return Pool(start, information, target)

@@ -215,11 +215,9 @@ class RampBench(Bench):
     @cached_property
     def ramps(self) -> dict[tuple[float, float], Ramp]:
         """(rate, soak after it) → ramp that the search takes."""
-        ramps = {}
         signed = [sign * rate for rate in self.rates for sign in (1.0, -1.0)]
-        for rate, after_s in product(signed, self.device.dwell_s):
-            ramps[rate, after_s] = self.ramp(self.log(rate, after_s), rate)
-        return ramps
+        pairs = product(signed, self.device.dwell_s)
+        return {(rate, soak_s): self.ramp(self.log(rate, soak_s), rate) for rate, soak_s in pairs}
 
     def rows(self, design: Design) -> tuple[Ramp, ...]:
         """Ramps that are measured already, and those of a design."""
