@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from calibkit.instruments import Fitted
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
     from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-    from calibkit.numeric.noise import allan
 
 
 def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
@@ -94,9 +93,24 @@ def summarize(
     )
     heads = ("record", "figure", "value", "standard uncertainty", "unit")
     terms = Table(title_of_terms, heads, tuple(rows))
-    curves = [
-        _curve_table(noise, curve) for noise in records for curve in (noise.curve, noise.wavelet)
-    ]
+    # deviations over averaging time with confidence limits, and the exponent α of the noise type
+    # that those of the Allan deviation assume
+    curves = []
+    every_curve = [(entry, c) for entry in records for c in (entry.curve, entry.wavelet)]
+    for noise, curve in every_curve:
+        columns = {
+            "τ [s]": [f"{tau:g}" for tau in curve.tau_s],
+            "deviation": map(number, curve.deviation),
+            "lower": map(number, curve.lower),
+            "upper": map(number, curve.upper),
+            "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
+        }
+        if curve.noise:
+            columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
+        quantity = f"{curve.estimator} deviation [{unit_mark(noise.sensor.unit)}]"
+        title_of_curve = f"{noise.name}: {quantity} with {100.0 * curve.probability:g} % limits"
+        rows_of_curve = tuple(zip(*columns.values(), strict=True))
+        curves.append(Table(title_of_curve, tuple(columns), rows_of_curve))
 
     first = records[0]
     key_values = [
@@ -125,24 +139,6 @@ def summarize(
     overview = Overview(sentence, (), tuple(key_values[:4]), determined)
     tested = criteria(records, limits)
     return Summary(title, (terms, *curves), tuple(flags), tested, overview=overview)
-
-
-def _curve_table(noise: NoiseFigures, curve: allan.DeviationCurve) -> Table:
-    """A deviation of one record over averaging time with confidence limits, and the exponent α of
-    the noise type that those of the Allan deviation assume.
-    """
-    columns = {
-        "τ [s]": [f"{tau:g}" for tau in curve.tau_s],
-        "deviation": map(number, curve.deviation),
-        "lower": map(number, curve.lower),
-        "upper": map(number, curve.upper),
-        "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
-    }
-    if curve.noise:
-        columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
-    quantity = f"{curve.estimator} deviation [{unit_mark(noise.sensor.unit)}]"
-    title = f"{noise.name}: {quantity} with {100.0 * curve.probability:g} % limits"
-    return Table(title, tuple(columns), tuple(zip(*columns.values(), strict=True)))
 
 
 def validation_entry(noise: NoiseFigures) -> dict[str, object]:

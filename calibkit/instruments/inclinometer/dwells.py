@@ -106,7 +106,23 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
         # such a station may have any number of positions, so the start of the next one is unknown
         require(log.file, frame.columns, ("station",))
 
-    intervals = _find_stands(log, start, stop, spec)
+    # Runs in a position that last long enough, without the settling time at both ends.
+    positioned = np.isfinite(position[start])
+    start, stop = start[positioned], stop[positioned]
+    time, settle_s, stands = values(frame, "time_s"), spec.stations.settle_s, []
+    lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
+    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
+        of_run = time[a:b]
+        first_row = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
+        last_row = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
+        if last_row - first_row >= FEWEST:
+            stands.append((first_row, last_row))
+    if not stands:
+        raise FrameError(
+            f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
+            hint="state stations.dwell_s and stations.settle_s as the log was taken",
+        )
+    intervals = np.array(stands, dtype=np.int64)
     start, stop = intervals.T
 
     # The mean of every column over each dwell, and its standard error; of directions by departures
@@ -134,28 +150,6 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     reduced = replace(log, frame=dwells.assign(station=numbers))
     open_stations = _find_open_stations(reduced, dict(zip(names, errors.T, strict=True)), spec)
     return DwellLog(reduced, start, stop, tuple(open_stations), continuous=True)
-
-
-def _find_stands(log: Log, start: Integers, stop: Integers, spec: InclinometerRecipe) -> Integers:
-    """First row and end row [m, 2] of the runs in a position that last long enough, without the
-    settling time at both ends; raises FrameError where there is none.
-    """
-    positioned = np.isfinite(values(log.frame, "position_deg")[start])
-    start, stop = start[positioned], stop[positioned]
-    time, settle_s, stands = values(log.frame, "time_s"), spec.stations.settle_s, []
-    lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
-    for a, b in zip(start[lasting].tolist(), stop[lasting].tolist(), strict=True):
-        of_run = time[a:b]
-        first = a + int(np.searchsorted(of_run, of_run[0] + settle_s, side="left"))
-        last = a + int(np.searchsorted(of_run, of_run[-1] - settle_s, side="right"))
-        if last - first >= FEWEST:
-            stands.append((first, last))
-    if not stands:
-        raise FrameError(
-            f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
-            hint="state stations.dwell_s and stations.settle_s as the log was taken",
-        )
-    return np.array(stands, dtype=np.int64)
 
 
 def _find_open_stations(

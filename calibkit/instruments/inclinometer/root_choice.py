@@ -9,7 +9,8 @@ stations before it (`history_prior`). Then
     scale factor of a station s = w s± + (1 - w) s₀,   w = u₀²/(u±² + u₀²)                    (2)
 
 The root is the one whose azimuth is nearer to an outside heading, or without any the likelier one.
-Where both may be used and (1) differs by less than 3, or where the root may not be used, w is 0.
+w is 0 where the root may not be used, and where without a heading both may be and (1) differs by
+less than 3.
 """
 
 from collections.abc import Mapping, Sequence
