@@ -27,10 +27,8 @@ def rows_of(shape, seed=0, *, runs=1):
 
 def powers_of(shape, seed=0, *, runs=1):
     """Powers that are chosen."""
-    return equation.choose_powers(rows_of(shape, seed, runs=runs), TERMS).powers
-
-
-TERMS = equation.ResponseTerms(fastest_dps=150.0)
+    rows = rows_of(shape, seed, runs=runs)
+    return equation.find_terms(rows, varies=False, bent=True).powers
 
 
 @pytest.mark.parametrize("runs", [1, 3])
@@ -53,7 +51,7 @@ def test_two_rates_show_no_shape():
     zero = np.zeros(4, dtype=int)
     rate = np.array([-1.0, 1.0, -1.0, 1.0])
     rows = equation.RateRows(rate, 1e4 * rate, zero, np.full(4, 25.0), 0.0 * rate, zero, zero)
-    assert equation.choose_powers(rows, TERMS).powers == ()
+    assert equation.find_terms(rows, varies=False, bent=True).powers == ()
 
 
 def open_loop(rate, degc):

@@ -128,15 +128,14 @@ def flag_temperatures(file: str, matrix: GyroMatrix, temperature: Array) -> list
     """
     if matrix.temperature is None:
         return []
-    slack = 0.0 if matrix.over_temperature else forms.TEMPERATURE_SLACK
+    slack, consequence = 0.0, "clamped"
+    if not matrix.over_temperature:
+        letters = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
+        slack, consequence = forms.TEMPERATURE_SLACK, f"but {letters} are taken as constant"
     low, high = matrix.temperature
     rows_outside = np.count_nonzero((temperature < low - slack) | (temperature > high + slack))
     if not rows_outside:
         return []
-    consequence = "clamped"
-    if not matrix.over_temperature:
-        letters = "sensitivities and biases" if len(matrix.outputs) == len(AXES) else "K and F0"
-        consequence = f"but {letters} are taken as constant"
     share = f"{100.0 * rows_outside / temperature.size:.1f} % of the rows"
     return [f"{file}: temperature outside {low:.1f} … {high:.1f} °C over {share}, {consequence}"]
 

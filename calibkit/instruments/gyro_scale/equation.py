@@ -363,27 +363,22 @@ def find_terms(rows: RateRows, *, varies: bool, bent: bool) -> ResponseTerms:
         fastest_dps=float(np.max(np.abs(rows.rate_dps))),
     )
     if bent:
-        bent_terms = choose_powers(rows, terms)
-        if bent_terms.powers:
-            return bent_terms
+        # coefficients of powers are polynomials of temperature where K and F0 are
+        bends: Literal["constant", "polynomial"] = "polynomial" if order else "constant"
+        bent_terms = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
+        best_terms = _best(rows, [terms, *bent_terms], MARGIN)
+        if best_terms.powers:
+            return best_terms
     asymmetry: tuple[int, ...] = (ASYMMETRY,)
     if rows.both_ways:
         return replace(terms, shapes=asymmetry * rows.shows_asymmetry)
     # |Ω| tells runs of one direction from those of the other only
     asymmetry *= turns_both_ways(rows.rate_dps)
-    # and each run hardly tells an odd power from the even one beside it
+    # and each run hardly tells an odd power from the even one beside it; where the direction goes
+    # with the temperature each costs much of K(T), so that it must halve the error
     candidates = [replace(terms, shapes=powers, bends="as K") for powers in ((), *POWERS[1:])]
     best_terms = _best(rows, candidates, 0.5)
     return replace(best_terms, shapes=asymmetry + best_terms.shapes)
-
-
-def choose_powers(rows: RateRows, terms: ResponseTerms) -> ResponseTerms:
-    """Terms with the powers that the runs of one gyro ask for; their coefficients are polynomials
-    of temperature where K and F0 are.
-    """
-    bends: Literal["constant", "polynomial"] = "polynomial" if terms.order else "constant"
-    bent = [replace(terms, shapes=powers, bends=bends) for powers in POWERS]
-    return _best(rows, [terms, *bent], MARGIN)
 
 
 def _best(rows: RateRows, candidates: Sequence[ResponseTerms], margin: float) -> ResponseTerms:

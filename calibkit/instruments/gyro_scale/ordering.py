@@ -69,11 +69,13 @@ def decide(
     rate_spread = np.max(np.ptp(by_run[:, :, 0], axis=0))
     rate, t, F = by_run.mean(axis=0).T
     unit = float(np.max(np.abs(rate)))
+    if rate_spread > equation.SAME_RATE * unit:  # runs of both directions have no mean rates
+        return None
     w = rate / unit
     # |Ω|: a scale factor that differs between the directions
     bent = np.column_stack([w**k for k in powers] if powers else [w**3, w * np.abs(w), np.abs(w)])
     dof = rate.size - 2 - 3 - bent.shape[1]  # the time constant counts
-    if rate_spread > equation.SAME_RATE * unit or dof < LEAST_DOF:
+    if dof < LEAST_DOF:
         return None
 
     t = t / t.max()
@@ -110,9 +112,10 @@ def decide(
         at_begin, at_end = float(taus[best] >= 0.5), float(np.exp(-1.0 / taus[best]))
     shift = float(K + by_phi * at_end - np.linalg.lstsq(line, F)[0][0]) / unit
     half_width = float(abs(by_phi * (at_begin - at_end))) / unit
-    if D > CERTAIN:
-        return Ordering("time", shift, half_width, separable)
-    return Ordering("undecided", 0.5 * shift, 0.5 * abs(shift) + half_width, separable)
+    decision: Literal["time", "undecided"] = "time"
+    if D <= CERTAIN:  # K is the mean of both readings
+        decision, shift, half_width = "undecided", 0.5 * shift, 0.5 * abs(shift) + half_width
+    return Ordering(decision, shift, half_width, separable)
 
 
 def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:

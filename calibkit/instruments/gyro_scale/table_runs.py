@@ -93,14 +93,12 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.LogReader = logs.r
     """Read one log of the table in canonical columns; table angle and temperature are optional, and
     times of rows that are means over a held rate each.
     """
-    required: tuple[str, ...] = (forms.RATE, *map(forms.gyro_column, spec.gyros))
-    optional: tuple[str, ...] = (ANGLE, forms.TEMPERATURE)
-    if spec.plateaus.one_row:
-        optional = ("time_s", *optional)
-    else:
-        required = ("time_s", *required)
+    gyros = tuple(forms.gyro_column(gyro) for gyro in spec.gyros)
+    required = (forms.RATE, *gyros) if spec.plateaus.one_row else ("time_s", forms.RATE, *gyros)
     if spec.table.reference == "angle":
-        required, optional = (*required, ANGLE), (forms.TEMPERATURE,)
+        required = (*required, ANGLE)
+    beside = ("time_s", ANGLE, forms.TEMPERATURE)
+    optional = tuple(name for name in beside if name not in required)
     return reader(spec, data / file, file, required, optional)
 
 
