@@ -267,7 +267,7 @@ class DriftReport:
                 ax.errorbar(
                     ramp.rate,
                     ramp.coefficients[j],
-                    2.0 * ramp.standard_uncertainty[j],
+                    2.0 * np.sqrt(ramp.covariance[j, j]),
                     fmt="o",
                     ms=4,
                     capsize=3,

@@ -290,19 +290,15 @@ def validate(
     """
     model = compensate.DriftModel.read(records, spec)
     level = compensate.RestLevel.find(records[forms.FILE].figures)
-    compensated = []
-    entries: list[dict[str, Any]] = []
+    compensated, entries = [], []
     for log in logs:
         refuse(ramps.find_unusable(log))
         _, blocks = ramps.block_means(log, spec, rated=bool(model.polynomials))
         log_figures = compensate.LogFigures.summarize(log.name, blocks, model)
         compensated.append(log_figures)
         output, _ = compensate.compensate_log(log, model, spec)
-        entries.append(
-            tables.validation_entry(log, log_figures, model)
-            | {"uncertainty": compensate.check_coverage(model, blocks, spec.type_b, level)}
-            | {"allan_deviation": tables.allan_deviations(log, output)}
-        )
+        within = compensate.check_coverage(model, blocks, spec.type_b, level)
+        entries.append(tables.validation_entry(log, log_figures, model.mode, output, within))
     flags = tuple(flag for log in compensated for flag in log.flags)
     flags += model.thermal.flags if model.thermal is not None else ()
     if not model.exported:

@@ -6,7 +6,7 @@ from typing import Any
 from calibkit.arrays import Array
 from calibkit.coefficients import at_least, at_most, over_stated_u
 from calibkit.frame import Log, values
-from calibkit.instruments.bias.compensate import DriftModel, LogFigures
+from calibkit.instruments.bias.compensate import LogFigures
 from calibkit.instruments.bias.drift_choice import Export, LeftOutRates
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.numeric.dispersion import rms
@@ -124,46 +124,50 @@ def coverage_tables(entries: Mapping[str, Mapping[str, Any]], log_kind: str) -> 
     return (Table(title, heads, tuple(rows)),)
 
 
-def allan_deviations(log: Log, after: Array) -> dict[str, object]:
-    """JSON object of the overlapping Allan deviations [°/h] of a log's indication and its
-    compensated rate [n, °/h], or the reason why there are none.
-
-    Nothing is denoised or resampled, as the Allan deviation would show the filter.
+def validation_entry(
+    log: Log,
+    figures: LogFigures,
+    mode: str,
+    output: Array,
+    uncertainty: Mapping[str, Any],
+) -> dict[str, Any]:
+    """JSON object of one validated log, with the overlapping Allan deviations [°/h] of its
+    indication and of its compensated rate [n, °/h]: nothing is denoised or resampled, as the Allan
+    deviation would show the filter.
     """
     usual = log.steps.usual
-    if max(log.steps.longest - usual, usual - log.steps.shortest) > UNEVEN * usual:
-        return {"not_available": "the log is not evenly sampled"}
-    raw, left = (allan.overlapping(rate, usual) for rate in (values(log.frame, "gyro_dph"), after))
-    return {
-        "estimator": "overlapping Allan deviation",
-        "unit": "deg/h",
-        "tau_s": left.tau_s.tolist(),
-        "before": raw.deviation.tolist(),
-        "after": left.deviation.tolist(),
-        "after_lower": left.lower.tolist(),
-        "after_upper": left.upper.tolist(),
-        "probability": left.probability,
-    }
-
-
-def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[str, object]:
-    """JSON object of one validated log."""
+    deviations: dict[str, object] = {"not_available": "the log is not evenly sampled"}
+    if max(log.steps.longest - usual, usual - log.steps.shortest) <= UNEVEN * usual:
+        raw = allan.overlapping(values(log.frame, "gyro_dph"), usual)
+        left = allan.overlapping(output, usual)
+        deviations = {
+            "estimator": "overlapping Allan deviation",
+            "unit": "deg/h",
+            "tau_s": left.tau_s.tolist(),
+            "before": raw.deviation.tolist(),
+            "after": left.deviation.tolist(),
+            "after_lower": left.lower.tolist(),
+            "after_upper": left.upper.tolist(),
+            "probability": left.probability,
+        }
     return {
         "name": log.file,
         "sha256": log.sha256,
         "rows": log.rows,
-        "mode": model.mode,
+        "mode": mode,
         "drift_rms_before": figures.before,
-        "drift_rms_after": figures.after if model.mode == "recursive" else figures.after_one_step,
+        "drift_rms_after": figures.after if mode == "recursive" else figures.after_one_step,
         "noise_rms": figures.split.noise,
         "drift_left_rms": figures.split.left,
         "drift_left_standard_uncertainty": figures.split.left_uncertainty,
         "reduction": figures.before / figures.after if figures.after > 0.0 else float("inf"),
-        "rate_gain": figures.gain_recursive if model.mode == "recursive" else figures.gain_one_step,
+        "rate_gain": figures.gain_recursive if mode == "recursive" else figures.gain_one_step,
         "one_step": {"drift_rms_after": figures.after_one_step, "rate_gain": figures.gain_one_step},
         "unit": "deg/h",
         "averaging_s": 100.0,
         "flags": list(figures.flags),
+        "uncertainty": uncertainty,
+        "allan_deviation": deviations,
     }
 
 

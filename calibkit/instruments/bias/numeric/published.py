@@ -142,11 +142,6 @@ class RampFit:
     gradient: tuple[float, float]
     case: tuple[float, float]
 
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Type A standard uncertainties [3] of the coefficients."""
-        return np.sqrt(np.diag(self.covariance))
-
 
 # Step 3: a_j over the temperature rate
 
