@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 
@@ -52,18 +52,18 @@ def write(folder: Path, rows: int = 3_600_000, rates: Sequence[float] = RATES) -
 
 def _write_one(path: Path, rate: float, rows: int) -> None:
     """Write one log, a block of rows at a time."""
-    device, chamber = simulate_gyro.FogGyro.draw(SEED), Chamber()
+    device, chamber = simulate_fog.FogGyro.draw(SEED), Chamber()
     rng = np.random.default_rng([SEED, round(1000.0 * rate)])
     ramp_s = min(
-        (simulate_gyro.HOT_DEGC - simulate_gyro.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S
+        (simulate_fog.HOT_DEGC - simulate_fog.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S
     )
-    end = simulate_gyro.COLD_DEGC + rate * ramp_s / 60.0
+    end = simulate_fog.COLD_DEGC + rate * ramp_s / 60.0
     after = DURATION_S - SOAK_S - ramp_s + 60.0  # the chamber runs on when the log ends
     seconds, set_degc = Programme.ramp(
-        simulate_gyro.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after
+        simulate_fog.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after
     ).set_points()
     air = chamber.air(set_degc, rng)
-    heat = device.heat_flow(air, simulate_gyro.COLD_DEGC)
+    heat = device.heat_flow(air, simulate_fog.COLD_DEGC)
     bias = device.input_rate_dph + device.bias_dph + device.drift(heat)
     bias += noise.flicker(device.B, seconds.size, rng)
     step = DURATION_S / rows

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.instruments.bias.recipe import Denoise
 from calibkit.numeric.wavelet import denoise
 from calibkit.simulate.chamber import Chamber
@@ -91,7 +91,7 @@ def ramps(seed: int) -> list[tuple[Array, float]]:
     """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white
     noise at 1 Hz.
     """
-    device = simulate_gyro.FogGyro.draw(seed)
+    device = fog.FogGyro.draw(seed)
     made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
     white = device.N * np.sqrt(SECONDS_PER_HOUR)
     found = []

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.instruments.bias.recipe import Denoise
 from calibkit.numeric.wavelet import denoise
 from calibkit.simulate import noise
@@ -113,7 +113,7 @@ SETTINGS: dict[str, tuple[Callable[..., Array], tuple[float, ...]]] = {
 
 def logs(seed: int) -> Iterator[tuple[Array, Array, list[int]]]:
     """True drift [n, °/h], its noisy indication [n, °/h] and the ends of soak and ramp [rows]."""
-    device = simulate_gyro.FogGyro.draw(seed)
+    device = fog.FogGyro.draw(seed)
     for name, log in fog.logs(device, fog.programmes(RATES, ()), seed, Chamber()).items():
         rate = float(name.removesuffix(".csv").rsplit("_", 1)[1])
         rng = np.random.default_rng([seed, *name.encode()])

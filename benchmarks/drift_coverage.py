@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import coil, evaluate, fits, pooled_fit
@@ -89,7 +89,7 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     """Errors over standard uncertainties of the coefficients (and lags) of one gyro whose drift is
     of the fitted family.
     """
-    device, true = simulate_gyro.FogGyro.draw(seed), truth(seed, form)
+    device, true = fog.FogGyro.draw(seed), truth(seed, form)
     rng = np.random.default_rng([seed, 8])
     bias = device.input_rate_dph + device.bias_dph
     logs = []
@@ -122,7 +122,7 @@ def physical(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its
     type A one alone.
     """
-    device = simulate_gyro.FogGyro.draw(seed).scale_drift(hysteresis_scale=float(seed % 2))
+    device = fog.FogGyro.draw(seed).scale_drift(hysteresis_scale=float(seed % 2))
     made = fog.logs(device, fog.programmes(RATES, (3.0, 6.0)), seed, Chamber())
     logs = {name: thermal_log(name, log, log.columns["gyro_dph"]) for name, log in made.items()}
     choice = thermal_choice.choose(

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import pooled_fit
@@ -60,12 +60,12 @@ class Ramp:
     hysteresis: float
 
 
-def gyro(seed: int, kind: str) -> simulate_gyro.FogGyro:
+def gyro(seed: int, kind: str) -> fog.FogGyro:
     """A gyro whose time constants are up to 1.5 times longer or shorter than those of a simulated
     one.
     """
     rng = np.random.default_rng([seed, 5])
-    device = simulate_gyro.FogGyro.draw(seed)
+    device = fog.FogGyro.draw(seed)
     case, outer, inner = np.exp(rng.uniform(-np.log(1.5), np.log(1.5), 3))
     device = replace(
         device,
@@ -105,7 +105,7 @@ def means(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def judged(
-    device: simulate_gyro.FogGyro,
+    device: fog.FogGyro,
     seed: int,
     kind: str,
     made: dict[str, fog.SimulatedLog],

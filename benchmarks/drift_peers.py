@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.instruments.bias.numeric import bank, choice
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import fits, pooled_fit
@@ -192,7 +192,7 @@ def main() -> int:
         results = []
         for seed in range(first, first + count):
             made = fog.logs(
-                simulate_gyro.FogGyro.draw(seed),
+                fog.FogGyro.draw(seed),
                 fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)),
                 seed,
                 Chamber(),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit import store
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
 
@@ -26,7 +26,7 @@ def cycle(start_degc, legs, soak_s=1800.0):
 @pytest.fixture(scope="module")
 def columns():
     """Columns of one log with five ramps."""
-    device = simulate_gyro.FogGyro.draw(3)
+    device = fog.FogGyro.draw(3)
     runs = {"cycle.csv": cycle(-40.0, LEGS)}
     return dict(fog.logs(device, runs, 3, Chamber())["cycle.csv"].columns)
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
     Chamber,
@@ -43,7 +43,7 @@ def linear(device):
 def still(degc):
     """Return a gyro that went through temperatures so slowly that it was always in equilibrium."""
     rest = np.zeros(len(degc))
-    return simulate_gyro.Heat(degc, degc, degc, rest, rest)
+    return fog.Heat(degc, degc, degc, rest, rest)
 
 
 def rows(text):
@@ -60,7 +60,7 @@ def test_on_a_steady_ramp_each_difference_is_rate_times_time_constant(rate):
     """Long after the start of an endless ramp case, outer and inner layers are behind by r τ
     each.
     """
-    device = linear(simulate_gyro.FogGyro.draw(1))
+    device = linear(fog.FogGyro.draw(1))
     air_degc = 20.0 + rate / 60.0 * np.arange(40_000)
     heat = device.heat_flow(air_degc, 20.0)
     per_s = rate / 60.0
@@ -77,8 +77,8 @@ def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
     """With constant conductances the integration agrees with the exact solution of the three heat
     balances.
     """
-    device = linear(simulate_gyro.FogGyro.draw(2))
-    matrix = np.column_stack([simulate_gyro._flows(device, 0.0, *unit) for unit in np.eye(3)])
+    device = linear(fog.FogGyro.draw(2))
+    matrix = np.column_stack([fog._flows(device, 0.0, *unit) for unit in np.eye(3)])
     heat = device.heat_flow(np.full(2001, 10.0), 0.0)
     for second in (0, 1, 37, 600, 2000):
         exact = 10.0 - expm(matrix * second) @ np.full(3, 10.0)
@@ -90,7 +90,7 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
     """With every nonlinearity the stored heat is the time integral of what comes from the air and
     the electronics.
     """
-    device = simulate_gyro.FogGyro.draw(3)
+    device = fog.FogGyro.draw(3)
     _, set_degc = Programme.ramp(
         -40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0
     ).set_points()
@@ -110,7 +110,7 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
 
 def test_the_rates_are_the_slopes_of_the_temperatures():
     """The coil's rates agree with central differences of its temperatures."""
-    device = simulate_gyro.FogGyro.draw(4)
+    device = fog.FogGyro.draw(4)
     heat = device.heat_flow(10.0 * np.sin(np.arange(3000) / 300.0), 0.0)
     for degc, per_s in ((heat.outer, heat.outer_rate), (heat.inner, heat.inner_rate)):
         assert per_s[1:-1] == pytest.approx((degc[2:] - degc[:-2]) / 2.0, abs=1e-5)  # °C/s, of 0.03
@@ -120,15 +120,15 @@ def test_the_rates_are_the_slopes_of_the_temperatures():
 def test_a_record_of_any_length_is_integrated(count):
     """The number of samples need not be a multiple of the integration step."""
     air_degc = np.linspace(0.0, 1.0, 9)
-    whole = simulate_gyro.FogGyro.draw(4).heat_flow(air_degc, 0.0)
-    assert simulate_gyro.FogGyro.draw(4).heat_flow(air_degc[:count], 0.0).case == pytest.approx(
+    whole = fog.FogGyro.draw(4).heat_flow(air_degc, 0.0)
+    assert fog.FogGyro.draw(4).heat_flow(air_degc[:count], 0.0).case == pytest.approx(
         whole.case[:count], abs=1e-6
     )
 
 
 def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
     """In still air nothing moves, and the heat given off is the heat made."""
-    device = simulate_gyro.FogGyro.draw(5)
+    device = fog.FogGyro.draw(5)
     heat = device.heat_flow(np.full(3600, -40.0), -40.0)
     above = heat.case[0] + 40.0
     assert 0.4 < above < device.self_heating_degc
@@ -144,17 +144,17 @@ def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
 
 def test_drift_is_zero_in_equilibrium_at_the_reference_temperature():
     """A coil that rests at 25 °C has no drift."""
-    assert simulate_gyro.FogGyro.draw(6).drift(still(np.full(3, 25.0))) == pytest.approx(
+    assert fog.FogGyro.draw(6).drift(still(np.full(3, 25.0))) == pytest.approx(
         [0.0, 0.0, 0.0], abs=1e-15
     )
 
 
 def test_without_hysteresis_drift_is_a_function_of_the_thermal_state():
     """The same temperatures and rates give the same drift, whatever came before."""
-    device = simulate_gyro.FogGyro.draw(7).scale_drift(hysteresis_scale=0.0)
+    device = fog.FogGyro.draw(7).scale_drift(hysteresis_scale=0.0)
     there = np.linspace(-40.0, 60.0, 201)
     path = np.concatenate((there, there[::-1]))
-    heat = simulate_gyro.Heat(path, path + 1.0, path - 2.0, np.full(402, 0.02), np.full(402, 0.01))
+    heat = fog.Heat(path, path + 1.0, path - 2.0, np.full(402, 0.02), np.full(402, 0.01))
     drift = device.drift(heat)
     assert drift[:201] == pytest.approx(drift[:200:-1], abs=1e-15)
 
@@ -163,7 +163,7 @@ def test_with_hysteresis_cooling_is_above_heating_by_its_width():
     """On a loop over the whole range the branches are apart by hysteresis_dph in the middle and
     meet at the end.
     """
-    device = replace(simulate_gyro.FogGyro.draw(7), hysteresis_dph=0.04)
+    device = replace(fog.FogGyro.draw(7), hysteresis_dph=0.04)
     there = np.linspace(-40.0, 60.0, 201)
     drift = device.drift(still(np.concatenate((there, there[::-1]))))
     apart = drift[:200:-1] - drift[:201]
@@ -173,7 +173,7 @@ def test_with_hysteresis_cooling_is_above_heating_by_its_width():
 
 def test_hysteresis_does_not_depend_on_the_rate():
     """The same path at half the speed gives the same branch."""
-    device = simulate_gyro.FogGyro.draw(8)
+    device = fog.FogGyro.draw(8)
     path = np.concatenate((np.linspace(25.0, 50.0, 101), np.linspace(50.0, 30.0, 81)))
     assert device.hysteresis(np.repeat(path, 2))[::2] == pytest.approx(
         device.hysteresis(path), abs=1e-15
@@ -184,8 +184,8 @@ def test_a_small_loop_leaves_no_trace_once_it_is_overrun():
     """Play operators wipe out the memory of an excursion that the path later goes beyond."""
     straight = np.linspace(25.0, 60.0, 71)
     detour = np.concatenate((straight[:41], straight[40:19:-1], straight[20:]))
-    assert simulate_gyro._play(detour, 5.0)[-1] == simulate_gyro._play(straight, 5.0)[-1]
-    assert simulate_gyro._play(detour, 5.0)[60] != simulate_gyro._play(straight, 5.0)[20]
+    assert fog._play(detour, 5.0)[-1] == fog._play(straight, 5.0)[-1]
+    assert fog._play(detour, 5.0)[60] != fog._play(straight, 5.0)[20]
 
 
 @pytest.mark.parametrize("rate", [3.0, -3.0])
@@ -194,7 +194,7 @@ def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rat
     being steady.
     """
     device = replace(
-        linear(simulate_gyro.FogGyro.draw(9)).scale_drift(hysteresis_scale=0.0),
+        linear(fog.FogGyro.draw(9)).scale_drift(hysteresis_scale=0.0),
         static_dph=(0.0,),
         shupe_per_degc=0.0,
         shupe_rate=0.07,
@@ -206,7 +206,7 @@ def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rat
 def test_the_shupe_effect_of_the_gradient_shows_where_a_ramp_begins():
     """The gradient term alone swings while the gradient builds up, and integrates to it."""
     device = replace(
-        linear(simulate_gyro.FogGyro.draw(9)).scale_drift(hysteresis_scale=0.0),
+        linear(fog.FogGyro.draw(9)).scale_drift(hysteresis_scale=0.0),
         static_dph=(0.0,),
         shupe_per_degc=0.0,
         shupe_rate=0.0,
@@ -222,7 +222,7 @@ def test_the_shupe_effect_of_the_gradient_shows_where_a_ramp_begins():
 
 def test_a_gyro_without_drift_has_none():
     """drift_scale = 0 leaves nothing but noise around a constant."""
-    device = simulate_gyro.FogGyro.draw(10).scale_drift(drift_scale=0.0)
+    device = fog.FogGyro.draw(10).scale_drift(drift_scale=0.0)
     logged = fog.logs(device, {"ramp.csv": fog.programmes()["ramp_heating_10.csv"]}, 10, Chamber())[
         "ramp.csv"
     ]
@@ -238,7 +238,7 @@ def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
     """Without noise the log holds the earth's rate, the bias, that of this turn-on and the drift to
     a pulse.
     """
-    device = replace(simulate_gyro.FogGyro.draw(12), **NOISELESS)
+    device = replace(fog.FogGyro.draw(12), **NOISELESS)
     logged = fog._log(
         device, CALM, fog.programmes()["ramp_cooling_10.csv"], np.random.default_rng(0)
     )
@@ -251,7 +251,7 @@ def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
 @pytest.mark.parametrize("seed", range(21))
 def test_drift_over_a_ramp_is_half_to_three_degrees_an_hour(seed):
     """Over slow and fast ramps of any drawn gyro the drift is 0.5 to 3 °/h peak to peak."""
-    device = simulate_gyro.FogGyro.draw(seed)
+    device = fog.FogGyro.draw(seed)
     for logged in fog.logs(
         device, fog.programmes(rates=(3.0, 10.0), withheld=()), seed, CALM
     ).values():
@@ -414,9 +414,7 @@ def test_another_log_changes_none_of_the_others(files):
 def test_the_noise_of_a_log_is_drawn_from_the_seed():
     """The same gyro logged with another seed has other noise and another turn-on bias."""
     runs = {"a.csv": Programme.ramp(20.0, 21.0, 10.0, soak_before_s=1.0, soak_after_s=100.0)}
-    first, second = (
-        fog.logs(simulate_gyro.FogGyro.draw(1), runs, seed, CALM)["a.csv"] for seed in (1, 2)
-    )
+    first, second = (fog.logs(fog.FogGyro.draw(1), runs, seed, CALM)["a.csv"] for seed in (1, 2))
     assert first.turn_on_dph != second.turn_on_dph
     assert not np.array_equal(first.columns["gyro_dph"], second.columns["gyro_dph"])
 
@@ -442,10 +440,10 @@ def test_the_truth_says_what_the_logs_were_made_from(files):
     """
     truth = json.loads(files["truth.json"])
     fields = truth["gyro"]
-    device = simulate_gyro.FogGyro(
+    device = fog.FogGyro(
         **{key: tuple(value) if isinstance(value, list) else value for key, value in fields.items()}
     )
-    assert device == simulate_gyro.FogGyro.draw(11)
+    assert device == fog.FogGyro.draw(11)
     for name, log in truth["logs"].items():
         _, numbers = rows(files[name])
         assert log["time_s"] == numbers[::60, 0].tolist()
@@ -465,14 +463,14 @@ def test_the_true_drift_is_the_static_one_in_the_first_soak(campaign):
     """Before a ramp, at rest, drift is the static polynomial and the hysteresis of having come from
     25 °C.
     """
-    device = replace(simulate_gyro.FogGyro.draw(11), hysteresis_dph=0.0)
+    device = replace(fog.FogGyro.draw(11), hysteresis_dph=0.0)
     log = campaign.truth["logs"]["ramp_heating_05.csv"]
     coil = log["coil_inner_degc"][5]
     static = sum(
         factor * (coil - 25.0) ** power for power, factor in enumerate(device.static_dph, start=1)
     )
     assert log["drift_dph"][5] == pytest.approx(
-        static + simulate_gyro.FogGyro.draw(11).hysteresis_dph / 2.0, abs=0.01
+        static + fog.FogGyro.draw(11).hysteresis_dph / 2.0, abs=0.01
     )  # °/h
 
 

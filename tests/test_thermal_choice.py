@@ -12,7 +12,6 @@ from calibkit.instruments.bias import (
     at_rest,
     compensate,
     simulate_fog as fog,
-    simulate_fog as simulate_gyro,
 )
 from calibkit.instruments.bias.numeric import bank, choice as thermal_choice
 from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
@@ -36,7 +35,7 @@ WITHHELD = "withheld/"
 
 def simulated(seed, *, drift_scale=1.0, hysteresis_scale=0.0):
     """Return the logs of one gyro on ±1, 5, 8, 10 °C/min and withheld ±3, ±6 °C/min."""
-    device = simulate_gyro.FogGyro.draw(seed).scale_drift(
+    device = fog.FogGyro.draw(seed).scale_drift(
         drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
     )
     return fog.logs(device, fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber())

@@ -142,7 +142,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
     """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all:
     name → columns.
     """
-    from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+    from calibkit.instruments.bias import simulate_fog as fog
     from calibkit.simulate.chamber import Chamber
 
     programmes = {
@@ -150,7 +150,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
         for programme in fog.programmes(RATES, ()).values()
         if programme.rate_degc_per_min > 0.0
     }
-    gyro = simulate_gyro.FogGyro.draw(7)
+    gyro = fog.FogGyro.draw(7)
     made = fog.logs(gyro, programmes, 7, Chamber())
     interval = sum(log.columns["time_s"][-1] for log in made.values()) / rows
     rng = np.random.default_rng(7)

@@ -15,7 +15,7 @@ import numpy as np
 from speed import peers
 from speed.page import table
 
-from calibkit.instruments.bias import simulate_fog as fog, simulate_fog as simulate_gyro
+from calibkit.instruments.bias import simulate_fog as fog
 from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 from truth.product import DATE, calibkit
@@ -131,7 +131,7 @@ def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
 def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str, list[float]]:
     """Drift rms [°/h] by truth of what each model leaves of each withheld ramp of a gyro."""
     made = fog.logs(
-        simulate_gyro.FogGyro.draw(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber()
+        fog.FogGyro.draw(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber()
     )
     if not physical:
         made = {name: polynomial_drift(log, seed) for name, log in made.items()}

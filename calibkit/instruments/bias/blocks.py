@@ -58,7 +58,15 @@ class BiasBlocks:
         """
         means, counts = [], []
         for design, (abscissa, indication) in zip(designs, rows, strict=True):
-            block_means, count = _means(design, indication)
+            # design and indication are summed over blocks of rows, in spans that fit into memory
+            size = -(-indication.size // BLOCKS)
+            sums = []
+            for start, end in chunks.ranges(indication.size, size * max(chunks.ROWS // size, 1)):
+                stacked = np.column_stack([design(slice(start, end)), indication[start:end]])
+                sums.append(np.add.reduceat(stacked, np.arange(0, end - start, size), axis=0))
+            count = np.full(sum(map(len, sums)), float(size))
+            count[-1] = indication.size - size * (count.size - 1)
+            block_means = np.concatenate(sums) / count[:, None]
             lowest, highest = chunks.extremes(abscissa)
             if highest - lowest < STILL * (valid[1] - valid[0]):
                 block_means[:, :-1] = np.average(block_means[:, :-1], axis=0, weights=count)
@@ -123,21 +131,6 @@ def fit_blocks(
         if shared_size.error is flicker
     )
     return fit_with(replace(flicker, size=size))
-
-
-def _means(design: Callable[[slice], Array], indication: Array) -> tuple[Array, Array]:
-    """Means [m, p + 1] of design and indication over blocks of rows of one log, and the number of
-    rows [m] of each.
-    """
-    size = -(-indication.size // BLOCKS)
-    parts = []
-    for start, end in chunks.ranges(indication.size, size * max(chunks.ROWS // size, 1)):
-        rows = slice(start, end)
-        stacked = np.column_stack([design(rows), indication[rows]])
-        parts.append(np.add.reduceat(stacked, np.arange(0, end - start, size), axis=0))
-    count = np.full(sum(map(len, parts)), float(size))
-    count[-1] = indication.size - size * (count.size - 1)
-    return np.concatenate(parts) / count[:, None], count
 
 
 def between_logs(fitted: Fit, J: Array, log: Integers, combinations: Array) -> tuple[Array, Array]:
