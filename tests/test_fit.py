@@ -181,7 +181,7 @@ def test_an_outlier_is_left_out_and_a_level_that_stands_apart_is_not():
 
 def test_few_faultless_rows_are_hardly_ever_left_out():
     """Of 26 rows and nine parameters, a start without the three largest residuals takes them in
-    again in all but two fits in a hundred: over a noise of 14 degrees of freedom they are not far.
+    again in all but one fit in a hundred: over a noise of 14 degrees of freedom they are not far.
     """
     rng = np.random.default_rng(8)
     left_out = 0
@@ -191,7 +191,7 @@ def test_few_faultless_rows_are_hardly_ever_left_out():
         kept = np.abs(residual) < np.sort(np.abs(residual))[-3]
         fit = solve(lambda p, x=x, y=y: x @ p - y, np.zeros(9), used=kept, leave_out=True)
         left_out += not fit.used.all()
-    assert left_out <= 3
+    assert left_out <= 1
 
 
 def test_an_outlier_alone_in_its_level_stays_left_out():

@@ -341,7 +341,7 @@ def solve(
         noise_residual = (linear_form.y - linear_form.J @ change - shared_part)[: problem.n]
         good = used
         if leave_out:  # residuals that are rounding are no outliers
-            good = problem.find_good(noise_residual, solution, used, active)
+            good = problem.find_good(noise_residual, linear_form, solution, used, active)
             good |= noise_residual**2 <= ROUNDING_FAR**2 * linear_form.rows.known.noise_floor
         p = p + problem.shortened(p, change, shared_part, linear_form, solution, used)
         # done where the step is small against u, and no residual came in or went out
@@ -657,8 +657,25 @@ class _Problem:
         widths = [self.mixed[g].levels * self.mixed[g].width for g in active]
         return dict(zip(active, np.split(solution.errors, np.cumsum(widths)[:-1]), strict=False))
 
+    def columns(
+        self,
+        rows: Integers,
+        linear_form: _Linearised,
+        solution: MixedSolution,
+        active: Sequence[int],
+    ) -> Array:
+        """[J Z θ^½] of some rows, the columns that `solution.inverse` is of."""
+        Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in active)])
+        Z = Z / self.relative[rows, None] * solution.root
+        return np.hstack([linear_form.J[rows] @ linear_form.basis, Z])
+
     def find_good(
-        self, noise_residual: Array, solution: MixedSolution, used: Mask, active: Sequence[int]
+        self,
+        noise_residual: Array,
+        linear_form: _Linearised,
+        solution: MixedSolution,
+        used: Mask,
+        active: Sequence[int],
     ) -> Mask:
         """Residuals [n] that are no outliers: the noise of a faultless one exceeds the limit with a
         chance of 0.5 % in the whole fit.
@@ -676,10 +693,17 @@ class _Problem:
         apart, t = -stdtrit([dof, dof - 1.0], OUTLIER_CHANCE / (2.0 * self.n))
         of_fitted = float(t * np.sqrt(dof / (dof - 1.0 + t**2)))
         limit = np.where(used, of_fitted, float(apart))
-        scaled = np.abs(noise_residual) / np.sqrt(solution.noise_along(self.shares)[: self.n])
-        fitted = float(np.mean(scaled[used] ** 2))
-        scatter = np.sqrt(np.where(used, fitted, max(2.0 - fitted, fitted)))
-        good = scaled <= limit * scatter
+        R = solution.noise_along(self.shares)[: self.n]
+        scaled = np.abs(noise_residual) / np.sqrt(R)
+        good = scaled <= 0.5 * limit
+        # the variance of what is left over that of the noise, of those that may be beyond
+        doubtful = np.flatnonzero(~good)
+        if not doubtful.size:
+            return good
+        T = self.columns(doubtful, linear_form, solution, active)
+        leverage = np.einsum("ij,jk,ik->i", T, solution.inverse, T) / R[doubtful]
+        spread = np.where(used[doubtful], np.maximum(1.0 - leverage, 0.0), 1.0 + leverage)
+        good[doubtful] = scaled[doubtful] <= limit[doubtful] * np.sqrt(spread)
         for g in active:
             level = self.mixed[g].level
             if level.ndim > 1:
@@ -731,9 +755,7 @@ class _Problem:
         half = embed @ solution.inverse[: len(p)]
         gain = np.zeros((len(self.start), self.n))
         for rows in _chunks(np.flatnonzero(used)):
-            Z = np.hstack([np.empty((len(rows), 0)), *(self.mixed[g].design(rows) for g in active)])
-            Z = Z / self.relative[rows, None] * solution.root
-            T = np.hstack([linear_form.J[rows] @ linear_form.basis, Z])
+            T = self.columns(rows, linear_form, solution, active)
             gain[:, rows] = half @ (T / R[rows, None]).T / self.relative[rows]
         first = self.channels + len(self.priors)
         theta = variances[first:]
