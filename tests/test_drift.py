@@ -279,6 +279,15 @@ def test_the_cubic_is_never_chosen_from_four_rates():
     assert [result.order for result in tested] == [0, 1, 2]
 
 
+def test_nine_rates_test_no_order_beyond_what_firmware_holds():
+    """Orders to the fifth are tested, as a recipe may state, where rates would carry the seventh."""
+    rng = np.random.default_rng(9)
+    logs = [physical_log(float(rate), rng) for rate in range(2, 11)]
+    fits = [log.fit_ramp(log.rate[0]) for log in logs]
+    tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
+    assert [result.order for result in tested] == [0, 1, 2, 3, 4, 5]
+
+
 def test_a_linear_bias_is_caught_by_constant_coefficients():
     """For a bias linear in temperature a_j do not depend on rate: a withheld rate is improved at
     least threefold.

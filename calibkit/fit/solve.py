@@ -24,7 +24,8 @@ from calibkit.numeric.least_squares import fit as least_squares
 
 ASKED_FOR = 6.0
 """Fall of -2 log L that keeps an optional error: by chance once in 140 tries, a variance that is 0
-half the time and else as χ² with one degree of freedom (Self & Liang 1987).
+half the time and else as χ² with one degree of freedom (Self & Liang 1987). An error that is not
+asked for may be as large as that (`accelerometer.shared_errors.bounded_errors`).
 """
 OUTLIER_CHANCE = 0.005
 """Chance that any faultless row of a fit is called an outlier."""

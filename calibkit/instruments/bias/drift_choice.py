@@ -28,7 +28,7 @@ from calibkit.instruments.bias.numeric import choice, published
 from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.bias.numeric.choice import ThermalChoice
 from calibkit.instruments.bias.ramps import PreparedLog, Ramp
-from calibkit.instruments.bias.recipe import Drift, FogThermalRecipe
+from calibkit.instruments.bias.recipe import HIGHEST_RATE_ORDER, Drift, FogThermalRecipe
 from calibkit.numeric.thermal.left_out import (
     WORSE,
     LeftOutErrors,
@@ -150,7 +150,7 @@ def left_out_rates(
 
     raw = tuple(means(log.indication) for log in logs)
     tested = []
-    for order in range(len(rates) - 1):
+    for order in range(min(len(rates) - 1, HIGHEST_RATE_ORDER + 1)):
         errors = [np.zeros(0)] * len(ramps)
         for left_out_rate in rates:
             remaining_ramps = [

@@ -178,7 +178,7 @@ class ThermalRecipe(Recipe):
 
 
 HIGHEST_RATE_ORDER = 5
-"""Highest order of a_j as polynomials of the temperature rate."""
+"""Highest order of a_j as polynomials of the temperature rate; firmware holds no more."""
 
 
 class _Checks(Table):

@@ -75,27 +75,27 @@ def decide_noise(
     calibrated = before.accel_g, before.gyro_dph
     of_digit = [digit / float(np.sqrt(12.0)) for digit in last_digit]
     reasons = [""] * len(squares)
-    for k, (kind, _, unit) in enumerate(SENSORS):
+    for k, (kind, _, unit_mark) in enumerate(SENSORS):
         square, dof, stated_size = squares[:, k], dofs[:, k], stated_sizes[k]
         least_size = max(of_digit[k], calibrated[k], 0.0 if stated_size == "auto" else stated_size)
         variance = max(usual_square(square, dof), least_size**2)
         for row in np.flatnonzero(find_outliers(square, dof, variance)).tolist():
             size = float(np.sqrt(square[row] / dof[row]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
-            outlier = f"an outlier: the {kind} does not close by {size:.2g} {unit}, {times}"
+            outlier = f"an outlier: the {kind} does not close by {size:.2g} {unit_mark}, {times}"
             reasons[row] = reasons[row] or outlier
     closing = np.array([not reason for reason in reasons])
     shown_dof = int(dofs[closing, 1].sum())
     sizes = []
-    for k, (kind, unit, _) in enumerate(SENSORS):
+    for k, (kind, suffix, _) in enumerate(SENSORS):
         stated_size = stated_sizes[k]
         if stated_size != "auto":
             sizes.append(stated_size)
             continue
         if shown_dof + before.dof == 0:
             raise FitError(
-                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
-                hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
+                f"{kind}_{axis}_{suffix}: no station tells the noise of a reading",
+                hint=f"give stations.{kind}_noise_{suffix} in the recipe, or stations with more"
                 " positions",
             )
         # variances of a reading

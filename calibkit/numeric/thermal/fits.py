@@ -1,6 +1,6 @@
 """Fits of level and lagged models (`terms`) to logs with turn-on biases.
 
-    level    T is the case temperature, G = T_case − T_env; rates by `level`
+    level    T is the case temperature, G = T_case − T_env, rates by `coil.level_drivers`
     lagged   τ_o T_o' = T_s − T_o,   τ_i T_i' = T_o − T_i,   T = T_o,  G = T_o − T_i
 
 As G' = T_o' − G/τ_i is a linear combination of T' and G, s_grad_rate is no term of a lagged model.

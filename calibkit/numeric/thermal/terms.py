@@ -5,8 +5,8 @@ drivers.
     Ġ
 
 is the environmental model of IEEE Std 952 (D_T ΔT + D_Ṫ dT/dt + D_∇T d∇T/dt), with the static part
-to third order and products for the coil's conduction and Shupe effect. The modules `level` and
-`coil` define T and G.
+to third order and products for the coil's conduction and Shupe effect. `coil` says what T
+and G are: `level_drivers` of a level model, `Path.drivers` of a lagged one.
 """
 
 from collections.abc import Sequence

@@ -16,7 +16,7 @@
        output ω_k − D̂_k,  D̂_k = D̂_{k−1} + Δ̂_k       `recursive`, ours
        output ω_k − (ω_{k−1} + Δ̂_k)                 `one_step`, as published: no true rate is left
 
-The order M of step 3 is the recipe's, or chosen on left-out rates (`gradient_choice`).
+The order M of step 3 is the recipe's, or chosen on left-out rates (`drift_choice`).
 """
 
 from collections.abc import Iterable, Sequence
