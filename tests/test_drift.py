@@ -280,7 +280,7 @@ def test_the_cubic_is_never_chosen_from_four_rates():
 
 
 def test_nine_rates_test_no_order_beyond_what_firmware_holds():
-    """Orders to the fifth are tested, as a recipe may state; these rates would carry the seventh."""
+    """Orders to the fifth are tested, as a recipe may state, where rates would carry more."""
     rng = np.random.default_rng(9)
     logs = [physical_log(float(rate), rng) for rate in range(2, 11)]
     fits = [log.fit_ramp(log.rate[0]) for log in logs]
