@@ -88,7 +88,8 @@ def read_schedule(text: str, name: str) -> Schedule:
     """Schedule of a CSV text; CoefficientError for one that calibkit did not write."""
     names = [field.name for field in fields(Action)]
     rows = list(csv.reader(io.StringIO(text)))
-    if not rows or rows[0] != names:
+    # the first plans were without azimuths
+    if not rows or rows[0] not in (names, [name for name in names if name != "azimuth_deg"]):
         raise CoefficientError(
             f"{name}: not a schedule: its first line is not {','.join(names)}",
             hint="restore the file that calibkit plan wrote",
@@ -96,7 +97,7 @@ def read_schedule(text: str, name: str) -> Schedule:
     actions = []
     for number, row in enumerate(rows[1:], start=2):
         try:
-            cells: dict[str, Any] = dict(zip(names, row, strict=True))
+            cells: dict[str, Any] = dict(zip(rows[0], row, strict=True))
             for key in cells.keys() - {"action", "log"}:
                 cells[key] = float(cells[key] or NONE)
             actions.append(Action(**cells))
