@@ -106,9 +106,16 @@ def _applied(rng: np.random.Generator, coil: Coil, programme: Programme) -> Appl
 def _power_ons(
     rng: np.random.Generator, size: float, count: int, procedure: str = "fog_thermal"
 ) -> Campaign:
-    """So many logs, each with a turn-on bias of `size` °/h."""
+    """So many logs, each with a turn-on bias of `size` °/h; the drift is so large that a few
+    logs show it.
+    """
     coil = _draw(rng, turn_on_dph=size)
-    logs = _record(rng, coil, ((5.0, 1), (10.0, -1), (10.0, 1))[:count])
+    coil = replace(
+        coil,
+        weights=tuple(4.0 * weight for weight in coil.weights),
+        static=tuple(4.0 * power for power in coil.static),
+    )
+    logs = _record(rng, coil, ((5.0, 1), (10.0, -1), (10.0, 1), (5.0, -1))[:count])
     tables: dict[str, Any] = {"drift": {"model": "lagged"}}
     if procedure == "thermal":
         tables = {"thermal": {"channels": ["gyro_x_dph"]}}
@@ -167,6 +174,8 @@ def _warm_up(rng: np.random.Generator, size: float) -> Campaign:
     return Campaign(_recipe(), _record(rng, coil), _at_rest(coil, BIAS, SETTLED_DEGC))
 
 
+FEW_LOGS = "hardly determined|do not determine|hold together"
+"""What two or three logs cannot determine."""
 _row, _one_thermometer = partial(Fault, "fog_thermal"), partial(Fault, "thermal")
 FAULTS = (
     _one_thermometer(
@@ -176,9 +185,17 @@ FAULTS = (
         partial(_power_ons, count=2, procedure="thermal"),
         "power-on|turn-on",
         0.02,
-        "hardly determined",
+        FEW_LOGS,
     ),
-    _row("three power-ons", 1.0, "°/h", partial(_power_ons, count=3), "power-on|turn-on", 0.02),
+    _row(
+        "four power-ons",
+        1.0,
+        "°/h",
+        partial(_power_ons, count=4),
+        "power-on|turn-on",
+        0.02,
+        FEW_LOGS,
+    ),
     _one_thermometer(
         "three power-ons",
         1.0,
@@ -186,7 +203,7 @@ FAULTS = (
         partial(_power_ons, count=3, procedure="thermal"),
         "power-on|turn-on",
         0.02,
-        "hardly determined",
+        FEW_LOGS,
     ),
     _row("bump of the drift between the soaks", 0.25, "°/h", _anomaly, "observed at|inferred"),
     _row("hysteresis on a mission", 0.2, "°/h", _hysteresis, "hysteresis"),

@@ -219,7 +219,9 @@ class Denoise(Table):
 
 
 class Drift(Table):
-    """Choice of the drift model, and options of the published one (CN102095419A)."""
+    """Choice of the drift model, and options of the published one (CN102095419A), of which `order`
+    is that of a_j over the temperature rate.
+    """
 
     model: Literal["auto", "gradient_rate", "level", "lagged", "bank"] = "auto"
     interval_s: Positive = 10.0

@@ -85,6 +85,7 @@ def decide_noise(
             outlier = f"an outlier: the {kind} does not close by {size:.2g} {unit_mark}, {times}"
             reasons[row] = reasons[row] or outlier
     closing = np.array([not reason for reason in reasons])
+    # the gyro's for both: it has fewer, where its drift within a station is fitted
     shown_dof = int(dofs[closing, 1].sum())
     sizes = []
     for k, (kind, suffix, _) in enumerate(SENSORS):
