@@ -24,6 +24,8 @@ def test_logs_of_one_gyro_drift_alike_and_the_odd_one_is_named():
             "warn",
             [],
         )
+    # a slow and a fast ramp that both differ
+    assert magnitude.find_compensated_logs(alike | {"d": 2.0, "e": 0.3}) == []
     assert magnitude.find_compensated_logs({"a": 1.0, "b": 1.0, "c": 0.0}) == []
     assert (
         magnitude.find_compensated_logs({"a": 1.0, "b": -1.0, "c": 0.3, "d": 0.0, "e": -2.0}) == []

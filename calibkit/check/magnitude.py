@@ -34,8 +34,10 @@ G_OF_UNIT = {"m/s^2": STANDARD_GRAVITY_MPS2, "mg": 1000.0, "ug": 1e6}
 """Length of gravity in units that are taken for g."""
 ALIKE_LOGS = 3
 """Other logs that a log's drift is compared with, at least."""
-ALIKE = 0.3
-"""Median deviation of their slopes, of their median, up to which they agree."""
+ALIKE = 0.5
+"""Largest deviation of their slopes, of their median, up to which they agree: where slow and fast
+ramps differ by more, a log that differs is none that was compensated.
+"""
 COMPENSATED_SHARE = 0.4
 """Share of the others' slope below which a log looks compensated; on 64 simulated ramps it is 0.77
 to 1.25.
@@ -230,7 +232,7 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
         if other_slopes.size < ALIKE_LOGS:
             continue
         usual = float(np.median(other_slopes))
-        agree = float(np.median(np.abs(other_slopes - usual))) < ALIKE * abs(usual)
+        agree = float(np.max(np.abs(other_slopes - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
             opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
             finding = Finding(
