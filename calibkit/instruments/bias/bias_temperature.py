@@ -295,7 +295,7 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
         model,
         over_noise,
         BiasCurve(entry.indication, *means, fitted),
-        tuple(f"{entry.indication}: {flag}" for flag in warn_of_few_levels(sizes)),
+        tuple(type(flag)(f"{entry.indication}: {flag}") for flag in warn_of_few_levels(sizes)),
     )
 
 

@@ -341,10 +341,8 @@ def decide(
         flags = [*thermal.flags, Remark(f"exported: {levels.reason}")]
         exported_errors = of_levels
         if thermal.entangled:
-            flags.append(
-                f"uncertainties of {', '.join(thermal.entangled)} hold together, through the"
-                " covariance, not singly"
-            )
+            together = f"uncertainties of {', '.join(thermal.entangled)} hold together"
+            flags.append(Remark(f"{together}, through the covariance, not singly"))
     elif not polynomials:
         reasons += filter(None, [levels.reason])
         if not tested:

@@ -299,7 +299,7 @@ def fit_channel(
             np.concatenate([power_on.blocks.case[power_on.fitted] for power_on in power_ons])
         ),
         components,
-        tuple(f"{name}: {flag}" for flag in flags),
+        tuple(type(flag)(f"{name}: {flag}") for flag in flags),
     )
 
 
