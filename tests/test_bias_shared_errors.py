@@ -140,7 +140,7 @@ def test_one_log_says_what_it_cannot_show_and_takes_what_is_stated():
 def test_logs_that_coincide_with_temperature_are_refused():
     """Two logs, each held at one temperature, and a straight line: either may be the cause."""
     logs = warm_ups(3, ((20.0, 20.5), (60.0, 60.5)), turn_on=1.0)
-    with pytest.raises(FitError, match="turn-on bias of each log cannot be told from p0, p1"):
+    with pytest.raises(FitError, match="turn-on bias of each log cannot be separated from p0, p1"):
         fit(logs, recipe(order=1))
     assert fit(logs, recipe(order=1, errors={"groups": []})).effective_dof[1] > 3.0
 

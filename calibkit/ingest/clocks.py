@@ -277,7 +277,7 @@ def _estimate_covariance(
         )
     if not (size > 0.0).all() or np.linalg.cond(design / size) > 1e8:
         raise FitError(
-            "a clock offset cannot be told from another level of the two sensors",
+            "a clock offset cannot be separated from another level of the two sensors",
             hint="log a change that both loggers see, or state the clock",
         )
     covariance = _with_memory(design / size, residual) / np.outer(size, size)

@@ -246,9 +246,9 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
         error, design = shared[0], rotation.rows(blocks.design)
         if rank(np.hstack([design, error.design(np.arange(len(design)))])) == count:
             raise FitError(
-                f"the {error.effect} of each {error.group} cannot be told from {', '.join(names)}:"
-                f" {error.levels} of them, each at one value of the abscissa, expected more"
-                f" than {count}, or changes of the abscissa within each",
+                f"the {error.effect} of each {error.group} cannot be separated from"
+                f" {', '.join(names)}: {error.levels} of them, each at one value of the abscissa,"
+                f" expected more than {count}, or changes of the abscissa within each",
                 hint="measure more of them, lower the order, or state how much the"
                 f" {error.effect} differs in [[errors.component]]",
             )
