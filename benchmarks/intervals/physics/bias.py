@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 COLD_DEGC, HOT_DEGC, BUMP_DEGC = -40.0, 60.0, 10.0
 SOAK_S, SHORT_SOAK_S = 7200.0, 1800.0
-SETTLED_DEGC = (-40.0, 60.0)
+SETTLED_DEGC = (COLD_DEGC, HOT_DEGC)
 BIAS, DRIFT, APPLIED = "bias at rest", "drift at rest", "drift of a log"
 RAMPS = ((1.0, 1), (1.0, -1), (5.0, 1), (5.0, -1), (10.0, 1), (10.0, -1))
 """Rates [°C/min] and ways."""
@@ -41,13 +41,13 @@ def _programme(rate: float, way: int, soak_s: float = SOAK_S) -> Programme:
     return Programme.ramp(*ends, rate, soak_before_s=soak_s, soak_after_s=soak_s)
 
 
-def _frame(recorded: Recorded, indication: str = "gyro_dph") -> pd.DataFrame:
+def _frame(recorded: Recorded) -> pd.DataFrame:
     """What is logged, a row every five seconds."""
     columns = {
         "time_s": recorded.time,
         "temp_case_degc": recorded.case,
         "temp_env_degc": recorded.env,
-        indication: recorded.indication,
+        "gyro_dph": recorded.indication,
     }
     return pd.DataFrame({name: values[::5] for name, values in columns.items()})
 
@@ -133,10 +133,10 @@ def _hysteresis(rng: np.random.Generator, size: float) -> Campaign:
     """Half a loop of `size` °/h; a mission that reverses within the range is compensated."""
     coil = _draw(rng, hysteresis_dph=size)
     corners = np.array([25.0, -10.0, 30.0, 10.0, 40.0, 0.0])
-    hours = np.concatenate(([0.0], np.cumsum(np.abs(np.diff(corners)) / 3.0 * 60.0)))
-    mission = Programme(tuple((SOAK_S + hours).tolist()), tuple(corners.tolist()), 0.0)
-    at_rest = Programme((0.0, *mission.time_s), (corners[0], *mission.set_degc), 0.0)
-    return Campaign(_recipe(), _record(rng, coil), [], _applied(rng, coil, at_rest))
+    ramps_s = np.abs(np.diff(corners)) / 3.0 * 60.0
+    time_s = np.cumsum([0.0, SOAK_S, *ramps_s])
+    mission = Programme(tuple(time_s.tolist()), (corners[0], *corners.tolist()), 0.0)
+    return Campaign(_recipe(), _record(rng, coil), [], _applied(rng, coil, mission))
 
 
 def _without_sign(rng: np.random.Generator, size: float) -> Campaign:

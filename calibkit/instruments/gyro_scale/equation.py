@@ -38,7 +38,7 @@ from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import rank
 
-PPM = 1e-6
+ONE_PPM = 1e-6
 SCALE, ZERO = 0, 1
 """Number of K among the results of a line, and of F0."""
 LOWEST_ORDER = 1
@@ -268,7 +268,7 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
     Sizes are relative to the scale factors [channels] of the gyros about the table axes, or about
     their own axes where the error does not act along the turned one.
     """
-    ppm = np.abs(K)[rows.channel] * PPM * rows.rate_dps
+    ppm = np.abs(K)[rows.channel] * ONE_PPM * rows.rate_dps
     dph = np.abs(own_K)[rows.channel] / DPH_PER_DPS
     errors = [
         ("run", "scale", rows.run, ppm, "ppm"),

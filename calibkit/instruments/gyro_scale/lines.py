@@ -255,12 +255,12 @@ class Lines:
                 return None
             square = float(np.sum((self.K[own_axis] / mean - 1.0) ** 2)) / dof
             noise = float(np.mean((self.u_K[own_axis] / mean) ** 2))
-            size_and_dof = float(np.sqrt(max(square, noise))) / equation.PPM, dof
+            size_and_dof = float(np.sqrt(max(square, noise))) / equation.ONE_PPM, dof
         return Shared(
             group="run",
             effect="scale",
             level=self.rows.line,
-            loading=(self.K[self.rows.line] * self.rows.rate_dps * equation.PPM)[:, None],
+            loading=(self.K[self.rows.line] * self.rows.rate_dps * equation.ONE_PPM)[:, None],
             unit="ppm",
             size=size_and_dof[0],
             size_dof=size_and_dof[1],

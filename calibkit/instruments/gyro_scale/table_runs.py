@@ -292,7 +292,10 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
             figure=float(fast.max()),
         )
     angle, rate = means.angle_rate_dps[slow], means.rate_dps[slow]
-    ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
+    power = float(rate @ rate)
+    if not power:
+        return
+    ratio = float(angle @ rate) / power
     # a table turns as its rate says within 1 %: one of both is in another unit or sign
     if abs(ratio - 1.0) > 0.01:
         text = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
@@ -302,7 +305,7 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
         yield Finding(place, text, "the same rate from both", advice, name="unit", figure=ratio)
         return
     off, left = ratio - 1.0, angle - ratio * rate
-    u = float(np.sqrt(left @ left / max(rate.size - 1, 1) / (rate @ rate))) if np.any(rate) else 0.0
+    u = float(np.sqrt(left @ left / max(rate.size - 1, 1) / power))
     if spec.table.reference == "rate" and abs(off) > max(LEAST_OFF, CERTAIN * u):
         yield Finding(
             place,
