@@ -235,7 +235,7 @@ def test_uncertainties_of_lags_and_coefficients_hold():
 
 
 def test_lags_that_leave_no_trace_are_said_to_be_undetermined():
-    """Where the drift is a function of the case alone the outer lag is on its bound, flagged, and
+    """Where the drift is a function of the case alone the outer lag is on its bound, which is said, and
     no uncertainty is stated.
     """
     logs = []
@@ -247,17 +247,18 @@ def test_lags_that_leave_no_trace_are_said_to_be_undetermined():
     model = fit_lagged(logs)
     assert any(
         "the logs do not determine it" in flag or "hardly determined" in flag
-        for flag in model.flags
+        for flag in (*model.flags, *model.remarks)
     )
     assert {"tau_outer", "s_rate"} <= set(model.entangled)
 
 
-def test_a_lag_known_to_a_third_only_is_flagged_with_the_terms_it_is_one_with():
+def test_a_lag_known_to_a_third_only_is_named_with_the_terms_it_is_one_with():
     """In strong noise the inner lag is hardly determined: its interval and those of rate and
     gradient do not stand alone.
     """
     model = fit_lagged(campaign(noise=0.2))
-    assert model.flags == (
+    assert not model.flags
+    assert model.remarks == (
         "tau_inner is 185 s with a relative standard uncertainty of 0.6: hardly determined",
     )
     assert model.entangled == ("tau_inner", "s_rate", "s_grad", "s_grad2")

@@ -258,7 +258,7 @@ def test_blocks_leave_no_trace_in_the_average_over_shifts(name, monkeypatch):
         return denoise._average_over_shifts(whole, bank, np.ones(3), "soft")[100:-100]
 
     at_once = averaged()
-    monkeypatch.setattr(denoise, "BLOCK", 37)
+    monkeypatch.setattr(denoise, "CACHED", 37)
     np.testing.assert_allclose(at_once, averaged(), rtol=0, atol=1e-12)
 
 

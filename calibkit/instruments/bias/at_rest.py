@@ -180,9 +180,11 @@ def _state_at_rest(
         statement.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
     if spread > thermal.model_error:
         statement.flags.append(
-            f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and which"
-            " way the gyro came is in their uncertainty, and in that of a log until the temperature"
-            " has turned over the width of the hysteresis"
+            Remark(
+                f"hysteresis of ±{spread:.2g} deg/h: rates at rest are stated in its middle, and"
+                " which way the gyro came is in their uncertainty, and in that of a log until the"
+                " temperature has turned over the width of the hysteresis"
+            )
         )
 
 

@@ -33,7 +33,7 @@ from calibkit.coefficients import (
     at_most,
 )
 from calibkit.errors import FitError
-from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.frame import Examined, Finding, Log, Remark, refuse
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
@@ -287,7 +287,7 @@ def fit_channel(
     if not fitted.all():
         withheld = rms(before_and_after[0][~fitted]), rms(before_and_after[1][~fitted])
     no_term = () if channel_choice.varies else (NO_TERM,)
-    flags = (*model.flags, *no_term, *_flag_turn_on_drift(name, model, power_ons))
+    flags = (*model.flags, *map(Remark, model.remarks), *no_term, *_flag_turn_on_drift(name, model, power_ons))
     return FittedChannel(
         channel_choice,
         ChannelCurves(name, unit, tuple(raw), tuple(left)),

@@ -335,14 +335,16 @@ def finish(solution: TermSolution) -> ThermalModel:
     dof = residual.size - column_numbers.size - free.size - logs
     # lags that the logs do not determine, and what holds with them jointly only
     flags: list[str] = []
+    remarks: list[str] = []
     entangled: list[str] = []
     relative = np.sqrt(np.diag(covariance)[9:]) / lags
     for name, lag, is_free, u in zip(LAGS, lags, solution.free, relative, strict=False):
         if not is_free:
             entangled += LAGS[: lags.size]
-            flags.append(f"{name} is taken as {lag:.0f} s: the logs do not determine it")
+            held = f"{name} is taken as {lag:.0f} s: the logs do not determine it"
+            (flags if solution.endless else remarks).append(held)
         elif u > DETERMINED:
-            flags.append(
+            remarks.append(
                 f"{name} is {lag:.0f} s with a relative standard uncertainty of {u:.1g}: hardly"
                 " determined"
             )
@@ -365,4 +367,5 @@ def finish(solution: TermSolution) -> ThermalModel:
         noise=rows.noise,
         entangled=tuple(dict.fromkeys(entangled)),
         flags=tuple(flags),
+        remarks=tuple(remarks),
     )

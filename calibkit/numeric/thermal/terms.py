@@ -155,6 +155,8 @@ class BiasModel:
     individually.
     """
     flags: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+    """What asks for nothing, as the uncertainty holds it."""
 
     def nearest_fitted(self, temperature: float) -> float:
         """Temperature [°C] clamped to the fitted range."""

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, did_you_mean
 from calibkit.numeric.chunks import ranges
-from calibkit.numeric.wavelet.lifting import clean_spans, find_wavelet
+from calibkit.numeric.wavelet.lifting import CACHED, clean_spans, find_wavelet
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
@@ -106,10 +106,6 @@ def fit_end(end: Array, window: int) -> tuple[float, bool]:
     return float(end[0] + value[within_window]), bool(moves)
 
 
-BLOCK = 1 << 15
-"""Samples that are averaged over all shifts at a time: they stay in a processor's second-level
-cache.
-"""
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise estimated from them (29 % standard
 error of the MAD).
@@ -260,7 +256,7 @@ def _average_over_shifts(unshifted: Array, bank: str, thresholds: Array, rule: R
     values, levels = np.empty(unshifted.size), len(thresholds)
     period = 1 << levels
     margin = pywt.Wavelet(bank).dec_len * period
-    for start, stop in ranges(unshifted.size, -(-BLOCK // period) * period):
+    for start, stop in ranges(unshifted.size, -(-CACHED // period) * period):
         first, last = max(start - margin, 0), min(stop + margin, unshifted.size)
         coefficients = pywt.swt(unshifted[first:last], bank, level=levels, trim_approx=True)
         for k in range(1, levels + 1):  # the coarsest details come first

@@ -18,8 +18,11 @@ import pywt
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError, did_you_mean
+from calibkit.numeric.chunks import ranges
 
 EVEN, ODD = 0, 1
+CACHED = 1 << 15
+"""Values that are changed at a time: they stay in a processor's second-level cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +39,13 @@ class Step:
         """
         target, source = channels[self.updates], channels[1 - self.updates]
         first, stop = max(-min(self.offsets), 0), target.size - max(*self.offsets, 0)
-        neighbours = source[first + self.offsets[0] : stop + self.offsets[0]].copy()
-        for k in self.offsets[1:]:
-            neighbours += source[first + k : stop + k]
-        neighbours *= sign * self.tap
-        target[first:stop] += neighbours
+        for start, end in ranges(stop - first, CACHED):
+            nearest, *others = (source[first + start + k : first + end + k] for k in self.offsets)
+            neighbours = nearest.copy()
+            for other in others:
+                neighbours += other
+            neighbours *= sign * self.tap
+            target[first + start : first + end] += neighbours
 
 
 @dataclass(frozen=True, slots=True)

@@ -144,8 +144,11 @@ def _firm(details: Array, threshold: float) -> Array:
     """Set details [n] below t to zero, keep those above 2 t, and join both by a straight line (Gao
     & Bruce 1997).
     """
-    magnitude = np.abs(details)
-    return np.copysign(np.minimum(2.0 * np.maximum(magnitude - threshold, 0.0), magnitude), details)
+    magnitude, shrunk = np.abs(details), np.zeros_like(details)
+    kept = np.flatnonzero(magnitude > threshold)  # hardly any at fine levels
+    smaller = np.minimum(2.0 * (magnitude[kept] - threshold), magnitude[kept])
+    shrunk[kept] = np.copysign(smaller, details[kept])
+    return shrunk
 
 
 THRESHOLDS: Mapping[Threshold, Callable[[Array, float, int], float]] = {

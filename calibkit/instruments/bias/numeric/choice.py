@@ -256,11 +256,11 @@ def choose(
     evaluations = [bank.evaluate(model, log.time, log.case, log.env) for log in stacked.logs]
     sensitivities = [evaluation.sensitivities for evaluation in evaluations]
     explained = evaluate.explained(model, stacked.logs, sensitivities, figure_blocks)
-    variance, flags = evaluate.model_error(chosen.errors, explained) ** 2, [*model.flags]
+    variance, remarks = evaluate.model_error(chosen.errors, explained) ** 2, [*model.remarks]
     for term in fitted[best].unmodelled:
         variance += term.probability * term.size**2
         if term.probability > LIKELY:
-            flags.append(
+            remarks.append(
                 f"{term.name} is likely, which would change the drift by some {term.size:.2g}"
                 " deg/h, but the logs do not ask for it clearly, or left-out ramps speak against"
                 " it: it is not modelled and is in the uncertainty"
@@ -269,7 +269,7 @@ def choose(
         model,
         model_error=float(np.sqrt(variance)),
         model_error_dof=float(len(stacked.ramps) - 1),
-        flags=tuple(flags),
+        remarks=tuple(remarks),
     )
     smallest = min((test for test in tested if _helps(test)), key=lambda test: test.pooled)
     reason = (
