@@ -338,7 +338,11 @@ def decide(
     flags = [*reasons]
     exported_errors: tuple[LeftOutErrors, ...] = of_rates if polynomials else ()
     if thermal is not None:
-        flags = [*thermal.flags, *map(Remark, thermal.remarks), Remark(f"exported: {levels.reason}")]
+        flags = [
+            *thermal.flags,
+            *map(Remark, thermal.remarks),
+            Remark(f"exported: {levels.reason}"),
+        ]
         exported_errors = of_levels
         if thermal.entangled:
             together = f"uncertainties of {', '.join(thermal.entangled)} hold together"

@@ -287,7 +287,12 @@ def fit_channel(
     if not fitted.all():
         withheld = rms(before_and_after[0][~fitted]), rms(before_and_after[1][~fitted])
     no_term = () if channel_choice.varies else (NO_TERM,)
-    flags = (*model.flags, *map(Remark, model.remarks), *no_term, *_flag_turn_on_drift(name, model, power_ons))
+    flags = (
+        *model.flags,
+        *map(Remark, model.remarks),
+        *no_term,
+        *_flag_turn_on_drift(name, model, power_ons),
+    )
     return FittedChannel(
         channel_choice,
         ChannelCurves(name, unit, tuple(raw), tuple(left)),
