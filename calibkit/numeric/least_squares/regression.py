@@ -1,10 +1,14 @@
-"""Nonlinear regression of any model, by two solvers of scipy from several starts: the lowest sum of
-squares that is proved a minimum, or no answer.
+"""Nonlinear regression of any model by Levenberg-Marquardt steps (MINPACK) from several starts: the
+lowest sum of squares that is proved a minimum, or no answer.
+
+    proved where |Uᵀ r| / √p  ≤ 1e-4 |r - U Uᵀ r| / √(n - p)                (Bates & Watts 1981)
+
+r are the residuals, U the directions of the model's derivatives, scaled to unit length.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +18,6 @@ from calibkit.errors import FitError
 from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 
-METHODS: tuple[Literal["lm", "trf"], ...] = ("lm", "trf")
 RESTARTS = 6
 """Starts beside the given one, drawn about it."""
 SPREAD = 1.0
@@ -92,14 +95,24 @@ def regress(
     from scipy.optimize import least_squares
 
     if isinstance(start, Mapping):
-        names, begin = tuple(start), np.array(list(start.values()), dtype=np.float64)
+        names, given_start = tuple(start), np.array(list(start.values()), dtype=np.float64)
     else:
-        begin = np.atleast_1d(np.array(start, dtype=np.float64))
-        names = tuple(f"p{k}" for k in range(begin.size))
+        given_start = np.atleast_1d(np.array(start, dtype=np.float64))
+        names = tuple(f"p{k}" for k in range(given_start.size))
     response, abscissa = np.asarray(y, dtype=np.float64), np.asarray(x)
-    _require_enough(response, begin)
+    if response.ndim != 1 or not (np.isfinite(response).all() and np.isfinite(given_start).all()):
+        raise FitError(
+            "response and start are not all finite numbers in one row",
+            hint="leave out rows without a value",
+        )
+    dof = response.size - given_start.size
+    if dof <= 0:
+        raise FitError(
+            f"{response.size} values for {given_start.size} parameters leave nothing to judge by",
+            hint="add values or fix parameters",
+        )
     huge = BEYOND * max(float(np.max(np.abs(response))), np.finfo(np.float64).tiny)
-    size = np.where(begin == 0.0, 1.0, np.abs(begin))
+    size = np.where(given_start == 0.0, 1.0, np.abs(given_start))
 
     def values(p: Array) -> Array:
         """Model [n]."""
@@ -124,77 +137,52 @@ def regress(
             columns.append((values(ahead) - values(back)) / np.sum(ahead - back))
         return np.asarray(np.nan_to_num(np.column_stack(columns), posinf=0.0, neginf=0.0))
 
-    def attempt(begin: Array, method: Literal["lm", "trf"]) -> tuple[float, Array]:
-        """Sum of squares, and parameters, where a solver ends."""
-        options: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
-        try:
-            end = least_squares(
-                misfit, begin, slopes, method=method, x_scale="jac", max_nfev=EVALUATIONS, **options
-            ).x
-        except (ValueError, np.linalg.LinAlgError, FloatingPointError):
-            end = begin
-        end = end if np.isfinite(end).all() else begin
-        return float(np.sum(misfit(end) ** 2)), end
-
-    with np.errstate(all="ignore"):
-        ends = [attempt(*attempt_start) for attempt_start in _starts(begin)]
-        squares = np.array([square for square, _ in ends])
-        # of equals the first: terms that change places fit as well, and the given start names them
-        equal = squares <= squares.min() * (1.0 + EQUAL) + (ROUNDING * rms(response)) ** 2
-        best = ends[int(np.argmax(equal))]
-        for method in (*METHODS, METHODS[0]):
-            best = min(best, attempt(best[1], method), key=lambda end: end[0])
-        return _prove(best[1], misfit(best[1]), slopes(best[1]), rms(response), names)
-
-
-def _require_enough(response: Array, begin: Array) -> None:
-    """Raise FitError for data that no regression can take."""
-    if response.ndim != 1 or not np.isfinite(response).all() or not np.isfinite(begin).all():
-        raise FitError(
-            "response and start are not all finite numbers in one row",
-            hint="leave out rows without a value",
-        )
-    if response.size <= begin.size:
-        raise FitError(
-            f"{response.size} values for {begin.size} parameters leave nothing to judge by",
-            hint="add values or fix parameters",
-        )
-
-
-def _starts(begin: Array) -> Iterator[tuple[Array, Literal["lm", "trf"]]]:
-    """The given start with each solver, then starts about it."""
-    for method in METHODS:
-        yield begin, method
+    # The lowest of the sums of squares where the solver ends, from the given start and from starts
+    # about it. Of equals the first: terms that change places fit as well, and the given start names
+    # them.
     rng = np.random.default_rng(0)
-    for number in range(RESTARTS):
-        factor = np.exp(SPREAD * rng.normal(size=begin.size))
-        start = np.where(begin == 0.0, rng.normal(size=begin.size), begin * factor)
-        yield start, METHODS[number % len(METHODS)]
+    drawn = np.exp(SPREAD * rng.normal(size=(RESTARTS, given_start.size)))
+    starts = np.where(given_start == 0.0, np.log(drawn), given_start * drawn)
+    options: dict[str, Any] = {"ftol": 1e-15, "xtol": 1e-15, "gtol": 1e-15}
+    rounding = ROUNDING * rms(response)
+    p, square = given_start, np.inf
+    with np.errstate(all="ignore"):
+        for begin in (given_start, *starts):
+            try:
+                end = least_squares(
+                    misfit,
+                    begin,
+                    slopes,
+                    method="lm",
+                    x_scale="jac",
+                    max_nfev=EVALUATIONS,
+                    **options,
+                ).x
+            except (ValueError, np.linalg.LinAlgError, FloatingPointError):
+                continue
+            square_at_end = float(np.sum(misfit(end) ** 2))
+            if np.isfinite(end).all() and square_at_end * (1.0 + EQUAL) + rounding**2 < square:
+                p, square = end, square_at_end
+        residuals, derivatives = -misfit(p), slopes(p)
 
-
-def _prove(
-    p: Array, misfit: Array, slopes: Array, size: float, names: tuple[str, ...]
-) -> Regression:
-    """Regression at parameters [p] that are a minimum, of what the model leaves [n] of a response
-    of that rms and its derivatives [n, p]; raises FitError where they are none.
-    """
-    length = np.linalg.norm(slopes, axis=0)
-    scaled = slopes / np.where(length > 0.0, length, 1.0)
-    u, spread, vt = np.linalg.svd(scaled, full_matrices=False)
+    length = np.linalg.norm(derivatives, axis=0)
+    scaled = derivatives / np.where(length > 0.0, length, 1.0)
+    U, spread, vt = np.linalg.svd(scaled, full_matrices=False)
     if not spread[-1] > UNDETERMINED * spread[0]:
         name = names[int(np.argmax(np.abs(vt[-1])))]
         raise FitError(
             f"the data do not determine the parameters, most of all '{name}'",
             hint="fix it, or begin nearer to the answer",
         )
-    explained, dof = u.T @ misfit, misfit.size - p.size
+    explained = U.T @ residuals
     share = np.linalg.norm(explained) / np.sqrt(p.size)
-    noise = np.linalg.norm(misfit - u @ explained) / np.sqrt(dof)
-    if share > CONVERGED * noise and rms(misfit) > ROUNDING * size:
+    noise = np.linalg.norm(residuals - U @ explained) / np.sqrt(dof)
+    if share > CONVERGED * noise and rms(residuals) > rounding:
         raise FitError(
             f"no minimum was reached: the derivatives explain {share / noise:.1g} of what noise"
             " would",
             hint="begin nearer to the answer, or scale the parameters",
         )
     inverse = (vt.T / spread) / length[:, None]
-    return Regression(names, p, inverse @ inverse.T * float(misfit @ misfit) / dof, dof, -misfit)
+    covariance = inverse @ inverse.T * float(residuals @ residuals) / dof
+    return Regression(names, p, covariance, dof, residuals)
