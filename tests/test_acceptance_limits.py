@@ -193,6 +193,7 @@ def noise(value, *, observed=True, sensor=GYRO, **limits):
         sensor=sensor,
         terms=SimpleNamespace(terms=(term,) if observed else ()),
         curve=curve,
+        over_noise=1.0,
         stability=(SimpleNamespace(block_s=10.0, value=value),),
     )
     return noise_figures.criteria([one], NoiseAcceptance(**limits))

@@ -13,14 +13,12 @@ from calibkit.certificate.quantities import Quantity, ResultLimit, of_figure, st
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Figure as Found, Record
+from calibkit.coefficients import Record
 from calibkit.instruments.gyro_noise.forms import (
     ALLAN_DEVIATION,
-    KINDS,
     PROBABILITY,
-    Deviation,
-    read_deviation,
-    read_term,
+    FigureName,
+    read_name,
 )
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, GyroNoiseRecipe
 from calibkit.numeric import gum
@@ -58,81 +56,102 @@ NAMES = {
         "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
     ),
 }
+DEVIATIONS = {
+    "allan": Words("Allan deviation", "Allan 偏差"),
+    "wavelet": Words("wavelet deviation", "小波偏差"),
+}
 PRINCIPAL = {"angle_random_walk", "velocity_random_walk", "bias_instability"}
 FEW = 3.0
 """Standard uncertainties from zero within which a magnitude is stated by an interval."""
 
 
-def _limit(term: str, unit: str, spec: GyroNoiseRecipe) -> ResultLimit | None:
-    """Largest value of a term by the recipe; bias instability has a key per kind of sensor."""
-    sensor = GYRO if unit.startswith("deg") else ACCELEROMETER
-    key = next((key for name, key in sensor.limits.items() if term.startswith(name)), "")
-    largest = getattr(spec.acceptance, key, None)
-    return None if largest is None else ResultLimit(f"acceptance.{key}", upper=largest)
+def name_term(term: str) -> Words:
+    """Name of a noise term, mean or bias stability."""
+    return NAMES.get(term, Words(term.replace("_", " ")))
 
 
-def list_terms(record: Record) -> list[Quantity]:
+def list_terms(record: Record) -> list[tuple[FigureName, Quantity]]:
     """Mean, noise terms and bias stability of each record; by an interval where a term is within a
     few uncertainties of zero.
     """
     terms = []
     for figure in record.figures:
-        if read_deviation(figure.name) is None:
-            name, log = read_term(figure.name)
-            words = NAMES.get(name, Words(name.replace("_", " "))) + Words(
-                f", {log}" if log else ""
-            )
+        name = read_name(figure.name)
+        if name.tau_s is None:
+            words = name_term(name.term) + Words(f", {name.record}" if name.record else "")
             term = replace(
                 of_figure(record, figure, words),
                 magnitude=figure.value < FEW * figure.standard_uncertainty,
-                principal=name in PRINCIPAL,
+                principal=name.term in PRINCIPAL,
             )
-            terms.append(term)
+            terms.append((name, term))
     return terms
 
 
 def results(records: Mapping[str, Record], spec: GyroNoiseRecipe) -> tuple[Quantity, ...]:
-    """Noise terms of each record but the mean, which holds the earth's rate or gravity; those of a
-    run of one record are named without it.
+    """Noise terms of each record but the mean, which holds the earth's rate or gravity, with the
+    largest value that the recipe allows; those of a run of one record are named without it.
     """
-    terms = [(*read_term(term.name), term) for term in list_terms(records["gyro_noise.json"])]
-    one_record = len({log for _, log, _ in terms}) == 1
-    return tuple(
-        replace(
-            term,
-            name=name if one_record else term.name,
-            compared=(({},),),
-            limit=_limit(name, term.unit, spec),
-        )
-        for name, _, term in terms
-        if name not in (GYRO.mean, ACCELEROMETER.mean)
-    )
+    terms, quantities = list_terms(records["gyro_noise.json"]), []
+    one_record = len({name.record for name, _ in terms}) == 1
+    for name, term in terms:
+        sensor = spec.sensor_of(name.record)
+        if name.term == sensor.mean:
+            continue
+        key = next((key for start, key in sensor.limits.items() if name.term.startswith(start)), "")
+        largest = getattr(spec.acceptance, key, None)
+        limit = None if largest is None else ResultLimit(f"acceptance.{key}", upper=largest)
+        called = name.term if one_record else term.name
+        quantities.append(replace(term, name=called, compared=(({},),), limit=limit))
+    return tuple(quantities)
 
 
 def blocks(basis: Stated) -> tuple[Block, ...]:
-    """Block of gyro_noise.json."""
+    """Block of gyro_noise.json: terms, and of each record the Allan and wavelet deviation over τ
+    within their chi-square limits.
+    """
     record = basis.records.get("gyro_noise.json")
     if record is None:
         return ()
-    curves: dict[str, dict[Deviation, Found]] = {}
-    for figure in record.figures:
-        point = read_deviation(figure.name)
-        if point is not None:
-            curves.setdefault(point.record, {})[point] = figure
     terms = list_terms(record)
-    tables: list[ListTable | GridTable] = [
-        ListTable(
-            Words("Noise and bias stability", "噪声与零偏稳定性"),
-            tuple(state(basis, term, {}) for term in terms),
-        )
-    ]
+    listed = tuple(state(basis, term, {}) for _, term in terms)
+    title = Words("Noise and bias stability", "噪声与零偏稳定性")
+    tables: list[ListTable | GridTable] = [ListTable(title, listed)]
+    # type B terms take away degrees of freedom: as many as give σ/√(2 dof) the combined uncertainty
+    conditions = {condition.name: condition.value for condition in record.conditions}
+    probability = conditions.get(PROBABILITY, gum.TWO_SIGMA)
+    curves: dict[str, dict[tuple[str, float], Result]] = {}
+    for figure in record.figures:
+        name = read_name(figure.name)
+        if name.tau_s is None:
+            continue
+        result = state(basis, of_figure(record, figure, DEVIATIONS[name.term]), {})
+        if result.uncertainty is not None:
+            u = result.uncertainty.standard_uncertainty
+            dof = 0.5 * (figure.value / u) ** 2
+            low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
+            expanded = replace(result.uncertainty, probability=probability, effective_dof=dof)
+            result = replace(result, uncertainty=expanded, interval=(float(low), float(high)))
+        curves.setdefault(name.record, {})[name.term, name.tau_s] = result
     figures = []
-    for name, curve in curves.items():
-        table = _deviations(basis, record, name, curve)
+    for of_record, curve in curves.items():
+        kinds = [kind for kind in DEVIATIONS if any(kind == of_point for of_point, _ in curve)]
+        taus = sorted({tau for _, tau in curve})
+        unit = next(iter(curve.values())).unit
+        table = GridTable(
+            Words(
+                f"Deviation over averaging time, {of_record}", f"随平均时间的偏差（{of_record}）"
+            ),
+            TAU,
+            tuple(DEVIATIONS[kind] for kind in kinds),
+            (unit,) * len(kinds),
+            tuple(f"{tau:g}" for tau in taus),
+            tuple(tuple(curve.get((kind, tau)) for kind in kinds) for tau in taus),
+            points=tuple(taus),
+        )
         tables.append(table)
-        label = Words(f"σ [{unit_mark(table.units[0])}]")
-        figures.append(plot(table, label, x_label=TAU, log=True))
-    stated_names = {read_term(figure.name)[0] for figure in terms}
+        figures.append(plot(table, Words(f"σ [{unit_mark(unit)}]"), x_label=TAU, log=True))
+    stated_names = {name.term for name, _ in terms}
     sensors = [sensor for sensor in (GYRO, ACCELEROMETER) if sensor.mean in stated_names]
     law_names = dict.fromkeys(law.name for sensor in sensors for law in sensor.laws)
     absent = [NAMES[name] for name in law_names if name not in stated_names]
@@ -142,41 +161,3 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
     )
     title, notes = Words("Noise at rest", "静态噪声"), (not_observable,) if absent else ()
     return (make_block(record, title, (ALLAN,), tables, figures, notes),)
-
-
-def _deviations(
-    basis: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
-) -> GridTable:
-    """Allan and wavelet deviation over τ of one record, within the chi-square limits that the
-    report prints; type B terms take away degrees of freedom, as many as give σ/√(2 dof) the
-    combined uncertainty.
-    """
-    words = {
-        "allan": Words("Allan deviation", "Allan 偏差"),
-        "wavelet": Words("wavelet deviation", "小波偏差"),
-    }
-    conditions = {condition.name: condition.value for condition in record.conditions}
-    probability = conditions.get(PROBABILITY, gum.TWO_SIGMA)
-    results_at: dict[tuple[str, float], Result] = {}
-    for point, figure in curve.items():
-        result = state(basis, of_figure(record, figure, words[point.kind]), {})
-        if result.uncertainty is not None:
-            u = result.uncertainty.standard_uncertainty
-            dof = 0.5 * (figure.value / u) ** 2
-            low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
-            expanded = replace(result.uncertainty, probability=probability, effective_dof=dof)
-            interval = float(low), float(high)
-            result = replace(result, uncertainty=expanded, interval=interval)
-        results_at[point.kind, point.tau_s] = result
-    kinds = [kind for kind in KINDS if any(point.kind == kind for point in curve)]
-    taus = sorted({point.tau_s for point in curve})
-    cells = tuple(tuple(results_at.get((kind, tau)) for kind in kinds) for tau in taus)
-    return GridTable(
-        Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
-        TAU,
-        tuple(words[kind] for kind in kinds),
-        (next(iter(curve.values())).unit,) * len(kinds),
-        tuple(f"{tau:g}" for tau in taus),
-        cells,
-        points=tuple(taus),
-    )

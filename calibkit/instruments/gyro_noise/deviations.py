@@ -14,10 +14,11 @@ import numpy as np
 
 from calibkit import check, units
 from calibkit.arrays import Array, Integers
-from calibkit.coefficients import Figure
+from calibkit.coefficients import Figure, Input
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
+from calibkit.instruments.gyro_noise.forms import FigureName
 from calibkit.instruments.gyro_noise.recipe import (
     ACCELEROMETER,
     GyroNoiseRecipe,
@@ -44,6 +45,7 @@ class NoiseFigures:
     even grid.
     """
 
+    log: Input
     name: str
     column: str
     sensor: Sensor
@@ -66,7 +68,7 @@ class NoiseFigures:
 
 
 def estimate_noise(
-    log: Log, column: str, places: Integers, recipe: GyroNoiseRecipe
+    log: Log, source: Input, column: str, places: Integers, recipe: GyroNoiseRecipe
 ) -> NoiseFigures:
     """Curves, terms and bias stability of the record of a column of a log, whose rows stand at
     places [n] of an even grid (`place_on_grid`); what it is too short for is flagged and left out.
@@ -113,6 +115,7 @@ def estimate_noise(
     ]
     block, scatter = max(1, rate.size // BLOCKS), float(np.std(present))
     return NoiseFigures(
+        log=source,
         name=name,
         column=column,
         sensor=sensor,
@@ -208,21 +211,23 @@ def list_figures(noise: NoiseFigures) -> list[Figure]:
     """Figures of one record for gyro_noise.json, named quantity.log (or quantity.column.log), the
     mean first; none of a term that is not observable.
     """
-    name, sensor = noise.name, noise.sensor
+    record, unit = noise.name, noise.sensor.unit
     # the mean has no uncertainty of its own: the noise terms say how it wanders
-    figures = [Figure(forms.term_name(sensor.mean, name), noise.mean, sensor.unit, 0.0)]
+    figures = [Figure(str(FigureName(noise.sensor.mean, record)), noise.mean, unit, 0.0)]
     for term in noise.terms.terms:
-        figure, u = forms.term_name(term.name, name), term.standard_uncertainty
-        figures.append(Figure(figure, term.value, term.unit, u, term.dof))
+        name, u = FigureName(term.name, record), term.standard_uncertainty
+        figures.append(Figure(str(name), term.value, term.unit, u, term.dof))
     for entry in noise.stability:
-        figure = forms.term_name(f"bias_stability_{entry.block_s:g}_s", name)
         # n − 1 block means, were they independent and normal
-        u, dof = entry.standard_uncertainty, entry.blocks - 1.0
-        figures.append(Figure(figure, entry.value, sensor.unit, u, dof))
+        name, u = (
+            FigureName(f"bias_stability_{entry.block_s:g}_s", record),
+            entry.standard_uncertainty,
+        )
+        figures.append(Figure(str(name), entry.value, unit, u, entry.blocks - 1.0))
     for kind, curve in zip(forms.KINDS, (noise.curve, noise.wavelet), strict=True):
         points = np.column_stack([curve.tau_s, curve.deviation, curve.dof]).tolist()
         for tau, deviation, dof in points:
             # of a variance with a χ² of these degrees of freedom
-            point, u = forms.Deviation(kind, tau, name), float(deviation / np.sqrt(2.0 * dof))
-            figures.append(Figure(point.name, deviation, sensor.unit, u, dof))
+            name, u = FigureName(kind, record, tau), float(deviation / np.sqrt(2.0 * dof))
+            figures.append(Figure(str(name), deviation, unit, u, dof))
     return figures

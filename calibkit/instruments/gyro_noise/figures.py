@@ -5,21 +5,24 @@ JSON of a validation.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Criterion, at_most
+from calibkit.coefficients import Criterion, StageResult, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import share_unit
+from calibkit.instruments.gyro_noise import certificate
+from calibkit.instruments.gyro_noise.deviations import NoiseFigures, list_figures
+from calibkit.instruments.gyro_noise.forms import read_name
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview
-from calibkit.report.summary import Summary, number
-from calibkit.report.table import Table
+from calibkit.report.summary import Summary
 from calibkit.units import known
 
 if TYPE_CHECKING:
@@ -28,8 +31,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
-    from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
+    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
+    from calibkit.sensitivities import Sensitivity
 
 
 def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
@@ -38,107 +41,53 @@ def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[
     """
     tested = []
     for noise in records:
-        sensor = noise.sensor
-        largest = {name: getattr(limits, key) for name, key in sensor.limits.items()}
+        name, sensor, curve = noise.name, noise.sensor, noise.curve
         observed = {term.name: term.value for term in noise.terms.terms}
+        results = []  # name of the limit, words, value, unit
         for law in sensor.laws:
-            limit = largest.get(law.name)
+            words = f"{law.name} of {name}"
+            if law.name not in observed:
+                words += " (not observable: at most)"
+            # no term is larger than the whole of σ² at any averaging time, its upper limit
+            most = float(np.min(law.scale * curve.upper / curve.tau_s ** (law.exponent / 2.0)))
+            results.append((law.name, words, observed.get(law.name, most), law.unit))
+        residual = f"{name}: residual over noise"
+        results.append(("residual_over_noise", residual, noise.over_noise, "1"))
+        for entry in noise.stability:
+            words = f"bias stability over {entry.block_s:g} s of {name}"
+            results.append(("bias_stability", words, entry.value, sensor.unit))
+        for limit_name, words, value, unit in results:
+            limit = getattr(limits, sensor.limits.get(limit_name, ""), None)
             if limit is not None:
-                name = f"{law.name} of {noise.name}"
-                value = observed.get(law.name)
-                if value is None:
-                    name += " (not observable: at most)"
-                    # no term is larger than the whole of σ² at any averaging time, its upper limit
-                    upper, tau = noise.curve.upper, noise.curve.tau_s
-                    value = float(np.min(law.scale * upper / tau ** (law.exponent / 2.0)))
-                tested.append(at_most(name, value, limit, law.unit))
-        if limits.max_residual_over_noise is not None:
-            name = f"{noise.name}: residual over noise"
-            tested.append(at_most(name, noise.over_noise, limits.max_residual_over_noise, "1"))
-        if largest["bias_stability"] is not None:
-            tested += [
-                at_most(
-                    f"bias stability over {entry.block_s:g} s of {noise.name}",
-                    entry.value,
-                    largest["bias_stability"],
-                    sensor.unit,
-                )
-                for entry in noise.stability
-            ]
+                tested.append(at_most(words, value, limit, unit))
     return tuple(tested)
 
 
 def summarize(
-    title: str, records: Sequence[NoiseFigures], flags: Sequence[str], limits: NoiseAcceptance
+    title: str,
+    records: Sequence[NoiseFigures],
+    result: StageResult,
+    sensitivities: Sequence[Sensitivity],
+    spec: GyroNoiseRecipe,
 ) -> Summary:
-    """Mean, noise terms and bias stability of every record, the deviations over averaging time,
-    flags and tested limits; the first screen has the terms that are determined.
+    """The tables of the certificate, flags and tested limits; the first screen has the terms that
+    the first record shows.
     """
-    rows = []
-    for noise in records:
-        name, sensor = noise.name, noise.sensor
-        rows.append((name, sensor.mean.replace("_", " "), number(noise.mean, 6), "", sensor.unit))
-        cells_of_terms = {
-            term.name: (number(term.value), number(term.standard_uncertainty, 2))
-            for term in noise.terms.terms
-        }
-        for law in sensor.laws:
-            cells = cells_of_terms.get(law.name, ("not observable", ""))
-            rows.append((name, f"{law.name} {law.symbol}", *cells, law.unit))
-        for entry in noise.stability:
-            cells = number(entry.value), number(entry.standard_uncertainty, 2)
-            rows.append((name, f"bias stability, {entry.block_s:g} s", *cells, sensor.unit))
-    title_of_terms = (
-        "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
-    )
-    heads = ("record", "figure", "value", "standard uncertainty", "unit")
-    terms = Table(title_of_terms, heads, tuple(rows))
-    # deviations over averaging time with confidence limits, and the exponent α of the noise type
-    # that those of the Allan deviation assume
-    curves = []
-    every_curve = [(entry, c) for entry in records for c in (entry.curve, entry.wavelet)]
-    for noise, curve in every_curve:
-        columns = {
-            "τ [s]": [f"{tau:g}" for tau in curve.tau_s],
-            "deviation": map(number, curve.deviation),
-            "lower": map(number, curve.lower),
-            "upper": map(number, curve.upper),
-            "dof": [f"{dof:.{0 if dof >= 100.0 else 1}f}" for dof in curve.dof],
-        }
-        if curve.noise:
-            columns["α"] = [f"{2 - TYPES.index(kind)}" for kind in curve.noise]
-        quantity = f"{curve.estimator} deviation [{unit_mark(noise.sensor.unit)}]"
-        title_of_curve = f"{noise.name}: {quantity} with {100.0 * curve.probability:g} % limits"
-        rows_of_curve = tuple(zip(*columns.values(), strict=True))
-        curves.append(Table(title_of_curve, tuple(columns), rows_of_curve))
-
+    tables = tabulate_fit([result], spec, sensitivities, certificate.blocks)
     first = records[0]
-    key_values = [
-        KeyValue(
-            f"{term.name.replace('_', ' ')} {term.symbol}",
-            term.value,
-            unit_mark(term.unit),
-            term.standard_uncertainty,
-        )
-        for term in first.terms.terms
-    ]
-    terms_text = "; ".join(f"{entry.name} {entry}" for entry in key_values)
-    terms_text = terms_text or "no term of noise is determined by the Allan deviation"
-    key_values += [
-        KeyValue(
-            f"bias stability, {entry.block_s:g} s",
-            entry.value,
-            unit_mark(first.sensor.unit),
-            entry.standard_uncertainty,
-        )
-        for entry in first.stability
-    ]
+    key_values = []
+    for figure in list_figures(first)[1:]:  # behind the mean
+        name, u = read_name(figure.name), figure.standard_uncertainty
+        if name.tau_s is None:
+            words = certificate.name_term(name.term).en
+            key_values.append(KeyValue(words, figure.value, unit_mark(figure.unit), u))
+    terms = "; ".join(f"{entry.name} {entry}" for entry in key_values[: len(first.terms.terms)])
+    terms = terms or "no term of noise is determined by the Allan deviation"
     hours = first.curve.samples * first.curve.interval_s / SECONDS_PER_HOUR
-    sentence = f"Noise of {first.name} over {hours:.3g} h at rest: {terms_text}."
-    determined = replace(terms, rows=tuple(row for row in rows if row[3]))
-    overview = Overview(sentence, (), tuple(key_values[:4]), determined)
-    tested = criteria(records, limits)
-    return Summary(title, (terms, *curves), tuple(flags), tested, overview=overview)
+    sentence = f"Noise of {first.name} over {hours:.3g} h at rest: {terms}."
+    overview = Overview(sentence, (), tuple(key_values[:4]), tables[0])
+    tested = criteria(records, spec.acceptance)
+    return Summary(title, tuple(tables), result.flags, tested, overview=overview)
 
 
 def validation_entry(noise: NoiseFigures) -> dict[str, object]:
@@ -181,23 +130,20 @@ class NoiseReport:
         """Columns of a tidy table, one row per averaging time of a record: Allan deviation, the
         noise terms together, in the record's unit, and how far it is from them relative to them.
         """
-        parts: dict[str, list[Any]] = {}
+        curves = [noise.curve for noise in self.records]
         units = [known(unit_mark(noise.sensor.unit)) for noise in self.records]
-        for noise, unit in zip(self.records, units, strict=True):
-            curve, model = noise.curve, noise.terms.model
-            columns = {
-                "record": np.full(curve.tau_s.size, noise.name, dtype=object),
-                "unit": np.full(curve.tau_s.size, unit, dtype=object),
-                "tau_s": curve.tau_s,
-                "deviation": curve.deviation,
-                "model": model,
-                "residual": curve.deviation / model - 1.0,
-            }
-            for name, column in columns.items():
-                parts.setdefault(name, []).append(column)
-        shared = share_unit(("deviation", "model"), units)
-        return {name: np.concatenate(columns) for name, columns in parts.items()} | {
-            "units": shared
+        counts = [curve.tau_s.size for curve in curves]
+        deviation = np.concatenate([curve.deviation for curve in curves])
+        model = np.concatenate([noise.terms.model for noise in self.records])
+        names = np.array([noise.name for noise in self.records], dtype=object)
+        return {
+            "record": np.repeat(names, counts),
+            "unit": np.repeat(np.array(units, dtype=object), counts),
+            "tau_s": np.concatenate([curve.tau_s for curve in curves]),
+            "deviation": deviation,
+            "model": model,
+            "residual": deviation / model - 1.0,
+            "units": share_unit(("deviation", "model"), units),
         }
 
 
@@ -218,6 +164,12 @@ def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
             color=colour,
             label=f"{curve.estimator} deviation",
         )
+    # the exponent α of the noise type that the limits of each Allan deviation assume
+    for tau_s, upper, kind in zip(
+        noise.curve.tau_s, noise.curve.upper, noise.curve.noise, strict=True
+    ):
+        exponent = 2 - TYPES.index(kind)
+        ax.annotate(f"{exponent}", (tau_s, upper), (0, 3), textcoords="offset points", ha="center")
     tau, labels = noise.curve.tau_s, []
     ax.plot(tau, noise.terms.model, color=GOOD, label="noise terms together")
     laws = {law.name: law for law in noise.sensor.laws}

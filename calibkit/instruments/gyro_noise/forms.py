@@ -11,31 +11,24 @@ PROBABILITY = "probability_of_deviation_limits"
 _DEVIATION = re.compile(rf"({'|'.join(KINDS)})_deviation_([0-9.e+-]+)_s\.(.+)")
 
 
-class Deviation(NamedTuple):
-    """One point of a deviation curve: its kind, averaging time [s] and record."""
+class FigureName(NamedTuple):
+    """What the name of a figure says: noise term, mean, bias stability or kind of deviation; the
+    record that it is of; and the averaging time [s] of a deviation.
+    """
 
-    kind: str
-    tau_s: float
+    term: str
     record: str
+    tau_s: float | None = None
 
-    @property
-    def name(self) -> str:
-        """Name of the figure."""
-        return f"{self.kind}_deviation_{self.tau_s:.6g}_s.{self.record}"
+    def __str__(self) -> str:
+        averaged = "" if self.tau_s is None else f"_deviation_{self.tau_s:.6g}_s"
+        return f"{self.term}{averaged}.{self.record}"
 
 
-def read_deviation(name: str) -> Deviation | None:
-    """Deviation that a figure's name states; None for other figures."""
+def read_name(name: str) -> FigureName:
+    """What the name of a figure says."""
     parts = _DEVIATION.fullmatch(name)
-    return Deviation(parts[1], float(parts[2]), parts[3]) if parts else None
-
-
-def term_name(term: str, record: str) -> str:
-    """Name of the figure of a noise term, or of the bias stability, of one record."""
-    return f"{term}.{record}"
-
-
-def read_term(name: str) -> tuple[str, str]:
-    """Noise term (or bias stability) and record that a figure's name states."""
+    if parts:
+        return FigureName(parts[1], parts[3], float(parts[2]))
     term, _, record = name.partition(".")
-    return term, record
+    return FigureName(term, record)

@@ -19,8 +19,9 @@ from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_noise import certificate, deviations, forms
+from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.figures import NoiseReport, summarize, validation_entry
-from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GyroNoiseRecipe, find_sensor
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.left_out import LeftOut
 from calibkit.sensitivities import Sensitivity
 
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
-    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
     from calibkit.report.summary import Summary
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
@@ -71,60 +71,59 @@ def faults(spec: GyroNoiseRecipe, log: Log) -> Examined:
     return Examined(tuple(findings))
 
 
-def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
-    """Figures of every record in a log, and the flags of the log and of its records."""
-    findings = deviations.find_faults(log, spec)
-    refuse(findings)
-    places = deviations.place_on_grid(log)
-    figures = [
-        deviations.estimate_noise(log, column, places, spec) for column in spec.noise.columns
-    ]
-    return figures, [
-        *(f"{log.file}: {note}" for note in log.notes),
-        *(str(finding) for finding in findings if finding.flagged),
-        *(flag for noise in figures for flag in noise.flags),
-    ]
+def _estimate(
+    spec: GyroNoiseRecipe, logs: Iterable[Log]
+) -> tuple[list[NoiseFigures], StageResult, tuple[Sensitivity, ...]]:
+    """Noise of every record in logs, the content of gyro_noise.json, and how its figures move with
+    the scale of an indication, to which each is in proportion, and with its offset, which the mean
+    alone feels.
+    """
+    records, flags = list[NoiseFigures](), list[str]()
+    for log in logs:
+        findings = deviations.find_faults(log, spec)
+        refuse(findings)
+        places, source = deviations.place_on_grid(log), Input.of(log)
+        flags += [f"{log.file}: {note}" for note in log.notes]
+        flags += [str(finding) for finding in findings if finding.flagged]
+        for column in spec.noise.columns:
+            records.append(deviations.estimate_noise(log, source, column, places, spec))
+            flags += records[-1].flags
+    figures: list[Figure] = []
+    scales: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
+    offsets: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
+    for noise in records:
+        of_record = deviations.list_figures(noise)
+        figures += of_record
+        scales[noise.column] |= {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
+        offsets[noise.column][f"{STAGE}.{of_record[0].name}"] = 1.0
+    probability = Condition(forms.PROBABILITY, spec.noise.probability, "1")
+    result = StageResult(
+        STAGE, figures=tuple(figures), flags=tuple(flags), conditions=(probability,)
+    )
+    sensitivities = [Sensitivity(column, "scale", scales[column]) for column in scales]
+    sensitivities += [Sensitivity(column, "offset", offsets[column]) for column in offsets]
+    return records, result, tuple(sensitivities)
 
 
 def fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[NoiseReport]:
     """Estimate the noise of every record."""
-    inputs, figures, flags, gaps = [], [], [], []
-    for log in copies.refuse_copies(
-        ingest.read_ahead(
-            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
-        )
-    ):
-        of_log, flags_of_log = _figures(spec, log)
-        inputs.append(Input.of(log))
-        figures += of_log
-        flags += flags_of_log
-        for noise in of_log:
-            if noise.missing:
-                samples = noise.curve.samples
-                gaps.append(LeftOut("samples", noise.missing, samples, "missing", log.file))
-    # each figure is in proportion to the scale of the indication; only the mean feels an offset
-    scales: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
-    offsets: dict[str, dict[str, float]] = {column: {} for column in spec.noise.columns}
-    stage_figures: list[Figure] = []
-    for noise in figures:
-        of_record, column = deviations.list_figures(noise), noise.column
-        stage_figures += of_record
-        scales[column] |= {f"{STAGE}.{figure.name}": figure.value for figure in of_record}
-        offsets[column][f"{STAGE}.{of_record[0].name}"] = 1.0
-    conditions = (Condition(forms.PROBABILITY, spec.noise.probability, "1"),)
-    result = StageResult(
-        STAGE, figures=tuple(stage_figures), flags=tuple(flags), conditions=conditions
+    in_turn = ingest.read_ahead(
+        progress(files, "reading and averaging"), lambda file: read(spec, data, file)
     )
-    sensitivities = [Sensitivity(column, "scale", scales[column]) for column in scales]
-    sensitivities += [Sensitivity(column, "offset", offsets[column]) for column in offsets]
+    records, result, sensitivities = _estimate(spec, copies.refuse_copies(in_turn))
+    gaps = [
+        LeftOut("samples", noise.missing, noise.curve.samples, "missing", noise.log.name)
+        for noise in records
+        if noise.missing
+    ]
     return Fitted(
         (result,),
-        tuple(inputs),
-        summarize(spec.title, figures, flags, spec.acceptance),
-        NoiseReport(tuple(figures)),
-        sensitivities=tuple(sensitivities),
+        tuple(dict.fromkeys(noise.log for noise in records)),
+        summarize(spec.title, records, result, sensitivities, spec),
+        NoiseReport(tuple(records)),
+        sensitivities=sensitivities,
         left_out=tuple(gaps),
     )
 
@@ -147,20 +146,14 @@ def validate(
     logs: Iterable[Log],
 ) -> tuple[dict[str, Any], Summary]:
     """Noise of records that were not fitted, held against the recipe's limits."""
-    entries, figures, flags = [], [], []
-    for log in logs:
-        of_log, flags_of_log = _figures(spec, log)
+    unseen, result, sensitivities = _estimate(spec, logs)
+    entries = []
+    for log in dict.fromkeys(noise.log for noise in unseen):
+        of_log = [validation_entry(noise) for noise in unseen if noise.log == log]
         entries.append(
-            {
-                "name": log.file,
-                "sha256": log.sha256,
-                "rows": log.rows,
-                "records": [validation_entry(noise) for noise in of_log],
-            }
+            {"name": log.name, "sha256": log.sha256, "rows": log.rows, "records": of_log}
         )
-        figures += of_log
-        flags += flags_of_log
-    return {"logs": entries}, summarize("", figures, flags, spec.acceptance)
+    return {"logs": entries}, summarize("", unseen, result, sensitivities, spec)
 
 
 def propose(evidence: Evidence) -> RecipeChoice | None:
@@ -181,39 +174,31 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     spec = evidence.recipe(choice)
     if not isinstance(spec, GyroNoiseRecipe):
         return None
-    try:
-        if not all(_is_steady(spec, evidence.folder, file) for file in evidence.group.files):
+    # enough rows for noise, and in no log an acceleration or a temperature that changes; whether a
+    # sensor stood still, any gravity tells
+    site = spec.site.model_copy(update={"gravity_mps2": STANDARD_GRAVITY_MPS2})
+    with_gravity = spec.model_copy(update={"site": site})
+    for file in evidence.group.files:
+        try:
+            log = ingest.read_log(
+                with_gravity, evidence.folder / file, file, ("time_s", *columns), TEMPERATURES
+            )
+        except CalibkitError:
             return None
-    except CalibkitError:
-        return None
+        logged = [values(log.frame, name) for name in TEMPERATURES if name in log.frame.columns]
+        long = float(np.ptp(values(log.frame, "time_s"))) >= LONG_S
+        steady = all(float(np.ptp(degc)) <= deviations.STEADY_DEGC for degc in logged)
+        if len(log.frame) < spec.noise.min_rows or (logged and not (long and steady)):
+            return None
+        for name in accelerations:
+            data = values(log.frame, name)
+            blocks = np.array_split(data[~np.isnan(data)], BLOCKS)
+            if np.ptp([np.median(block) for block in blocks if block.size]) > STILL_G:
+                return None
     return replace(
         choice,
         remark=(
             "# Taken for sensors at rest, for want of anything that says they moved: of a gyro a"
             " log cannot show it."
         ),
-    )
-
-
-def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
-    """Whether one log has rows enough for noise, and no acceleration and no temperature in it
-    changes.
-    """
-    columns = ("time_s", *spec.noise.columns)
-    # whether a sensor stood still, any gravity tells
-    site = spec.site.model_copy(update={"gravity_mps2": STANDARD_GRAVITY_MPS2})
-    with_gravity = spec.model_copy(update={"site": site})
-    frame = ingest.read_log(with_gravity, folder / file, file, columns, TEMPERATURES).frame
-    if len(frame) < spec.noise.min_rows:
-        return False
-    for name in spec.noise.columns:
-        if find_sensor(name) is ACCELEROMETER:
-            data = values(frame, name)
-            blocks = np.array_split(data[~np.isnan(data)], BLOCKS)
-            if np.ptp([np.median(block) for block in blocks if block.size]) > STILL_G:
-                return False
-    logged = [values(frame, name) for name in TEMPERATURES if name in frame.columns]
-    long = float(np.ptp(values(frame, "time_s"))) >= LONG_S
-    return not logged or (
-        long and all(float(np.ptp(temperature)) <= deviations.STEADY_DEGC for temperature in logged)
     )

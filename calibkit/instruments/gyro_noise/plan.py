@@ -13,7 +13,7 @@ from calibkit.coefficients import Record, StageResult
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
-from calibkit.instruments.gyro_noise.forms import read_term, term_name
+from calibkit.instruments.gyro_noise.forms import FigureName, read_name
 from calibkit.instruments.gyro_noise.recipe import GYRO, GyroNoiseRecipe, find_sensor
 from calibkit.numeric.noise.allan_fit import predict_terms
 from calibkit.planning.bench import (
@@ -77,7 +77,7 @@ class RecordBench(Bench):
         """The largest of all gyros and logs of an earlier run."""
         largest: dict[str, float] = {}
         for figure in (figure for record in records for figure in record.figures):
-            name, _ = read_term(figure.name)
+            name = read_name(figure.name).term
             if name in TERMS and figure.unit == LAWS[name].unit:
                 largest[name] = max(figure.value, largest.get(name, 0.0))
         return [
@@ -121,7 +121,8 @@ class RecordBench(Bench):
         results = self.predict(rows)
         for name in self.terms:
             result = results[WORDS[name]]
-            yield PredictedCoefficient("gyro_noise", term_name(name, LOG), result.unit, result.u)
+            figure = str(FigureName(name, LOG))
+            yield PredictedCoefficient("gyro_noise", figure, result.unit, result.u)
 
     def design(self, degc: Tour, choice: None, dwell_s: float) -> Design:  # noqa: ARG002 (as of Bench)
         """One log at the reference temperature, after the instrument has warmed up."""
@@ -173,5 +174,5 @@ def simulate_plan(spec: GyroNoiseRecipe, schedule: Schedule, device: Device, see
     }
     logs = {record.log: {"time_s": INTERVAL_S * np.arange(samples)} | rates}
     decimals = {"time_s": 1} | dict.fromkeys(rates, 4)
-    truth = {term_name(name, LOG): value for name, value in drawn.items()}
+    truth = {str(FigureName(name, LOG)): value for name, value in drawn.items()}
     return Campaign(logs, decimals, {"coefficients": {"gyro_noise": truth}})
