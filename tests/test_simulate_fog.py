@@ -78,7 +78,7 @@ def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
     balances.
     """
     device = linear(fog.FogGyro.draw(2))
-    matrix = np.column_stack([fog._flows(device, 0.0, *unit) for unit in np.eye(3)])
+    matrix = np.column_stack([fog._flows(device, 0.0, unit) for unit in np.eye(3)])
     heat = device.heat_flow(np.full(2001, 10.0), 0.0)
     for second in (0, 1, 37, 600, 2000):
         exact = 10.0 - expm(matrix * second) @ np.full(3, 10.0)
@@ -239,9 +239,8 @@ def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
     a pulse.
     """
     device = replace(fog.FogGyro.draw(12), **NOISELESS)
-    logged = fog._log(
-        device, CALM, fog.programmes()["ramp_cooling_10.csv"], np.random.default_rng(0)
-    )
+    runs = {"ramp.csv": fog.programmes()["ramp_cooling_10.csv"]}
+    logged = fog.logs(device, runs, 0, CALM)["ramp.csv"]
     assert abs(logged.turn_on_dph) > 0.001
     expected = device.input_rate_dph + device.bias_dph + logged.turn_on_dph + logged.drift
     assert device.input_rate_dph == pytest.approx(15.041067 * np.sin(np.radians(34.2)))

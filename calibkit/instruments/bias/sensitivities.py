@@ -9,7 +9,7 @@ indication.
     ramp            a0, a1, a2 refitted to the same intervals with shifted temperatures
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -18,17 +18,17 @@ from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.at_rest import RESULT
 from calibkit.instruments.bias.drift_choice import FittedRamp
-from calibkit.instruments.bias.numeric.published import RampFit
 from calibkit.instruments.bias.recipe import Drift
 from calibkit.numeric.thermal.terms import CASE, LAGS, RATE
 from calibkit.sensitivities import InputError, Kind, Sensitivity, differentiate, of_thermometer
 
 DEGREE = {"s_grad2": 2, "s_temp_rate": 2}
 """Degree in temperatures of the terms that are neither powers p_k, b_k nor linear."""
-
-
 TIMED = {"s_rate", "s_temp_rate", "s_grad_rate", *LAGS}
-ENV, SHARE = "temp_env_degc", 1e-5
+"""Coefficients in proportion to the logged time."""
+ENV, GYRO = "temp_env_degc", "gyro_dph"
+SHARE = 1e-5
+"""Relative error of the indication by which ramps are fitted again."""
 POINTS = 41
 """Temperatures at rest over which shifted coefficients are found."""
 AT_REST = ("mean_rate_at_reference", RESULT)
@@ -93,40 +93,31 @@ def find_of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivit
     """Sensitivities of a0, a1 and a2 of every ramp to errors of both thermometers, by fits of the
     same intervals, and to the scale of the indication.
     """
-    parts = [item.log.denoised.between(item.ramp.start, item.ramp.stop) for item in fitted]
-    if not parts:
+    if not fitted:
         return ()
-    thermometers = {
-        CASE: np.concatenate([part.case for part in parts]),
-        ENV: np.concatenate([part.case - part.gradient for part in parts]),
-    }
-
-    def written(fits: Iterable[RampFit]) -> tuple[StageResult]:
-        models = (
-            forms.write_ramp(item.ramp.name, ramp_fit, spec.interval_s)
-            for item, ramp_fit in zip(fitted, fits, strict=True)
-        )
-        return (StageResult("drift", models=tuple(models)),)
+    ramps = [item.log.denoised.between(item.ramp.start, item.ramp.stop) for item in fitted]
+    case = np.concatenate([ramp.case for ramp in ramps])
+    env = np.concatenate([ramp.case - ramp.gradient for ramp in ramps])
 
     def refit(error: InputError) -> tuple[StageResult]:
-        fits = []
-        for item, part in zip(fitted, parts, strict=True):
-            if error.input in thermometers:
-                case, env = part.case, part.case - part.gradient
-                case = error.shift(case) if error.input == CASE else case
-                env = error.shift(env) if error.input == ENV else env
-                shifted = part._replace(case=case, gradient=case - env)
-            else:
-                shifted = part._replace(indication=error.shift(part.indication))
+        models = []
+        for item, ramp in zip(fitted, ramps, strict=True):
+            logged = {CASE: ramp.case, ENV: ramp.case - ramp.gradient, GYRO: ramp.indication}
+            if error.input in logged:
+                logged[error.input] = error.shift(logged[error.input])
+            gradient = logged[CASE] - logged[ENV]
+            shifted = ramp._replace(gradient=gradient, indication=logged[GYRO])
             line, _ = shifted.fit_line(estimate=spec.estimate)
-            fits.append(replace(item.fit, coefficients=line.coefficients[-3:]))
-        return written(fits)
+            fit = replace(item.fit, coefficients=line.coefficients[-3:])
+            models.append(forms.write_ramp(item.ramp.name, fit, spec.interval_s))
+        return (StageResult("drift", models=tuple(models)),)
 
-    errors = [
-        *(e for name, t in thermometers.items() for e in of_thermometer(name, t.min(), t.max())),
-        InputError("gyro_dph", "scale", SHARE),
-    ]
-    return differentiate(errors, written(item.fit for item in fitted), refit)
+    errors = (
+        *of_thermometer(CASE, case.min(), case.max()),
+        *of_thermometer(ENV, env.min(), env.max()),
+        InputError(GYRO, "scale", SHARE),
+    )
+    return differentiate(errors, refit(InputError("", "offset", 0.0)), refit)
 
 
 def _of_levels(stage: str, model: Model, rest_figures: Mapping[str, float]) -> list[Sensitivity]:
@@ -162,6 +153,6 @@ def _of_levels(stage: str, model: Model, rest_figures: Mapping[str, float]) -> l
     return [
         Sensitivity(CASE, "offset", offset),
         Sensitivity(CASE, "span", span),
-        Sensitivity("gyro_dph", "offset", level | by_rate),
-        Sensitivity("gyro_dph", "scale", proportional),
+        Sensitivity(GYRO, "offset", level | by_rate),
+        Sensitivity(GYRO, "scale", proportional),
     ]

@@ -13,7 +13,7 @@ play operators. Every fitted model only approximates this.
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, Self, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
@@ -25,10 +25,6 @@ from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
-
-Triple = tuple[float, float, float]
-
-Value = TypeVar("Value", float, "Array")
 
 REFERENCE_DEGC = 25.0
 """Temperature at which drift is zero, in equilibrium and before any hysteresis [°C]."""
@@ -121,18 +117,21 @@ class FogGyro:
         # the whole gyro in equilibrium with still air: the root of its heat balance
         heating, growth = self.self_heating_degc, self.convection_per_degc
         start = rest_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
-        nodes = [(start, start, start)]
-        for supplied in zip(before, middle, after, strict=True):
-            nodes.append(_runge_kutta(self, supplied, nodes[-1]))
+        temperatures = np.full(3, start)
+        nodes, half = [temperatures], STEP / 2.0
+        for air_before, air_middle, air_after in zip(before, middle, after, strict=True):
+            k1 = _flows(self, air_before, temperatures)
+            k2 = _flows(self, air_middle, temperatures + half * k1)
+            k3 = _flows(self, air_middle, temperatures + half * k2)
+            k4 = _flows(self, air_after, temperatures + STEP * k3)
+            temperatures = temperatures + STEP / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+            nodes.append(temperatures)
         coarse = np.array(nodes)
-        smooth = CubicHermiteSpline(
-            np.arange(len(nodes)) * float(STEP),
-            coarse,
-            np.column_stack(_flows(self, padded[::STEP], *coarse.T)),
-        )(np.arange(count))
-        case, outer, inner = smooth.T
-        _, outer_rate, inner_rate = _flows(self, air_degc, case, outer, inner)
-        return Heat(case, outer, inner, outer_rate, inner_rate)
+        slopes = _flows(self, padded[::STEP], coarse.T).T
+        places = np.arange(len(nodes)) * float(STEP)
+        smooth = CubicHermiteSpline(places, coarse, slopes)(np.arange(count))
+        _, outer_rate, inner_rate = _flows(self, air_degc, smooth.T)
+        return Heat(*smooth.T, outer_rate, inner_rate)
 
     def hysteresis(self, coil_degc: Array) -> Array:
         """Hysteresis of the bias [n, °/h] for coil temperatures [n, °C]: Prandtl-Ishlinskii sum of
@@ -225,52 +224,25 @@ def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float,
     return tuple(float(factor) * peak_to_peak / float(swing) for factor in powers.coef[1:])
 
 
-def _flows(
-    device: FogGyro, air_degc: Value, case: Value, outer: Value, inner: Value
-) -> tuple[Value, Value, Value]:
-    """Rates [°C/s] of case, outer and inner layers by the heat balance of three nodes; heat
-    capacities are relative to that of the whole gyro.
+def _flows(device: FogGyro, air_degc: float | Array, temperatures: Array) -> Array:
+    """Rates [3, °C/s or 3 × n] of case, outer and inner layers, whose temperatures are given, by
+    the heat balance of three nodes; heat capacities are relative to that of the whole gyro.
 
     The conductances follow from the lags: at small differences, a steady ramp of rate r has case =
     air − r τ_case + self-heating, outer = case − r τ_outer, inner = outer − r τ_inner.
     """
-    difference = air_degc - case
-    to_case = (
-        difference * (1.0 + device.convection_per_degc * abs(difference)) + device.self_heating_degc
-    ) / device.tau_case_s
-    coil = device.coil_share
+    case, outer, inner = temperatures
+    difference, coil = air_degc - case, device.coil_share
+    convection = 1.0 + device.convection_per_degc * abs(difference)
+    to_case = (difference * convection + device.self_heating_degc) / device.tau_case_s
     warmer = 0.5 * (case + outer) - REFERENCE_DEGC
-    to_outer = (
-        coil / device.tau_outer_s * (case - outer) * (1.0 + device.conduction_per_degc * warmer)
-    )
-    warmer = 0.5 * (outer + inner) - REFERENCE_DEGC
-    inside = coil * device.inner_share
-    to_inner = (
-        inside / device.tau_inner_s * (outer - inner) * (1.0 + device.conduction_per_degc * warmer)
-    )
-    return (
-        (to_case - to_outer) / (1.0 - coil),
-        (to_outer - to_inner) / (coil - inside),
-        to_inner / inside,
-    )
-
-
-def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
-    """One classical Runge-Kutta step of STEP seconds from air temperatures at its beginning, middle
-    and end.
-    """
-    case, outer, inner = nodes
-    a1, b1, c1 = _flows(device, supplied[0], case, outer, inner)
-    half = STEP / 2.0
-    a2, b2, c2 = _flows(device, supplied[1], case + half * a1, outer + half * b1, inner + half * c1)
-    a3, b3, c3 = _flows(device, supplied[1], case + half * a2, outer + half * b2, inner + half * c2)
-    a4, b4, c4 = _flows(device, supplied[2], case + STEP * a3, outer + STEP * b3, inner + STEP * c3)
-    sixth = STEP / 6.0
-    return (
-        case + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-        outer + sixth * (b1 + 2.0 * (b2 + b3) + b4),
-        inner + sixth * (c1 + 2.0 * (c2 + c3) + c4),
-    )
+    conduction = 1.0 + device.conduction_per_degc * warmer
+    to_outer = coil / device.tau_outer_s * (case - outer) * conduction
+    warmer, inside = 0.5 * (outer + inner) - REFERENCE_DEGC, coil * device.inner_share
+    conduction = 1.0 + device.conduction_per_degc * warmer
+    to_inner = inside / device.tau_inner_s * (outer - inner) * conduction
+    of_case, of_outer = (to_case - to_outer) / (1.0 - coil), (to_outer - to_inner) / (coil - inside)
+    return np.array([of_case, of_outer, to_inner / inside])
 
 
 def _play(degc: Array, half_width: float) -> Array:
@@ -305,34 +277,6 @@ class SimulatedLog:
     turn_on_dph: float
 
 
-def _log(
-    device: FogGyro, chamber: Chamber, programme: Programme, rng: np.random.Generator
-) -> SimulatedLog:
-    """Simulate a log at 1 Hz of a gyro in a chamber programme; both start at rest. The indication
-    in whole pulses is earth's rate, bias, turn-on bias, drift and noise.
-    """
-    time, set_degc = programme.set_points()
-    air_degc = chamber.air(set_degc, rng)
-    heat = device.heat_flow(air_degc, float(set_degc[0]))
-    drift_dph, turn_on_dph = device.drift(heat), rng.normal(0.0, 1.0) * device.turn_on_dph
-    # drawn in this order, so that a seed gives the same log
-    columns: dict[str, NDArray[Any]] = {
-        "time_s": time.astype(np.int64),
-        "temp_case_degc": noise.reading(
-            heat.case, device.case_resolution_degc, device.case_noise_degc, rng
-        ),
-        "temp_env_degc": chamber.air_reading(air_degc, rng),
-    }
-    random = (
-        noise.angle_random_walk(device.N, time.size, rng)
-        + noise.flicker(device.B, time.size, rng)
-        + noise.rate_random_walk(device.K, time.size, rng)
-    )
-    steady_dph = device.input_rate_dph + device.bias_dph + turn_on_dph
-    columns["gyro_dph"] = noise.pulses(steady_dph + drift_dph + random, device.resolution_dph)
-    return SimulatedLog(columns, air_degc, heat, drift_dph, turn_on_dph)
-
-
 def programmes(
     rates: Sequence[float] = (1.0, 5.0, 8.0, 10.0),
     withheld: Sequence[float] = (3.0,),
@@ -362,18 +306,33 @@ def programmes(
 def logs(
     device: FogGyro, runs: Mapping[str, Programme], seed: int, chamber: Chamber
 ) -> dict[str, SimulatedLog]:
-    """Simulate the logs of programmes by file name; each log has its own random stream, independent
-    of the other logs.
+    """Simulate the logs at 1 Hz of a gyro in a chamber, by file name; both start at rest. Each log
+    has its own random stream, independent of the other logs.
+
+    The indication in whole pulses is earth's rate, bias, turn-on bias, drift and noise.
     """
-    return {
-        name: _log(
-            device,
-            chamber,
-            runs[name],
-            np.random.default_rng(np.random.SeedSequence([seed, *name.encode()])),
-        )
-        for name in sorted(runs)
-    }
+    simulated = {}
+    for name in sorted(runs):
+        rng = np.random.default_rng(np.random.SeedSequence([seed, *name.encode()]))
+        time, set_degc = runs[name].set_points()
+        air_degc = chamber.air(set_degc, rng)
+        heat = device.heat_flow(air_degc, float(set_degc[0]))
+        drift_dph, turn_on_dph = device.drift(heat), rng.normal(0.0, 1.0) * device.turn_on_dph
+        # drawn in this order, so that a seed gives the same log
+        columns: dict[str, NDArray[Any]] = {
+            "time_s": time.astype(np.int64),
+            "temp_case_degc": noise.reading(
+                heat.case, device.case_resolution_degc, device.case_noise_degc, rng
+            ),
+            "temp_env_degc": chamber.air_reading(air_degc, rng),
+        }
+        random = noise.angle_random_walk(device.N, time.size, rng)
+        random += noise.flicker(device.B, time.size, rng)
+        random += noise.rate_random_walk(device.K, time.size, rng)
+        steady_dph = device.input_rate_dph + device.bias_dph + turn_on_dph
+        columns["gyro_dph"] = noise.pulses(steady_dph + drift_dph + random, device.resolution_dph)
+        simulated[name] = SimulatedLog(columns, air_degc, heat, drift_dph, turn_on_dph)
+    return simulated
 
 
 def campaign(
