@@ -8,8 +8,7 @@
     |mean of 100 s| ≤ √(U² + (2 u_noise)²) for 95 % of the means
 
 D is evaluated on block means at the model interval, as in the fit, and interpolated to the rows of
-the log. Absolutely, the rate at rest of the fit and the turn-on bias of one more log enter too
-(`RestLevel`).
+the log. Absolutely, the rate at rest of the fit and the turn-on bias of one more log enter too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,7 +18,7 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Figure, Model, Record
 from calibkit.errors import CoefficientError, FitError, UsageError
 from calibkit.fit.unseen import unseen
@@ -78,6 +77,16 @@ def compare_means(
     return compared, means, limit
 
 
+def flag_outside(name: str, outside: Mapping[str, Mask]) -> list[str]:
+    """Flags of what is outside the fitted ranges along a log, with the share of its blocks."""
+    shares = {bound: float(np.mean(mask)) for bound, mask in outside.items()}
+    return [
+        f"{name}: {bound} over {100.0 * share:.0f} %"
+        for bound, share in shares.items()
+        if share > FLAGGED_SHARE
+    ]
+
+
 def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str, Model]:
     """Models of the recipe's channels; CoefficientError for a run without them."""
     if forms.THERMAL not in records:
@@ -88,29 +97,19 @@ def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str,
     return {name: record.model(name) for name in spec.thermal.channels}
 
 
-@dataclass(frozen=True, slots=True)
-class ChannelBias:
-    """Bias of one channel along the blocks of a power-on, zero at the reference temperature, and
-    its uncertainty: of the coefficients, the model error, the ranges and the type B terms of the
-    thermometer and the channel.
-    """
-
-    power_on: PowerOn
-    evaluation: Evaluation
-    bias_uncertainty: evaluate.Along
-
-
 def follow_bias(
     log: Log, raw: Log, model: Model, spec: ThermalRecipe
-) -> tuple[list[ChannelBias], list[str]]:
-    """Bias of one channel along each power-on of a log, of which `raw` is as it was read, at the
-    model interval, or at the log's own where that is longer; flags of temperatures and rates
-    outside the fitted ranges, with the share of the log, and notes on the power-ons.
+) -> tuple[list[tuple[PowerOn, evaluate.Along]], list[str]]:
+    """Bias of one channel, zero at the reference temperature, along each power-on of a log, of
+    which `raw` is as it was read, at the model interval, or at the log's own where that is longer:
+    with its uncertainty by coefficients, model error, ranges and the type B terms of thermometer
+    and channel. Also flags of temperatures and rates outside the fitted ranges, with the share of
+    the log, and notes on the power-ons.
     """
     # whose form is one of terms
     fitted, name = cast("ThermalModel", forms.read_thermal(model)), model.name
     interval_s = max(model.value("interval"), float(np.ceil(log.steps.usual - 1e-6)))
-    drifts, temperature_outside, rate_outside, unmeasured = [], [], [], []
+    biases, evaluations, flags = [], [], []
     for power_on in power_ons.find_power_ons([log], [raw], spec.thermal, interval_s):
         blocks = power_on.of_channel(name)
 
@@ -121,22 +120,22 @@ def follow_bias(
         case = {power_ons.CASE: lambda step: warmer_by(step).drift}
         effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
         evaluation = warmer_by(0.0)
-        bias_uncertainty = evaluate.combine_along(fitted, evaluation, effects)
-        drifts.append(ChannelBias(power_on, evaluation, bias_uncertainty))
-        temperature_outside.append(evaluation.temperature_clamped)
-        rate_outside.append(evaluation.rate_clamped | evaluation.gradient_clamped)
-        unmeasured.append(evaluation.unmeasured)
-    flags = []
-    for excess, masks in (
-        ("temperature outside the fitted range", temperature_outside),
-        ("temperature rate outside the fitted range", rate_outside),
-        ("temperature changes in a direction that was not fitted", unmeasured),
-    ):
-        share = float(np.mean(np.concatenate(masks)))
-        # a constant holds everywhere
-        if share > FLAGGED_SHARE and any(fitted.coefficients[1:]):
-            flags.append(f"{log.file}: {name}: {excess} over {100.0 * share:.0f} %")
-    return drifts, [*flags, *(note for drift in drifts for note in drift.power_on.notes)]
+        evaluations.append(evaluation)
+        biases.append((power_on, evaluate.combine_along(fitted, evaluation, effects)))
+    if any(fitted.coefficients[1:]):  # a constant holds everywhere
+        masks = {
+            "temperature outside the fitted range": [e.temperature_clamped for e in evaluations],
+            "temperature rate outside the fitted range": [
+                e.rate_clamped | e.gradient_clamped for e in evaluations
+            ],
+            "temperature changes in a direction that was not fitted": [
+                e.unmeasured for e in evaluations
+            ],
+        }
+        flags = flag_outside(
+            f"{log.file}: {name}", {text: np.concatenate(mask) for text, mask in masks.items()}
+        )
+    return biases, [*flags, *(note for power_on, _ in biases for note in power_on.notes)]
 
 
 def compensate_channels(
@@ -147,16 +146,14 @@ def compensate_channels(
     flags: list[str] = []
     time = values(log.frame, "time_s")
     for name, model in models.items():
-        drifts, channel_flags = follow_bias(log, raw, model, spec)
+        biases, channel_flags = follow_bias(log, raw, model, spec)
         flags += channel_flags
         bias, standard = np.empty((2, time.size))
-        for drift in drifts:
-            for _, first, stop, begins in drift.power_on.spans:
+        for power_on, along in biases:
+            for _, first, stop, begins in power_on.spans:
                 instants = begins + (time[first:stop] - time[first])
-                at_blocks = drift.power_on.blocks.time
-                u = drift.bias_uncertainty.standard
-                bias[first:stop] = np.interp(instants, at_blocks, drift.evaluation.drift)
-                standard[first:stop] = np.interp(instants, at_blocks, u)
+                bias[first:stop] = np.interp(instants, power_on.blocks.time, along.drift)
+                standard[first:stop] = np.interp(instants, power_on.blocks.time, along.standard)
         columns[name] = values(log.frame, name) - bias
         stem, _, unit = name.rpartition("_")
         if spec.output.drift:
@@ -175,17 +172,17 @@ def channel_entry(
     entries = []
     flags: list[str] = []
     for name, model in models.items():
-        drifts, channel_flags = follow_bias(log, raw, model, spec)
+        biases, channel_flags = follow_bias(log, raw, model, spec)
         flags += channel_flags
-        logged = [drift.power_on.indications[name] for drift in drifts]
-        left = [y - drift.evaluation.drift for y, drift in zip(logged, drifts, strict=True)]
+        logged = [power_on.indications[name] for power_on, _ in biases]
+        left = [y - along.drift for y, (_, along) in zip(logged, biases, strict=True)]
         before, after = (
             rms(np.concatenate([y - y.mean() for y in parts])) for parts in (logged, left)
         )
         longest = int(np.argmax([y.size for y in left]))
         compared, _, _ = compare_means(
             left[longest],
-            drifts[longest].bias_uncertainty,
+            biases[longest][1],
             forms.read_thermal(model).noise,
             blocks_per_figure(model.value("interval")),
         )
@@ -212,30 +209,14 @@ Mode = Literal["recursive", "one_step"]
 
 
 @dataclass(frozen=True, slots=True)
-class _Drift:
-    """Drift [n, °/h] along block means, its increments [n, °/h] between blocks, and the share of
-    blocks at each bound.
+class DriftAlong:
+    """Drift [n, °/h] along block means, its increments [n, °/h] between blocks, and which blocks
+    are held or clamped, by what.
     """
 
     level: Array
     delta: Array
-    bounds: Mapping[str, float]
-
-    def flags(self, name: str) -> tuple[str, ...]:
-        """Flags of held or clamped quantities along the log `name`, with the share of blocks."""
-        return tuple(
-            f"{name}: {bound} over {100.0 * share:.0f} %"
-            for bound, share in self.bounds.items()
-            if share > FLAGGED_SHARE
-        )
-
-    def subtract(self, indication: Array, mode: Mode) -> Array:
-        """Compensated block means [n, °/h] of an indication [n, °/h]."""
-        return (
-            published.one_step(indication, self.delta)
-            if mode == "one_step"
-            else indication - self.level
-        )
+    outside: Mapping[str, Mask]
 
 
 @dataclass(frozen=True, slots=True)
@@ -296,54 +277,43 @@ class DriftModel:
             recipe.reference_temp_degc,
         )
 
-    def drift_along(self, blocks: DriftBlocks) -> _Drift:
+    def drift_along(self, blocks: DriftBlocks) -> DriftAlong:
         """Drift along block means, zero at the reference temperature, which is clamped to the
         fitted range.
 
         A level or lagged model needs no integration, so that no error accumulates in soaks.
         """
         if self.thermal is not None:
+            env = blocks.case - blocks.gradient
             evaluation = bank.evaluate(
-                self.thermal,
-                blocks.time,
-                blocks.case,
-                blocks.case - blocks.gradient,
-                self.reference_temp_degc,
+                self.thermal, blocks.time, blocks.case, env, self.reference_temp_degc
             )
-            clamped = {
-                "temperature": evaluation.temperature_clamped,
-                "temperature rate": evaluation.rate_clamped,
-                "gradient": evaluation.gradient_clamped,
+            drift = evaluation.drift
+            outside = {
+                "temperature clamped to the fitted range": evaluation.temperature_clamped,
+                "temperature rate clamped to the fitted range": evaluation.rate_clamped,
+                "gradient clamped to the fitted range": evaluation.gradient_clamped,
+                "temperature changes in a direction in which no ramp was fitted": (
+                    evaluation.unmeasured
+                ),
             }
-            bounds = {
-                f"{name} clamped to the fitted range": float(mask.mean())
-                for name, mask in clamped.items()
-            } | {
-                "temperature changes in a direction in which no ramp was fitted": float(
-                    evaluation.unmeasured.mean()
-                )
-            }
-            return _Drift(
-                evaluation.drift, np.diff(evaluation.drift, prepend=evaluation.drift[:1]), bounds
-            )
+            return DriftAlong(drift, np.diff(drift, prepend=drift[:1]), outside)
         steps = published.increments(self.polynomials, blocks.gradient, blocks.rate)
         if not self.polynomials:
-            return _Drift(np.zeros_like(steps.delta), steps.delta, {})
-        cases = np.array([polynomial.case for polynomial in self.polynomials])
+            return DriftAlong(np.zeros_like(steps.delta), steps.delta, {})
+        coldest, hottest = zip(*(polynomial.case for polynomial in self.polynomials), strict=True)
         level = published.referenced(
             published.recursive(steps.delta),
             blocks.case,
             self.reference_temp_degc,
-            (float(cases[:, 0].min()), float(cases[:, 1].max())),
+            (min(coldest), max(hottest)),
         )
-        bounds = {
-            "drift held in soaks or on a side that was not fitted": float(
-                steps.drift_held[1:].mean()
-            ),
-            "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
-            "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
+        outside = {
+            "drift held in soaks or on a side that was not fitted": steps.drift_held[1:],
+            "temperature rate clamped to the fitted range": steps.rate_clamped[1:],
+            "gradient clamped to the fitted range": steps.gradient_clamped[1:],
         }
-        return _Drift(level, steps.delta, bounds)
+        return DriftAlong(level, steps.delta, outside)
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,20 +339,18 @@ class LogFigures:
         """Figures of one log from its block means."""
         group = blocks_per_figure(model.interval_s)
         drift, indication = model.drift_along(blocks), blocks.indication
-        output = drift.subtract(indication, "recursive")
-
-        def gain(mode: Mode) -> float:
-            return left_out.rate_gain(lambda w: drift.subtract(w, mode), indication)
-
+        # ω − D, and ω_k − (ω_(k−1) + Δ_k)
+        output = indication - drift.level
+        one_step = published.one_step(indication, drift.delta)
         return cls(
             name,
             left_out.drift_rms(indication, group),
             left_out.drift_rms(output, group),
             left_out.split_noise([left_out.means_of_groups(output, group)]),
-            gain("recursive"),
-            gain("one_step"),
-            left_out.drift_rms(drift.subtract(indication, "one_step")[1:], group),
-            drift.flags(name),
+            left_out.rate_gain(lambda w: w - drift.level, indication),
+            left_out.rate_gain(lambda w: published.one_step(w, drift.delta), indication),
+            left_out.drift_rms(one_step[1:], group),
+            tuple(flag_outside(name, drift.outside)),
             output,
         )
 
@@ -400,7 +368,7 @@ def compensate_log(
         return gyro, ("no drift term: the indication is returned as it is",)
     model_intervals, blocks = ramps.block_means(log, recipe, rated=bool(model.polynomials))
     drift = model.drift_along(blocks)
-    flags = drift.flags(log.file)
+    flags = tuple(flag_outside(log.file, drift.outside))
     if model.mode == "recursive":
         return gyro - np.interp(time, blocks.time, drift.level), flags
     index = np.repeat(model_intervals.number, model_intervals.count)
@@ -415,6 +383,7 @@ RESULT = "gyro_dph"
 THERMOMETERS = ("temp_case_degc", "temp_env_degc")
 POINTS = 5
 """Number of temperatures at which the uncertainty at rest is stated."""
+AT_REST = "at rest"
 
 
 def along_blocks(
@@ -465,21 +434,16 @@ def state_along_logs(
     """
     if model.thermal is None:
         return []
-    stated: list[tuple[str, float, evaluate.Along, int]] = []
-    no_change = np.zeros(2)
-    fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
-    for degc in sorted({*fitted, model.thermal.nearest_fitted(model.reference_temp_degc)}):
-        resting = DriftBlocks(
-            np.array([0.0, 1.0]), np.full(2, degc), no_change, no_change, no_change
-        )
-        at_rest = along_blocks(model, resting, terms, long_at_rest=True)
-        stated.append(("at rest", degc, at_rest, 1))
-    for log in logs:
-        moving = along_blocks(model, log.raw, terms)
-        row = int(np.argmax(moving.standard))
-        stated.append((log.name, float(log.raw.case[row]), moving, row))
+    temperatures = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
+    places: list[tuple[str, DriftBlocks]] = []
+    for degc in sorted({*temperatures, model.thermal.nearest_fitted(model.reference_temp_degc)}):
+        still = np.zeros(2)
+        resting = DriftBlocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
+        places.append((AT_REST, resting))
     entries = []
-    for place, degc, along, row in stated:
+    for place, blocks in [*places, *((log.name, log.raw) for log in logs)]:
+        along = along_blocks(model, blocks, terms, long_at_rest=place == AT_REST)
+        row = int(np.argmax(along.standard))
         parts = [
             gum.UncertaintyComponent(
                 name, float(along.drift[row]), float(values[row]), kind, dof=dof
@@ -487,47 +451,24 @@ def state_along_logs(
             for name, kind, values, dof in along.contributions
         ]
         entry = budget.combine("drift taken off the indication", "deg/h", parts)
-        entries.append(entry | {"where": place, "temp_case_degc": degc})
+        entries.append(entry | {"where": place, "temp_case_degc": float(blocks.case[row])})
     return entries
 
 
-@dataclass(frozen=True, slots=True)
-class RestLevel:
-    """Rate at rest at the reference temperature that a run states, and the expanded uncertainty of
-    that of one more log, its turn-on bias included [°/h].
-    """
-
-    rate: float
-    expanded: float
-
-    @staticmethod
-    def find(figures: Sequence[Figure]) -> "RestLevel | None":
-        """Level of the figures of drift_rate.json; None where no rate at rest is stated."""
-        by_name = {figure.name: figure for figure in figures}
-        rate = by_name.get("mean_rate_at_reference")
-        turn_on = [entry.value for name, entry in by_name.items() if name.startswith(TURN_ON)]
-        if rate is None or len(turn_on) < 2:
-            return None
-        k = gum.coverage_factor(float(len(turn_on) - 1))
-        one_more = k * float(np.std(turn_on, ddof=1))
-        return RestLevel(rate.value, float(np.hypot(one_more, 2.0 * rate.standard_uncertainty)))
-
-
 def check_coverage(
-    model: DriftModel, blocks: DriftBlocks, terms: Sequence[TypeB], level: RestLevel | None
+    model: DriftModel, blocks: DriftBlocks, terms: Sequence[TypeB], figures: Sequence[Figure]
 ) -> dict[str, Any]:
     """JSON object: uncertainties along a log, and the share of its 100 s means within U, about the
     log's mean and absolutely.
 
     The limit for a mean combines the expanded uncertainty of the drift, about the log's mean that
     of the drift less its mean, with noise: white noise of the blocks and flicker noise, at the
-    levels of the fit. Absolutely, a log is held against the rate at rest of the run, and the
-    turn-on bias of one more log is in the limit.
+    levels of the fit. Absolutely, a log is held against the rate at rest that the `figures` of
+    drift_rate.json state, and the turn-on bias of one more log is in the limit.
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
     drift_uncertainty = along_blocks(model, blocks, terms)
-    group = blocks_per_figure(model.interval_s)
     entry: dict[str, Any] = {
         "unit": "deg/h",
         "standard_uncertainty_mean": float(drift_uncertainty.standard.mean()),
@@ -536,14 +477,17 @@ def check_coverage(
         "probability": gum.TWO_SIGMA,
     }
     left, noise = blocks.indication - drift_uncertainty.drift, model.thermal.noise
+    group = blocks_per_figure(model.interval_s)
     compared, means, limit = compare_means(left, drift_uncertainty, noise, group)
-    if compared and level is not None:
+    rest = next((figure for figure in figures if figure.name == "mean_rate_at_reference"), None)
+    turn_on = [figure.value for figure in figures if figure.name.startswith(TURN_ON)]
+    if compared and rest is not None and len(turn_on) > 1:
         # whether means are as near to the rate at rest as their limits and its own say
-        absolute = np.hypot(limit, level.expanded)
-        share = float(np.mean(np.abs(means - level.rate) <= absolute))
+        one_more = gum.coverage_factor(float(len(turn_on) - 1)) * float(np.std(turn_on, ddof=1))
+        absolute = np.hypot(limit, np.hypot(one_more, 2.0 * rest.standard_uncertainty))
         entry |= {
-            "share_within_absolutely": share,
-            "offset": float(means.mean()) - level.rate,
+            "share_within_absolutely": float(np.mean(np.abs(means - rest.value) <= absolute)),
+            "offset": float(means.mean()) - rest.value,
             "offset_expanded_uncertainty": float(absolute.mean()),
         }
     return entry | compared

@@ -108,9 +108,9 @@ def fit(
     )
     # what is taken off is uncertain by so much, and the fitted logs are within it
     drift_uncertainties = compensate.state_along_logs(model, logs, spec.type_b)
-    level = compensate.RestLevel.find(rest.figures)
     covered = {
-        log.name: compensate.check_coverage(model, log.raw, spec.type_b, level) for log in logs
+        log.name: compensate.check_coverage(model, log.raw, spec.type_b, rest.figures)
+        for log in logs
     }
     influences = (
         *sensitivities.find(exported),
@@ -289,7 +289,7 @@ def validate(
     that were not fitted.
     """
     model = compensate.DriftModel.read(records, spec)
-    level = compensate.RestLevel.find(records[forms.FILE].figures)
+    figures_of_run = records[forms.FILE].figures
     compensated, entries = [], []
     for log in logs:
         refuse(ramps.find_unusable(log))
@@ -297,7 +297,7 @@ def validate(
         log_figures = compensate.LogFigures.summarize(log.name, blocks, model)
         compensated.append(log_figures)
         output, _ = compensate.compensate_log(log, model, spec)
-        within = compensate.check_coverage(model, blocks, spec.type_b, level)
+        within = compensate.check_coverage(model, blocks, spec.type_b, figures_of_run)
         entries.append(tables.validation_entry(log, log_figures, model.mode, output, within))
     flags = tuple(flag for log in compensated for flag in log.flags)
     flags += model.thermal.flags if model.thermal is not None else ()

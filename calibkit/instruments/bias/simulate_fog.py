@@ -130,8 +130,9 @@ class FogGyro:
         slopes = _flows(self, padded[::STEP], coarse.T).T
         places = np.arange(len(nodes)) * float(STEP)
         smooth = CubicHermiteSpline(places, coarse, slopes)(np.arange(count))
+        case, outer, inner = smooth.T
         _, outer_rate, inner_rate = _flows(self, air_degc, smooth.T)
-        return Heat(*smooth.T, outer_rate, inner_rate)
+        return Heat(case, outer, inner, outer_rate, inner_rate)
 
     def hysteresis(self, coil_degc: Array) -> Array:
         """Hysteresis of the bias [n, °/h] for coil temperatures [n, °C]: Prandtl-Ishlinskii sum of
