@@ -28,7 +28,7 @@ from calibkit.instruments.accelerometer import (
 )
 from calibkit.instruments.accelerometer.equation import Terms
 from calibkit.instruments.accelerometer.fit import fit_triad
-from calibkit.instruments.bias import plan_ramps as fog_plan
+from calibkit.instruments.bias import plan as fog_plan
 from calibkit.instruments.bias.numeric import bank as forward, bank_fit
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
 from calibkit.numeric import flicker, gum
@@ -239,7 +239,7 @@ def fog_bench(plan: document.Plan, spec: Any) -> fog_plan.RampBench:  # noqa: AN
     """Campaigns of a gyro on ramps, as a plan on the sample bench assumes it."""
     low, high = plan.document["range_degc"]
     task = Task(equipment.read_equipment(None), range_degc=(low, high))
-    return fog_plan.prepare_plan(spec, task)
+    return fog_plan.RampBench(spec, task)
 
 
 def drivers_of(time: Array, case: Array, lag: Array) -> Any:  # noqa: ANN401

@@ -95,8 +95,7 @@ ROOMS = {
     "KEY_FIGURES": "forms",
 }
 """Name that an instrument may have → module of its package where it stands, unless it stands beside
-`fit`. Rooms are imported when they are asked for: a fit needs no certificate. Where several
-procedures share a package, `OWN_ROOMS` of one names the rooms that it does not share.
+`fit`. Rooms are imported when they are asked for: a fit needs no certificate.
 
 draw(title, fitted) → Drawn: figures of a fit, and its summary in full.
 results(records, spec) → quantities: results of a run as functions of their inputs.
@@ -197,8 +196,7 @@ def optional(procedure: str, name: str) -> Any:  # noqa: ANN401 (a name of `ROOM
     module = find(procedure)
     if hasattr(module, name) or not module.__package__:
         return getattr(module, name, None)
-    rooms = ROOMS | getattr(module, "OWN_ROOMS", {})
-    room = f"{module.__package__}.{rooms[name]}"
+    room = f"{module.__package__}.{ROOMS[name]}"
     if importlib.util.find_spec(room) is None:
         return None
     return getattr(importlib.import_module(room), name, None)

@@ -54,7 +54,6 @@ KEY_FIGURES = (
     r"drift_rate\..+\.([abcsghw]\d+|s_\w+|tau_\w+|residual_rms)",
     r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
 )
-OWN_ROOMS = {"prepare_plan": "plan_ramps", "simulate_plan": "plan_ramps"}
 FORMS = (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values())
 faults = ramps.examine
 
