@@ -140,7 +140,7 @@ def averaged(time, read, indication):
 def power_on(log, fitted):
     """One power-on of one channel, cut into stretches."""
     blocks = replace(log, fitted=fitted, starts=((0, 0.0),))
-    one = power_ons.PowerOn("log", blocks, {"y": log.indication}, fitted, (), ())
+    one = power_ons.PowerOn(blocks, {"y": log.indication}, fitted, (), ())
     (cut,), _ = power_ons.cut_stretches([one], 10.0)
     return cut
 

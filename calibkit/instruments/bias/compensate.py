@@ -150,7 +150,7 @@ def compensate_channels(
         flags += channel_flags
         bias, standard = np.empty((2, time.size))
         for power_on, along in biases:
-            for _, first, stop, begins in power_on.spans:
+            for first, stop, begins in power_on.spans:
                 instants = begins + (time[first:stop] - time[first])
                 bias[first:stop] = np.interp(instants, power_on.blocks.time, along.drift)
                 standard[first:stop] = np.interp(instants, power_on.blocks.time, along.standard)

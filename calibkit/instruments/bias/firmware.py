@@ -62,26 +62,6 @@ from calibkit.instruments.bias.recipe import (
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.numeric.thermal.terms import CASE, GRADIENT, RATE
 
-CHANNEL_HISTORY = (
-    (0.0, 1),
-    (0.05, 1),
-    (0.1, 2),
-    (0.3, 3),
-    (1.02, 4),
-    (0.96, 8),
-    (0.96, 160),
-    (0.2, 3),
-    (-0.5, 3),
-    (-1.02, 2),
-    (-0.96, 8),
-    (-0.96, 160),
-    (0.98, 4),
-    (-0.2, 6),
-    (0.1, 12),
-)
-"""Thermal history of the self-test from the reset on: case temperature relative to the half range
-of its input, and number of updates.
-"""
 CHANNEL_FORMULA = "corrected = indication - bias, each channel in its unit; the bias is 0 "
 AT_REFERENCE = "at {:g} degC, or at the end of the fitted range nearest to it"
 
@@ -129,63 +109,6 @@ def _polynomials(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> 
     return draft.chain([model.form for model in record.models], CHANNEL_FORMULA + zero)
 
 
-def _follow_terms(spec: ThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of all channels that vary, each zero at rest at the reference temperature; OutputError
-    where none does.
-    """
-    models = [
-        model
-        for model in required_record(records, THERMAL, spec).models
-        if any(coefficient.value for coefficient in model.coefficients[1:])
-    ]
-    if not models:
-        raise OutputError(
-            "no channel has a drift term: no tested model was better than none",
-            hint="there is nothing to export",
-        )
-    # channels have terms and lags of their own: no layout holds for all devices
-    draft = Draft()
-    h = Fraction(models[0].value("interval"))
-    reach = thermal_steps.reach_of(map(thermal_steps.followed, models))
-    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach)
-    paces = []
-    for model in models:
-        channel_draft, name = Draft(), f"bias_{model.name}"
-        low, high = (model.value(end) for end in CASE_RANGE)
-        followed = thermal_steps.followed(model)
-        mapped = channel_draft.map("x", CASE, (low, high), flag="TEMP_CLAMPED", followed=followed)
-        source = thermal_steps.follow_terms(
-            channel_draft, model, h, spec.reference_temp_degc, mapped
-        )
-        draft.include(channel_draft, f"_{model.name}")
-        source, unit = f"{source}_{model.name}", model.residual_unit
-        meaning = f"bias of {model.name}, to be subtracted from it"
-        draft.output(name, unit, source, meaning, corrects=model.name)
-        draft.ranges.append(f"{CASE} of {model.name} {exact.limits_text(low, high)} degC")
-        draft.ranges.append(thermal_steps.say_followed(followed))
-        paces.append(pace.FASTEST * thermal_steps.largest(model, RATE))
-    highest = exact.round_to(float(min(paces)), 3, up=False)
-    followed_chain = draft.chain(
-        [model.form for model in models],
-        CHANNEL_FORMULA + "at rest " + AT_REFERENCE.format(spec.reference_temp_degc),
-        interval_s=float(h),
-        condition=f"the case moves by no more than {highest:.3g} degC/min",
-    )
-    rate = min(paces) / pace.FASTEST
-    followed_chain = pace.keep_time(followed_chain, CASE, rate, spec.thermal.max_gap_s)
-    return replace(followed_chain, trials=_channel_history(followed_chain))
-
-
-def _channel_history(chain: Chain) -> Trials:
-    """Trials of a chain: one thermal history that covers its range from end to end."""
-    low, high = (float(limit) for limit in chain.tables[chain.structure.inputs[0].table])
-    # the input's word reaches beyond what is followed
-    half = (high - low) / 2.0 / float(1 + 2 * thermal_steps.WIDER)
-    positions, updates = zip(*CHANNEL_HISTORY, strict=True)
-    case = (low + high) / 2.0 + half * np.array(positions)
-    return pace.by_the_clock(chain, Trials({CASE: vectors.coarsen(case, half)}, updates))
-
-
 AIR_RATE = "temp_env_rate_degc_min"
 WHOSE = {LEVEL.name: "case", LAGGED.name: "coil", BANK.name: "coil"}
 """Which part of the gyro the fitted ranges of a form are of."""
@@ -231,6 +154,24 @@ to the half range of its input, beyond ±1 from the end of what is followed, air
 to the largest gradient, air rate relative to the largest fitted rate, and number of updates. It
 reaches both ends of every range.
 """
+CHANNEL_HISTORY = (
+    (0.0, 0.0, 0.0, 1),
+    (0.05, 0.0, 0.0, 1),
+    (0.1, 0.0, 0.0, 2),
+    (0.3, 0.0, 0.0, 3),
+    (1.02, 0.0, 0.0, 4),
+    (0.96, 0.0, 0.0, 8),
+    (0.96, 0.0, 0.0, 160),
+    (0.2, 0.0, 0.0, 3),
+    (-0.5, 0.0, 0.0, 3),
+    (-1.02, 0.0, 0.0, 2),
+    (-0.96, 0.0, 0.0, 8),
+    (-0.96, 0.0, 0.0, 160),
+    (0.98, 0.0, 0.0, 4),
+    (-0.2, 0.0, 0.0, 6),
+    (0.1, 0.0, 0.0, 12),
+)
+"""The same for channels, which see no air."""
 FORMULA = (
     "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC,"
     " or at the end of the fitted range nearest to it"
@@ -250,48 +191,87 @@ def chain(spec: BiasRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the bias of every channel, zero at the reference, with the trials of its self-test;
     OutputError if there is none, or if it removes the true rate.
     """
-    if isinstance(spec, FogThermalRecipe):
-        return _drift(spec, records)
-    if isinstance(spec, ThermalRecipe):
-        return _follow_terms(spec, records)
-    return _polynomials(spec, records)
-
-
-def _drift(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the exported drift term of a gyro."""
-    models = required_record(records, FILE, spec).models
+    if isinstance(spec, BiasTemperatureRecipe):
+        return _polynomials(spec, records)
+    (file,) = files(spec)
+    models = [
+        model
+        for model in required_record(records, file, spec).models
+        if any(coefficient.value for coefficient in model.coefficients[1:])
+    ]
     if not models:
         raise OutputError(
             "the run has no drift term: no tested model was better than none",
             hint="there is nothing to export",
         )
-    draft = Draft(padded=spec.export.layout == "padded")
-    if models[0].form == OVER_RATES.name:
-        if spec.drift.compensation == "one_step":
-            raise OutputError(
-                "compensation 'one_step' removes the true rate (rate gain 0)",
-                hint="fit with drift.compensation = 'recursive'",
-            )
-        source = _recursive(draft, models, spec.segments.slope_window_s)
-        formula, condition, followed_ranges = RECURSIVE, "", []
-    else:
-        model, reference_degc = models[0], spec.reference_temp_degc
-        formula, condition = FORMULA.format(reference=reference_degc), ""
-        h, followed = Fraction(model.value("interval")), thermal_steps.followed(model)
-        middle, half = exact.span(*model.valid[CASE])
-        followed_ranges = [thermal_steps.say_followed(followed)]
-        # the map clamps it and sets the flag
-        draft.input(CASE, "degC", thermal_steps.CASE_MEANING, thermal_steps.reach_of([followed]))
-        draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", followed=followed)
-        fastest = pace.FASTEST * thermal_steps.largest(model, RATE)
+    if isinstance(spec, FogThermalRecipe) and models[0].form == OVER_RATES.name:
+        return _follow_increments(spec, models)
+    return _follow_levels(spec, models)
+
+
+def _follow_levels(spec: FogThermalRecipe | ThermalRecipe, models: Sequence[Model]) -> Chain:
+    """Chain of models whose value is the bias, of each channel or of a gyro, zero at rest at the
+    reference temperature.
+    """
+    of_gyro, reference_degc = isinstance(spec, FogThermalRecipe), spec.reference_temp_degc
+    # channels have terms and lags of their own: no layout holds for all devices
+    draft = Draft(padded=of_gyro and spec.export.layout == "padded")
+    h, needs_pace = Fraction(models[0].value("interval")), not of_gyro
+    reach = thermal_steps.reach_of(map(thermal_steps.followed, models))
+    draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach)
+    for model in models:
+        followed, fitted, part = thermal_steps.followed(model), model.valid[CASE], draft
+        if not of_gyro:
+            fitted, part = (model.value(CASE_RANGE[0]), model.value(CASE_RANGE[1])), Draft()
+        # the map clamps the case temperature and sets the flag
+        mapped = part.map("x", CASE, fitted, flag="TEMP_CLAMPED", followed=followed)
         if model.form == BANK.name:
-            speed = fastest / 60 / half
-            source = follow_bank(draft, model, h, speed, reference_degc)
+            fastest = pace.FASTEST * thermal_steps.largest(model, RATE) / 60 / mapped[1]
+            source = follow_bank(part, model, h, fastest, reference_degc)
         else:
-            source = thermal_steps.follow_terms(draft, model, h, reference_degc, (middle, half))
-        if model.form != LEVEL.name or draft.padded or thermal_steps.uses(model, RATE):
-            highest = exact.round_to(float(fastest), 3, up=False)
-            condition = f"the case moves by no more than {highest:.3g} degC/min"
+            source = thermal_steps.follow_terms(part, model, h, reference_degc, mapped)
+        if of_gyro:
+            _output_drift(draft, source, models)
+            lagged = model.form != LEVEL.name
+            needs_pace = lagged or draft.padded or thermal_steps.uses(model, RATE)
+        else:
+            draft.include(part, f"_{model.name}")
+            meaning = f"bias of {model.name}, to be subtracted from it"
+            source, unit = f"{source}_{model.name}", model.residual_unit
+            draft.output(f"bias_{model.name}", unit, source, meaning, corrects=model.name)
+            draft.ranges.append(f"{CASE} of {model.name} {exact.limits_text(*fitted)} degC")
+        draft.ranges.append(thermal_steps.say_followed(followed))
+    formula = FORMULA.format(reference=reference_degc)
+    if not of_gyro:
+        formula = CHANNEL_FORMULA + "at rest " + AT_REFERENCE.format(reference_degc)
+    rate = min(thermal_steps.largest(model, RATE) for model in models)
+    highest = exact.round_to(float(pace.FASTEST * rate), 3, up=False)
+    condition = f"the case moves by no more than {highest:.3g} degC/min" if needs_pace else ""
+    forms = [model.form for model in models]
+    followed_chain = draft.chain(forms, formula, interval_s=float(h), condition=condition)
+    gap_s = spec.thermal.max_gap_s if isinstance(spec, ThermalRecipe) else spec.largest_gap_s()
+    followed_chain = pace.keep_time(followed_chain, CASE, rate, gap_s)
+    return replace(followed_chain, trials=_thermal_history(followed_chain))
+
+
+def _follow_increments(spec: FogThermalRecipe, models: Sequence[Model]) -> Chain:
+    """Chain of the published scheme: the drift of a gyro by its increments on either side."""
+    if spec.drift.compensation == "one_step":
+        raise OutputError(
+            "compensation 'one_step' removes the true rate (rate gain 0)",
+            hint="fit with drift.compensation = 'recursive'",
+        )
+    draft = Draft(padded=spec.export.layout == "padded")
+    _output_drift(draft, _recursive(draft, models, spec.segments.slope_window_s), models)
+    interval_s = float(models[0].value("interval"))
+    drift = draft.chain([model.form for model in models], RECURSIVE, interval_s=interval_s)
+    rate = max(thermal_steps.largest(model, RATE) for model in models)
+    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
+    return replace(drift, trials=_thermal_history(drift))
+
+
+def _output_drift(draft: Draft, source: str, models: Sequence[Model]) -> None:
+    """The drift of a gyro, and the ranges that its models were fitted in."""
     meaning = "drift, to be subtracted from the indication"
     draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
     for model in models:
@@ -299,13 +279,6 @@ def _drift(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
         for column, (low, high) in model.valid.items():
             unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
             draft.ranges.append(f"{column} of the {owner} {exact.limits_text(low, high)} {unit}")
-    draft.ranges += followed_ranges
-    interval_s = float(models[0].value("interval"))
-    forms = [model.form for model in models]
-    drift = draft.chain(forms, formula, interval_s=interval_s, condition=condition)
-    rate = max(thermal_steps.largest(model, RATE) for model in models)
-    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
-    return replace(drift, trials=_thermal_history(drift))
 
 
 def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> str:
@@ -380,15 +353,18 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
 
 
 def _thermal_history(chain: Chain) -> Trials:
-    """Trials of a drift chain: one thermal history that covers every range from end to end."""
+    """Trials of a chain: one thermal history that covers every range from end to end."""
     ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
     low, high = (float(limit) for limit in ranges[CASE])
-    middle, half = (low + high) / 2.0, (high - low) / 2.0
+    middle, half, history = (low + high) / 2.0, (high - low) / 2.0, HISTORY
     if "x_map" in chain.tables:  # the case is followed beyond the fitted range, its word further
         middle, reciprocal, *ends = map(float, chain.tables["x_map"])
         half = float(BEYOND) / reciprocal
         low, high = (middle + end / reciprocal for end in ends)
-    case, ahead, climb, updates = (np.array(column) for column in zip(*HISTORY, strict=True))
+    elif not chain.structure.summing:  # channels, of which each has a map of its own
+        half, history = half / float(1 + 2 * thermal_steps.WIDER), CHANNEL_HISTORY
+        low, high = middle - half, middle + half
+    case, ahead, climb, updates = (np.array(column) for column in zip(*history, strict=True))
     outer_cases = [high + (case - 1.0) * half, low + (case + 1.0) * half]
     physical = {CASE: np.select([case > 1.0, case < -1.0], outer_cases, middle + half * case)}
     gradients = [

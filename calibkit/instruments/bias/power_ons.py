@@ -51,13 +51,11 @@ class _Span:
     stop: int
     begins: float
     """Instant of the first row [s], on the clock of all logs of `clock`."""
-    lasts: float
-    """Duration [s]."""
+    ends: float
+    """Instant of the last row [s]."""
     clock: str
     switched_on: bool
     """Whether the instrument was switched on again before."""
-    after_gap: bool
-    """Whether it follows a gap in its log: the temperature before it is not known."""
     note: str
     """Why it is another power-on, where a gap makes it one."""
 
@@ -66,15 +64,14 @@ class _Span:
 class PowerOn:
     """Block means [n] of one power-on."""
 
-    name: str
     blocks: ThermalLog
     """Its indication is that of no channel."""
     indications: Mapping[str, Array]
     """Channel → block means without spikes [n]."""
     fitted: Mask
     """[n], which blocks are not withheld."""
-    spans: tuple[tuple[str, int, int, float], ...]
-    """Log, first row, row after the last and instant [s] of the first row on the blocks' clock."""
+    spans: tuple[tuple[int, int, float], ...]
+    """First row, row after the last and instant [s] of the first row on the blocks' clock."""
     notes: tuple[str, ...]
     """Notes on spans that start on a ramp."""
 
@@ -101,14 +98,14 @@ def mend_clock(log: Log, spec: ThermalTable) -> Log:
         return log
     interval_s = USUAL_INTERVAL_S if spec.interval_s == "auto" else float(spec.interval_s)
     time = values(log.frame, "time_s")
-    rows = _restarted_rows(time) if np.isfinite(time).all() else np.zeros(0, dtype=np.int64)
-    if not rows.size:
+    rows = _restarted_rows(time).tolist() if np.isfinite(time).all() else []
+    if not rows:
         return log
     mended = time.copy()
-    for row in rows.tolist():
+    for row in rows:
         passed = np.floor((mended[row - 1] - mended[0]) / interval_s) + 2.0
         mended[row:] += mended[0] + passed * interval_s - mended[row]
-    note = f"the clock begins anew at {log.place(int(rows[0]))}: taken as a power-on"
+    note = f"the clock begins anew at {log.place(rows[0])}: taken as a power-on"
     columns = {str(name): values(log.frame, str(name)) for name in log.frame.columns}
     frame = pd.DataFrame(columns | {"time_s": mended}, log.frame.index, copy=False)
     return replace(log, frame=frame, notes=(*log.notes, note))
@@ -132,6 +129,7 @@ def find_power_ons(
             groups[-1].append(span)
         else:
             groups.append([span])
+    # a power-on is named by its logs, and numbered where they have several
     names = [" + ".join(dict.fromkeys(span.log.name for span in group)) for group in groups]
     power_ons = []
     for k, (group, name) in enumerate(zip(groups, names, strict=True)):
@@ -150,9 +148,9 @@ def cut_stretches(
     total = sum(count for count in counts if count >= LEAST_BLOCKS)
     if total < 4 * LEAST_BLOCKS:
         raise FitError(
-            f"{', '.join(entry.name for entry in power_ons)}: {total} intervals of {interval_s:g} s"
-            f" in power-ons of at least {LEAST_BLOCKS}, expected at least {4 * LEAST_BLOCKS} to"
-            " leave stretches out",
+            f"{', '.join(entry.blocks.name for entry in power_ons)}: {total} intervals of"
+            f" {interval_s:g} s in power-ons of at least {LEAST_BLOCKS}, expected at least"
+            f" {4 * LEAST_BLOCKS} to leave stretches out",
             hint="log longer, or shorten [thermal] interval_s",
         )
     size = max(total / STRETCHES, LEAST_BLOCKS)
@@ -160,8 +158,8 @@ def cut_stretches(
     for power_on, count in zip(power_ons, counts, strict=True):
         if count < LEAST_BLOCKS:
             notes.append(
-                f"{power_on.name}: a power-on of {count} intervals is not fitted, expected at least"
-                f" {LEAST_BLOCKS}"
+                f"{power_on.blocks.name}: a power-on of {count} intervals is not fitted, expected"
+                f" at least {LEAST_BLOCKS}"
             )
             continue
         stretches = max(round(count / size), 1)
@@ -198,8 +196,8 @@ def _cut(log: Log, raw: Log, spec: ThermalTable, interval_s: float) -> Iterator[
                 " instrument counts as switched on again; if it stayed on, raise [thermal]"
                 " max_gap_s"
             )
-        begins, lasts = zero + float(time[first]), float(time[stop - 1] - time[first])
-        yield _Span(log, first, stop, begins, lasts, clock, first in switched_on, first > 0, note)
+        begins, ends = zero + float(time[first]), zero + float(time[stop - 1])
+        yield _Span(log, first, stop, begins, ends, clock, first in switched_on, note)
 
 
 def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
@@ -222,58 +220,56 @@ def _goes_on(before: _Span, span: _Span, spec: ThermalTable) -> bool:
 
 def _adjoins(before: _Span, span: _Span, spec: ThermalTable) -> bool:
     """Whether a span begins on the same clock after another one has ended, without a long gap."""
-    gap_s = span.begins - (before.begins + before.lasts)
+    gap_s = span.begins - before.ends
     return before.clock == span.clock and 0.0 < gap_s <= spec.max_gap_s
 
 
 def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name: str) -> PowerOn:
     """Block means of the spans of one power-on, on one clock."""
-    parts: list[tuple[Array, Array, Mask]] = []
-    channels: dict[str, list[Array]] = {channel: [] for channel in spec.channels}
+    parts: list[Array] = []
     starts, spans = [], []
     notes = [span.note for span in group if span.note]
-    row, begins = 0, 0.0
-    for k, span in enumerate(group):
-        rows, log = slice(span.first, span.stop), span.log
-        time, case = (values(log.frame, column)[rows] for column in COLUMNS)
-        model_intervals = intervals.Intervals.find(time, interval_s, log.steps.usual)
-        means, temperature = (
-            model_intervals.means(time, origin=float(time[0])),
-            model_intervals.means(case),
+    first_block, begins = 0, 0.0
+    for before, span in zip([None, *group], group, strict=False):
+        log = span.log
+        time, case, *indications = (
+            values(log.frame, column)[span.first : span.stop]
+            for column in (*COLUMNS, *spec.channels)
         )
-        before = group[k - 1]
-        joined = k > 0 and not span.after_gap and _adjoins(before, span, spec)
-        if k:
-            gap = span.begins - (before.begins + before.lasts) if joined else interval_s
-            begins += before.lasts + gap
+        blocks = intervals.Intervals.find(time, interval_s, log.steps.usual)
+        seconds, temperature = blocks.means(time, origin=float(time[0])), blocks.means(case)
+        # in a log the temperature before a gap says nothing of that after it
+        joined = before is not None and not span.first and _adjoins(before, span, spec)
+        if before is not None:
+            gap_s = span.begins - before.ends if joined else interval_s
+            begins += before.ends - before.begins + gap_s
         if not joined:
-            rate = _starting_rate(means, temperature)
-            starts.append((row, rate))
+            rate = _starting_rate(seconds, temperature)
+            starts.append((first_block, rate))
             if rate:
                 notes.append(
                     f"{log.file}: begins while the temperature changes by {rate:+.2g} °C/min:"
                     " lags are taken as those of a steady ramp"
                 )
-        for channel, blocks in channels.items():
-            column = values(log.frame, channel)[rows]
-            blocks.append(
-                pooled_fit.means_without_spikes(
-                    column, model_intervals, excluded=pooled_fit.spikes(column, model_intervals)
-                )
-            )
-        fitted, instants = np.ones(means.size, dtype=bool), means + time[0]
+        fitted, instants = np.ones(seconds.size, dtype=bool), seconds + time[0]
         for entry in spec.withheld:
             if entry.log in (log.file, log.name):
                 fitted &= (instants < entry.from_s) | (instants > entry.to_s)
-        parts.append((means + begins, temperature, fitted))
-        spans.append((log.file, span.first, span.stop, begins))
-        row += means.size
-    time, case, fitted = (np.concatenate(part) for part in zip(*parts, strict=True))
-    no_indication, part = np.zeros_like(time), np.zeros(time.size, dtype=np.int64)
+        means = [
+            pooled_fit.means_without_spikes(
+                indication, blocks, excluded=pooled_fit.spikes(indication, blocks)
+            )
+            for indication in indications
+        ]
+        parts.append(np.vstack([seconds + begins, temperature, fitted, *means]))
+        spans.append((span.first, span.stop, begins))
+        first_block += seconds.size
+    time, case, is_fitted, *means = np.hstack(parts)
+    fitted, no_indication = is_fitted == 1.0, np.zeros_like(time)
+    part = np.zeros(time.size, dtype=np.int64)
     return PowerOn(
-        name,
         ThermalLog(name, time, case, case, no_indication, part, fitted, tuple(starts)),
-        {channel: np.concatenate(blocks) for channel, blocks in channels.items()},
+        dict(zip(spec.channels, means, strict=True)),
         fitted,
         tuple(spans),
         tuple(notes),
