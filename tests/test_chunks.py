@@ -13,20 +13,10 @@ FINITE = st.floats(-1e6, 1e6)
 
 @given(arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 12)), elements=FINITE))
 def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
-    """One selected element and the largest below it give the very median, of an even and of an odd
-    number of values.
-    """
+    """Of an even and of an odd number of values."""
     first = rows.shape[1] * np.arange(len(rows))
     found = order_statistics.run_medians(rows.ravel(), first)
     assert np.array_equal(found, np.median(rows, axis=1))
-
-
-def test_rows_where_a_column_changes_are_found() -> None:
-    """The first row too, where the one before it differs."""
-    values = np.array([1.0, 1.0, 2.0, 2.0, 1.0])
-    assert chunks.changed_rows(values, 1.0).tolist() == [2, 4]
-    assert chunks.changed_rows(values, 0.0).tolist() == [0, 2, 4]
-    assert chunks.changed_rows(values[:0], 0.0).tolist() == []
 
 
 def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:

@@ -464,7 +464,10 @@ def test_s_over_temperature_has_honest_uncertainty():
 def roots_of(s, u, temperature, **options):
     """s(T) of roots of equal uncertainty."""
     solution = SimpleNamespace(
-        weight=np.ones(s.size), s_root=s, s_root_uncertainty=np.full(s.size, u)
+        weight=np.ones(s.size),
+        s_root=s,
+        s_root_uncertainty=np.full(s.size, u),
+        root_slopes=np.zeros((s.size, 5)),
     )
     return scale_fit.fit_over_temperature(solution, temperature, **options)
 

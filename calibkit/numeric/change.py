@@ -134,15 +134,12 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     """
     if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
         return None
-    weight = (standard_uncertainty.min() / standard_uncertainty) ** 2
-    middle = float(np.average(years, weights=weight))
-    mean = float(np.average(values, weights=weight))
-    centred = years - middle
-    spread = float(np.sum(weight * centred**2))
-    slope = float(np.sum(weight * centred * (values - mean))) / spread
-    normalized_residuals = (values - mean - slope * centred) / standard_uncertainty
-    birge = math.sqrt(float(np.sum(normalized_residuals**2)) / (values.size - 2))
-    u = float(standard_uncertainty.min()) / math.sqrt(spread)
-    wider = max(birge, 1.0)
-    u_mean = float(standard_uncertainty.min()) / math.sqrt(float(weight.sum()))
-    return Trend(middle, mean, slope, u * wider, birge, u_mean * wider, values.size)
+    middle = float(np.average(years, weights=standard_uncertainty**-2.0))
+    line, covariance = np.polyfit(
+        years - middle, values, 1, w=1.0 / standard_uncertainty, cov="unscaled"
+    )
+    left = (values - np.polyval(line, years - middle)) / standard_uncertainty
+    birge = math.sqrt(float(left @ left) / (values.size - 2))
+    u_slope, u_mean = max(birge, 1.0) * np.sqrt(np.diag(covariance))
+    slope, mean = line.tolist()
+    return Trend(middle, mean, slope, float(u_slope), birge, float(u_mean), values.size)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibkit.arrays import Array, Integers, Mask
 
@@ -35,14 +34,6 @@ def block_means(values: Array, rows: int) -> Array:
     one.
     """
     return np.asarray(values[: values.size // rows * rows].reshape(-1, rows).mean(axis=1))
-
-
-def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
-    """Rows at which values [n] differ from the value before; `before` precedes the first one."""
-    changed = np.empty(values.size, dtype=np.bool_)
-    changed[:1] = values[:1] != before
-    np.not_equal(values[1:], values[:-1], out=changed[1:])
-    return np.flatnonzero(changed)
 
 
 def find_runs(mask: Mask) -> Integers:

@@ -121,7 +121,8 @@ def segments(
     """
     # start, stop and direction of each run of one sign
     direction = (slope >= ramp_min).astype(np.int8) - (slope <= -ramp_min)
-    bounds = chunks.changed_rows(direction, 2.0)  # no direction: the first row begins a run
+    # before the first row stands no direction, which begins a run
+    bounds = np.flatnonzero(np.diff(direction, prepend=np.int8(2)))
     runs: list[tuple[int, int, float]] = []
     for start, stop in pairwise([*bounds.tolist(), slope.size]):
         way = float(direction[start])

@@ -23,7 +23,7 @@ from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
 from calibkit.numeric import chunks, dwells, order_statistics
-from calibkit.numeric.dispersion import MAD_TO_SIGMA
+from calibkit.numeric.dispersion import mad_sigma
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
 """Standard deviation of normal noise over the 0.2 quantile of its magnitude."""
@@ -137,7 +137,7 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
         # the longest stretch that stays near the median; a slow creep at its ends is cut off
         part = rate_dps[begin:covered]
         middle = order_statistics.median(part)
-        noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
+        noise = mad_sigma(part - middle)
         range_limit = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise)
         near = chunks.find_runs(np.abs(part - middle) <= max(range_limit, quantum))
         first, stop = (begin + near[np.argmax(near[:, 1] - near[:, 0])]).tolist()

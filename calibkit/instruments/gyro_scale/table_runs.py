@@ -28,7 +28,7 @@ from calibkit.instruments.gyro_scale import forms, held_rates
 from calibkit.instruments.gyro_scale.held_rates import HeldMeans
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
-from calibkit.numeric.dispersion import MAD_TO_SIGMA
+from calibkit.numeric.dispersion import mad_sigma
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -331,7 +331,7 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
     halves = [(first, (first + stop) // 2, stop) for first, stop in means.span.tolist()]
     levels = [order_statistics.median(data[middle:stop]) for _, middle, stop in halves]
     noise = [
-        MAD_TO_SIGMA * order_statistics.median_magnitude(data[middle:stop], level)
+        mad_sigma(data[middle:stop] - level)
         for (_, middle, stop), level in zip(halves, levels, strict=True)
     ]
     delays, rows_between = [], []
@@ -411,7 +411,7 @@ def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterat
             deficit = SHARE * abs(K * rate)
             if deficit <= least_response or np.ptp(data[a:b]) < deficit:
                 continue
-            noise = MAD_TO_SIGMA * order_statistics.median_magnitude(data[a:b], median)
+            noise = mad_sigma(data[a:b] - median)
             if deficit <= CLEAR * noise:
                 continue
             # not even a share of the expected response

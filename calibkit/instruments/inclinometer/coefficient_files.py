@@ -1,7 +1,6 @@
 """s(T) of each gyro ↔ inclinometer_scale.json, and how it moves with errors of the inputs."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -9,11 +8,7 @@ from calibkit.coefficients import Condition, Figure, StageResult
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import (
-    ROOT_DISAGREES,
-    estimate_roots,
-    mounting_slopes,
-)
+from calibkit.instruments.inclinometer.root_choice import ROOT_DISAGREES
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
@@ -53,13 +48,12 @@ def make_result(
         u = pair.s_root_uncertainty[scale.used]
         expected = float(np.median(u)) if u.size else 0.0
         if expected and scale.fit is not None and scale.model.scatter > SCATTERS * expected:
-            # the root at the recipe's latitude is s(T) - ds/dα × offset
-            offset, u_offset = scale.further_error(-np.radians(pair.root_slopes[:, 4]), FEWEST)
+            error_deg, u_deg = scale.latitude_error(FEWEST)
             reason = (
                 "see that site.latitude_deg is right and the gyro does not change from station to"
                 " station"
-                if abs(offset) < max(SIGNIFICANT * u_offset, LEAST_DEG)
-                else f"the stations fit a latitude of {stated_deg + offset:.2f}° ± {u_offset:.2f}°,"
+                if abs(error_deg) < max(SIGNIFICANT * u_deg, LEAST_DEG)
+                else f"the stations fit a latitude of {stated_deg - error_deg:.2f}° ± {u_deg:.2f}°,"
                 f" site.latitude_deg says {stated_deg:g}°"
             )
             of_scatter.append(
@@ -141,9 +135,8 @@ def flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]
 def find_sensitivities(
     fits: Mapping[Sensor, ScaleFit], stations: Stations, spec: InclinometerRecipe
 ) -> tuple[Sensitivity, ...]:
-    """How s(T) of every gyro moves with errors of the latitude, the thermometer and the gyros: the
-    roots of shifted stations, by differences on both sides, with the weights of the fit. A turn of
-    all positions alike moves no root.
+    """How s(T) of every gyro moves with errors of the latitude, the thermometer and the gyros, the
+    weights of the fit held. A turn of all positions alike moves no root.
     """
     errors = [
         InputError("latitude_deg", "offset", LATITUDE_STEP_DEG),
@@ -156,34 +149,16 @@ def find_sensitivities(
     for error in errors:
         derivatives: dict[str, float] = {}
         for axis, fit in fits.items():
-            changes = []
-            for step in (error.step, -error.step):
-                shift = replace(error, step=step).shift
-                parts, latitude_deg = stations.components[axis], spec.site.latitude_deg
-                temp_degc = np.nan_to_num(stations.temperature)
-                if error.input == "latitude_deg":
-                    latitude_deg = shift(latitude_deg)
-                elif error.input == TEMPERATURE:
-                    temp_degc = shift(temp_degc)
-                elif error.input == f"gyro_{axis}_dph":
-                    parts = replace(parts, gyro_x=shift(parts.gyro_x), gyro_y=shift(parts.gyro_y))
-                roots = estimate_roots(parts, latitude_deg)
-                # of both roots the one that was fitted
-                fitted = np.ones(fit.used.size)
-                fitted[fit.used] = fit.roots.s
-                column = np.argmin(np.abs(roots.s - fitted[:, None]), axis=1)
-                rows = np.arange(column.size)
-                by_turn, _ = mounting_slopes(parts, roots.slopes[rows, column, :4])
-                changes.append(fit.shifted(roots.s[rows, column], np.radians(by_turn), temp_degc))
-            change = changes[0] - changes[1]
-            degc, model = spec.reference_temp_degc, fit.model
-            powers = np.clip(degc, *(model.valid or (degc, degc))) ** np.arange(change.size)
-            values = {f"{axis}.s{k}": float(part) for k, part in enumerate(change)}
-            values[f"s_{axis}"] = float(powers @ change)
-            roundings = ROUNDING * np.append(np.abs(model.coefficients), abs(model.coefficients[0]))
-            for (name, value), rounding in zip(values.items(), roundings, strict=True):
-                if abs(value) > rounding:
-                    derivatives[f"inclinometer_scale.{name}"] = value / (2.0 * error.step)
+            if error.input in ("gyro_x_dph", "gyro_y_dph") and error.input != f"gyro_{axis}_dph":
+                continue
+            s, change = fit.model.coefficients, fit.moved_by(error)
+            degc = spec.reference_temp_degc
+            powers = np.clip(degc, *(fit.model.valid or (degc, degc))) ** np.arange(s.size)
+            names = [*(f"{axis}.s{k}" for k in range(s.size)), f"s_{axis}"]
+            values = np.append(change, powers @ change)
+            moved = np.abs(values * error.step) > ROUNDING * np.abs(np.append(s, s[0]))
+            for k in np.flatnonzero(moved).tolist():
+                derivatives[f"inclinometer_scale.{names[k]}"] = float(values[k])
         sensitivities.append(Sensitivity(error.input, error.kind, derivatives))
     # in the order of earlier runs: latitude, positions, gyros, thermometer
     sensitivities.insert(1, Sensitivity("position_deg", "offset", {}))

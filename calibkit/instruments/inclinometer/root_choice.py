@@ -148,6 +148,18 @@ class Solution(Angles):
     """
 
 
+def tell(*conditions: tuple[Mask, str], **values: Array | float) -> tuple[tuple[str, ...], ...]:
+    """Texts [n] of the conditions that hold at each station, a mask [n] beside its text, in which
+    the station's values, or those of all stations, stand by name.
+    """
+    columns = dict(zip(values, np.broadcast_arrays(*values.values()), strict=True))
+    texts = []
+    for k in range(len(conditions[0][0])):
+        of_station = {name: column[k] for name, column in columns.items()}
+        texts.append(tuple(text.format(**of_station) for holds, text in conditions if holds[k]))
+    return tuple(texts)
+
+
 def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
     """θ, φ, s = w s± + rest, ψ and the root s± [5, n] from g_x, g_y [g], ω_x, ω_y [°/h], α and the
     rest of s [6, n]; angles in rad, plus and weight [n] say which root and its w.
@@ -231,32 +243,43 @@ def estimate_roots(
     by_heading = np.where(with_heading, np.argmin(off_heading, axis=1), -1)
 
     # why a station is refused
-    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
-    tilts = np.degrees(attitude.inclination)
-    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
-    status = [*refused] or [""] * len(s)
-    for k, (row, tilt) in enumerate(zip(inputs, tilts, strict=True)):
-        reason = ""
-        if not np.isfinite(row).all():
-            reason = "an indication or the latitude is not finite"
-        elif abs(row[4]) > limits.latitude_deg:
-            reason = (
-                f"latitude {row[4]:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
-                " rate is too small for an azimuth"
-            )
-        elif tilt > limits.horizontal_deg:
-            reason = (
-                f"inclination {tilt:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
-                " the tool give no azimuth there"
-            )
-        elif tilt < limits.vertical_deg:
-            reason = (
-                f"inclination {tilt:.3f}° is below {limits.vertical_deg:g}°: toolface and"
-                f" azimuth are not separable, their sum is {total[k]:.2f}°"
-            )
-        elif not row[2:4].any():
-            reason = "the gyros show no rate at all"
-        status[k] = status[k] or reason
+    inputs = (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude)
+    tilt = np.degrees(attitude.inclination)
+    reasons = tell(
+        (~np.all(np.isfinite(inputs), axis=0), "an indication or the latitude is not finite"),
+        (
+            np.abs(latitude) > limits.latitude_deg,
+            (
+                "latitude {latitude:g}° is beyond {most_latitude:g}°: the earth's horizontal rate"
+                " is too small for an azimuth"
+            ),
+        ),
+        (
+            tilt > limits.horizontal_deg,
+            (
+                "inclination {tilt:.2f}° is above {horizontal:g}°: sensors across the tool give no"
+                " azimuth there"
+            ),
+        ),
+        (
+            tilt < limits.vertical_deg,
+            (
+                "inclination {tilt:.3f}° is below {vertical:g}°: toolface and azimuth are not"
+                " separable, their sum is {total:.2f}°"
+            ),
+        ),
+        ((parts.gyro_x == 0.0) & (parts.gyro_y == 0.0), "the gyros show no rate at all"),
+        tilt=tilt,
+        total=np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y)),
+        latitude=latitude,
+        most_latitude=limits.latitude_deg,
+        horizontal=limits.horizontal_deg,
+        vertical=limits.vertical_deg,
+    )
+    before = refused or [""] * len(s)
+    status = [
+        text or (first[0] if first else "") for text, first in zip(before, reasons, strict=True)
+    ]
     return BothRoots(
         *(parts, latitude, attitude, roots.clamped, s, uncertainty, slopes),
         *(by_heading, usable, tuple(status)),
@@ -346,34 +369,37 @@ def solve(roots: BothRoots, prior: ScalePrior, latitude_uncertainty_deg: float =
     inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
     covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
 
-    departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
-    flags = []
-    for k, refused in enumerate(roots.status):
-        of_station = []
-        if roots.attitude.clamped[k]:
-            of_station.append("accelerations across the tool exceed gravity: clamped")
-        if not refused:
-            if roots.clamped[k]:
-                of_station.append(CLAMPED)
-            if not s_root[k] > 0.0:
-                of_station.append("no positive root of s: s is its prior")
-            elif ambiguous[k]:
-                of_station.append("both roots of s are about as likely: s is its prior")
-            elif not accepted[k]:
-                of_station.append(
-                    f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
-                    f" {u_root[k]:.2g}, C is near 0"
-                )
-            elif departure[k] > ROOT_DISAGREES:
-                of_station.append(
-                    f"the root {s_root[k]:.5g} is {departure[k]:.0f} standard uncertainties from"
-                    f" its prior {prior.s[k]:.5g}"
-                )
-            if (roots.s[k] > 0.0).all():
-                of_station.append("both roots of s are positive")
-        flags.append(tuple(of_station))
-
     solved = np.array([not reason for reason in roots.status])
+    positive, both = s_root > 0.0, (roots.s > 0.0).all(axis=1)
+    departure = np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty)
+    flags = tell(
+        (roots.attitude.clamped, "accelerations across the tool exceed gravity: clamped"),
+        (solved & roots.clamped, CLAMPED),
+        (solved & ~positive, "no positive root of s: s is its prior"),
+        (
+            solved & positive & ambiguous,
+            "both roots of s are about as likely: s is its prior",
+        ),
+        (
+            solved & positive & ~ambiguous & ~accepted,
+            (
+                "s is its prior: the root {root:.4g} has a standard uncertainty of {u:.2g}, C is"
+                " near 0"
+            ),
+        ),
+        (
+            solved & positive & accepted & (departure > ROOT_DISAGREES),
+            (
+                "the root {root:.5g} is {departure:.0f} standard uncertainties from its prior"
+                " {prior:.5g}"
+            ),
+        ),
+        (solved & both, "both roots of s are positive"),
+        root=s_root,
+        u=u_root,
+        departure=departure,
+        prior=prior.s,
+    )
 
     def kept(values: Array) -> Array:
         return np.where(solved.reshape(-1, *[1] * (values.ndim - 1)), values, np.nan)
@@ -393,7 +419,7 @@ def solve(roots: BothRoots, prior: ScalePrior, latitude_uncertainty_deg: float =
         pair_covariance=kept(covariance),
         by_latitude=kept(jacobian[:, :, 4] * np.radians(latitude_uncertainty_deg)),
         status=roots.status,
-        flags=tuple(flags),
+        flags=flags,
     )
 
 

@@ -21,7 +21,7 @@ from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
-from calibkit.fit.solve import Fit, sensitivities, solve
+from calibkit.fit.solve import Fit, solve
 from calibkit.forms import components_of
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING, SCALE, TEMPERATURE, ScaleModel
@@ -32,6 +32,7 @@ from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.recipe.shared_errors import warn_of_few_levels
+from calibkit.sensitivities import InputError
 
 SPARE = 3
 """Fewest degrees of freedom with which the turn of a gyro is measured."""
@@ -77,6 +78,8 @@ class ScaleFit:
     """
     roots: StationRoots
     """That were fitted."""
+    by_latitude: Array
+    """Their derivatives by the latitude [1/°]."""
     to_raw: Array
     """[n + 1, n + 1], matrix from powers of x to powers of °C."""
     fit: Fit | None = None
@@ -104,36 +107,36 @@ class ScaleFit:
         dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, np.linspace(-1.0, 1.0, 21))).dof.min())
         return dof
 
-    def further_error(self, by_error: Array, spare: int) -> tuple[float, float]:
-        """An error that all stations share by derivatives of the root [n], instead of a turn, and
-        its standard uncertainty; 0 where fewer than `spare` stations are left over, or they do not
-        separate it from s(T).
+    def latitude_error(self, spare: int) -> tuple[float, float]:
+        """Error of the latitude that all stations share [°], instead of a turn, and its standard
+        uncertainty; 0 where fewer than `spare` stations are left over, or they do not separate it
+        from s(T). The root at the latitude that was taken is s(T) + ds/dα × error.
         """
-        roots = replace(self.roots, turn=by_error[self.used])
-        order = len(self.to_raw) - 1
-        if (
-            self.fit is None
-            or len(roots.s) < order + 1 + spare
-            or not _separates_turn(roots, order)
-        ):
+        roots, order = replace(self.roots, turn=self.by_latitude), len(self.to_raw) - 1
+        enough = self.fit is not None and len(roots.s) >= order + 1 + spare
+        if self.fit is None or not (enough and _separates_turn(roots, order)):
             return 0.0, 0.0
         shared = [size.error for size in self.fit.shared]
         (fit,) = _fit_orders(roots, [order], shared, with_turn=True)
         error = fit.of(lambda p: p[-1])
         return float(error.value), float(error.u)
 
-    def shifted(self, s: Array, turn: Array, temp_degc: Array) -> Array:
-        """Change of the coefficients [n + 1] where roots, derivatives by a turn and temperatures of
-        all stations are others, the weights held.
+    def moved_by(self, error: InputError) -> Array:
+        """Derivatives [n + 1] of the coefficients by an error of an input, weights held: of the
+        latitude, of the gyro's scale, which divides every root, or of the thermometer.
         """
+        s = self.model.coefficients
+        if error.input == TEMPERATURE:
+            # s(T) read at T + h (a + b T) is s(T) - h (a + b T) s'(T) of what is read
+            a, b = error.shift(np.array([0.0, 1.0])) - np.array([0.0, 1.0])
+            slope = np.append(s[1:] * np.arange(1, s.size), 0.0)
+            moved = a * slope + (b - a) * np.append(0.0, slope[:-1])
+            return np.asarray(-moved / error.step)
+        if error.kind == "scale":
+            return -s
         if self.fit is None:
-            return s[self.used] - self.roots.s
-        low, high = self.model.valid or (0.0, 0.0)
-        x = (2.0 * temp_degc - low - high) / (high - low or 2.0)
-        shifted_roots = replace(self.roots, s=s[self.used], turn=turn[self.used], x=x[self.used])
-        of_fit, other = partial(residual, roots=self.roots), partial(residual, roots=shifted_roots)
-        (change,) = sensitivities(of_fit, [other], self.fit)
-        return np.asarray(self.to_raw @ change[:-1])
+            return self.by_latitude
+        return np.asarray(self.to_raw @ (self.fit.gain @ self.by_latitude)[:-1])
 
     def write(self, axis: str) -> Model:
         """Model of the gyro on an axis; its parameters are the scatter of s and the noise of the
@@ -259,11 +262,12 @@ def fit_over_temperature(
         turn=np.zeros(degc.size) if turn is None else turn.loading[used, 0],
         log=np.zeros(degc.size, dtype=np.int64) if levels is None else levels,
     )
+    by_latitude = np.radians(solution.root_slopes[used, 4])
     if degc.size == 1:
         scatter = history.standard_uncertainty
         model = ScaleModel(roots.s, u[:, None] ** 2, scatter, valid, noise)
         prior = ScalePrior(np.full(used.size, history.s), np.full(used.size, scatter))
-        return ScaleFit(model, used, prior, roots, np.eye(1))
+        return ScaleFit(model, used, prior, roots, by_latitude, np.eye(1))
 
     # 2. Orders averaged, each with the turn and the scatter of logs and stations.
     tried_orders: Sequence[int] = [order or 0]
@@ -315,7 +319,7 @@ def fit_over_temperature(
     x = (np.clip(temp_degc, *limits) - middle) / half
     left_out = _leave_out(fit, x, roots, used)
     return ScaleFit(
-        *(model, used, left_out, roots, to_raw),
+        *(model, used, left_out, roots, by_latitude, to_raw),
         *(fit, (angle, u_angle), components, tuple(flags)),
     )
 

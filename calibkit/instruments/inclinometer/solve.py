@@ -304,20 +304,23 @@ def _refuse_contradictions(
     The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
     make it disappear.
     """
-    low, high, reasons = spec.scale.smallest, spec.scale.largest, list(before)
-    for k, reason in enumerate(before):
-        if reason or solution.status[k]:
-            continue
-        s = float(solution.s_root[k])
-        # a root with a relative uncertainty below 10 % is a measurement, even if its weight against
-        # the prior is small
-        sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
-        measured = sharp or solution.weight[k] > 0.0 or root_choice.CLAMPED in solution.flags[k]
-        if solution.root[k] == 0:
-            reasons[k] = f"no positive root of s: {WRONG}"
-        elif measured and not low <= s <= high:
-            reasons[k] = f"s is {s:.4g}, expected {low:g} to {high:g}: {WRONG}"
-    return tuple(reasons)
+    low, high = spec.scale.smallest, spec.scale.largest
+    s, u = solution.s_root, solution.s_root_uncertainty
+    # a root with a relative uncertainty below 10 % is a measurement, even if its weight against the
+    # prior is small
+    clamped = np.array([root_choice.CLAMPED in flags for flags in solution.flags])
+    measured = (u < SHARP * np.abs(s)) | (solution.weight > 0.0) | clamped
+    judged = np.array([not reason for reason in solution.status])
+    contradictions = root_choice.tell(
+        (judged & (solution.root == 0), f"no positive root of s: {WRONG}"),
+        (
+            judged & (solution.root != 0) & measured & ~((low <= s) & (s <= high)),
+            f"s is {{s:.4g}}, expected {low:g} to {high:g}: {WRONG}",
+        ),
+        s=s,
+    )
+    reasons = zip(before, contradictions, strict=True)
+    return tuple(text or "".join(contradiction) for text, contradiction in reasons)
 
 
 @np.errstate(divide="ignore", invalid="ignore")

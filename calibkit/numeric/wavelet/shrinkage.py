@@ -11,7 +11,7 @@ import numpy as np
 import pywt
 
 from calibkit.arrays import Array
-from calibkit.numeric import order_statistics
+from calibkit.errors import FitError
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
@@ -36,7 +36,9 @@ def estimate_noise(details: Array) -> float:
     -----
     Donoho & Johnstone 1994. Details of noise have zero mean, so the deviation is taken from zero.
     """
-    return order_statistics.median_magnitude(details) / MAD_OF_UNIT_NORMAL
+    if not (details.size and np.isfinite(details).all()):
+        raise FitError("no values, or one that is not finite, show no noise", hint="exclude it")
+    return float(np.median(np.abs(details))) / MAD_OF_UNIT_NORMAL
 
 
 @lru_cache(maxsize=64)
