@@ -160,7 +160,7 @@ def widened(model: OnLevels | None, logs: list[ThermalLog]) -> OnLevels | None:
         SimpleNamespace(ramps=(SimpleNamespace(rate=log.case[-1] - log.case[0]),)) for log in logs
     ]
     found = None if model is None else decision.compare_turn_on(model, ways)  # type: ignore[arg-type]
-    if model is None or found is None or abs(found[0]) <= decision.CHANCE * found[1]:
+    if model is None or found is None or abs(found[0]) <= found[2]:
         return model
     return replace(model, model_error=math.hypot(model.model_error, 0.5 * found[0]))
 

@@ -140,7 +140,7 @@ def averaged(time, read, indication):
 def power_on(log, fitted):
     """One power-on of one channel, cut into stretches."""
     blocks = replace(log, fitted=fitted, starts=((0, 0.0),))
-    one = power_ons.PowerOn(blocks, {"y": log.indication}, fitted, (), ())
+    one = power_ons.PowerOn(blocks, {"y": log.indication}, ~fitted, fitted, (), ())
     (cut,), _ = power_ons.cut_stretches([one], 10.0)
     return cut
 
@@ -542,3 +542,23 @@ def test_a_stated_turn_on_bias_replaces_the_estimated_one(tmp_path):
     for seed in range(3):
         _, uncertainty = evaluated_at_25(4, seed, tmp_path, errors=errors)
         assert uncertainty.standard_uncertainty == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("warm_up", [0.0, 60.0])
+def test_a_warm_up_that_the_temperature_does_not_explain_is_left_out(warm_up):
+    """A gyro that settles by 60 °/h after power-on is modelled as well as one that does not, and
+    the fit and `apply` say how long it takes.
+    """
+    time, case, read, (taus, coefficients), indication = simulated("two lags", 71)
+    seen = indication + warm_up * np.exp(-time / 500.0)
+    frame = pd.DataFrame({"time_s": time, "temp_case_degc": read, "gyro_x_dph": seen})
+    recipe = {"procedure": "thermal", "logs": {"files": ["*.csv"]}}
+    recipe["thermal"] = {"channels": ["gyro_x_dph"]}
+    run = calibkit.fit(recipe, logs={"a.csv": frame}, runs=None, date="2026-11-28")
+    said = [flag for flag in run.flags if "this warm-up is left out" in flag]
+    assert len(said) == bool(warm_up)
+    corrected = run.apply(frame)
+    left = corrected["gyro_x_dph"] - (indication - two_lags(case, *taus) @ coefficients)
+    assert np.std(left[time > 4000.0]) < 0.5
+    notes = [flag for flag in corrected.attrs["flags"] if "does not hold the warm-up" in flag]
+    assert len(notes) == len(said)

@@ -20,6 +20,7 @@ import numpy as np
 from calibkit import units
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Figure, Model, Record
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import CoefficientError, FitError, UsageError
 from calibkit.fit.unseen import unseen
 from calibkit.frame import Log, values
@@ -135,6 +136,12 @@ def follow_bias(
         flags = flag_outside(
             f"{log.file}: {name}", {text: np.concatenate(mask) for text, mask in masks.items()}
         )
+    flags += [
+        f"{log.file}: {name}: the model does not hold the warm-up in the first"
+        f" {parameter.value / SECONDS_PER_MINUTE:.0f} min after power-on"
+        for parameter in model.parameters
+        if parameter.name == forms.SETTLES
+    ]
     return biases, [*flags, *(note for power_on, _ in biases for note in power_on.notes)]
 
 

@@ -226,10 +226,8 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
     return SideChoice(side, tuple(tested), None, (f"gradient_rate {side}: not exported: {reason}",))
 
 
-CHANCE = 4.0
-"""Difference of turn-on biases, in standard uncertainties of some six degrees of freedom, up to
-which it is chance: beyond it are 0.7 %.
-"""
+BY_CHANCE = 0.005
+"""Chance at which turn-on biases of a faultless gyro are said to differ by the way."""
 UNSETTLED = 0.2
 """Share of a change of temperature that a soak may leave in the coil without a flag."""
 SETTLED_LAGS = 4.0
@@ -371,10 +369,15 @@ def share_of_raw(errors: Sequence[LeftOutErrors]) -> float:
     return math.sqrt(left / sum(float(np.sum(entry.raw_squares)) for entry in errors))
 
 
-def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
-    """Mean turn-on bias of cooling logs less that of heating logs, and its standard uncertainty
-    [°/h]; None with fewer than two logs a side, or a log with ramps in both directions.
+def compare_turn_on(
+    model: OnLevels, logs: Sequence[PreparedLog]
+) -> tuple[float, float, float] | None:
+    """Mean turn-on bias of cooling logs less that of heating logs, its standard uncertainty, and
+    the largest difference by chance [°/h]; None with fewer than two logs a side, or a log with
+    ramps in both directions.
     """
+    from scipy.special import stdtrit
+
     ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
     heating, cooling = (
         model.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
@@ -382,7 +385,8 @@ def compare_turn_on(model: OnLevels, logs: Sequence[PreparedLog]) -> tuple[float
     if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
         return None
     u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
-    return float(cooling.mean() - heating.mean()), float(u)
+    most = stdtrit(len(logs) - 2, 1.0 - BY_CHANCE / 2.0) * u
+    return float(cooling.mean() - heating.mean()), float(u), float(most)
 
 
 def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
@@ -411,8 +415,8 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
         )
     turn_on_difference = compare_turn_on(thermal, logs)
     if turn_on_difference is not None:
-        difference, u = turn_on_difference
-        if abs(difference) > CHANCE * u:
+        difference, u, most = turn_on_difference
+        if abs(difference) > most:
             error = math.hypot(thermal.model_error, 0.5 * difference)
             wider = replace(export.model, thermal=replace(thermal, model_error=error))
             flags.append(

@@ -116,7 +116,7 @@ class ThermalReport:
             "power_on": np.concatenate(numbers),
             "time_s": np.concatenate([log.time - log.time[0] for log in blocks]),
             "temp_case_degc": np.concatenate([log.case for log in blocks]),
-            "withheld": np.concatenate([~power_on.fitted for power_on in self.power_ons]),
+            "withheld": np.concatenate([power_on.withheld for power_on in self.power_ons]),
         }
         left = {
             f"residual_{channel.name}": np.concatenate(channel.left) for channel in self.channels
@@ -151,7 +151,7 @@ class ThermalReport:
                     over_temperature.plot(
                         power_on.blocks.case[plotted_rows], values, ".", ms=2, color=colour
                     )
-                withheld = ~power_on.fitted[plotted_rows]
+                withheld = power_on.withheld[plotted_rows]
                 if withheld.any():
                     over_time.plot(
                         minutes[withheld], left[withheld], ".", ms=2, color=ALERT, label="withheld"

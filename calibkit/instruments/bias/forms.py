@@ -50,6 +50,10 @@ CASE_RANGE = ("case_lowest", "case_highest")
 """Parameters: range of the thermometer in the fitted logs [°C]; what follows it by lags went less
 far.
 """
+SETTLES = "settles_within"
+"""Parameter: time since power-on [s] of a warm-up that the model does not hold; none if it has
+none.
+"""
 GRADIENT_UNITS = ("deg/h", "deg/h/K", "deg/h/K^2")
 """Units of a0, a1 and a2, per model interval."""
 PER = (

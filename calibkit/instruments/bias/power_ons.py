@@ -11,13 +11,16 @@ from itertools import pairwise
 
 import numpy as np
 
+from calibkit import units
 from calibkit.arrays import Array, Mask
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.frame import Log, values
+from calibkit.instruments.bias.numeric import settling
 from calibkit.instruments.bias.recipe import ThermalTable
 from calibkit.numeric import intervals
 from calibkit.numeric.thermal import pooled_fit
-from calibkit.numeric.thermal.pooled_fit import ThermalLog
+from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 
 CASE = "temp_case_degc"
 COLUMNS = ("time_s", CASE)
@@ -38,6 +41,8 @@ STRETCHES = 12
 """Stretches of all power-ons together that are left out in turn."""
 LEAST_BLOCKS = 12
 """Fewest blocks of a stretch, and of a power-on."""
+SAME_SPAN = 0.9
+"""Least share of the span of temperatures that a power-on keeps where its head is left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +73,16 @@ class PowerOn:
     """Its indication is that of no channel."""
     indications: Mapping[str, Array]
     """Channel → block means without spikes [n]."""
+    withheld: Mask
+    """[n], blocks that the recipe keeps for a test."""
     fitted: Mask
-    """[n], which blocks are not withheld."""
+    """[n], all others, without the head in which it settles."""
     spans: tuple[tuple[int, int, float], ...]
     """First row, row after the last and instant [s] of the first row on the blocks' clock."""
     notes: tuple[str, ...]
-    """Notes on spans that start on a ramp."""
+    """Notes on spans that start on a ramp, and on a head that is left out."""
+    settles_s: float = 0.0
+    """Time since its begin within which it settles."""
 
     def of_channel(self, channel: str) -> ThermalLog:
         """Block means of one channel."""
@@ -136,6 +145,42 @@ def find_power_ons(
         numbered = name if names.count(name) == 1 else f"{name}:{names[:k].count(name) + 1}"
         power_ons.append(_average(group, spec, interval_s, numbered))
     return power_ons
+
+
+def leave_out_settling(power_ons: Sequence[PowerOn], channels: Sequence[str]) -> list[PowerOn]:
+    """Power-ons without the heads in which channels settle by more than their temperature explains,
+    where the rest goes over the same temperatures.
+    """
+    settled = list(power_ons)
+    numbers = [k for k, entry in enumerate(power_ons) if entry.fitted.sum() >= LEAST_BLOCKS]
+    of_channels = []
+    for name in channels if numbers else ():
+        stacked = Stack.of_logs([power_ons[number].of_channel(name) for number in numbers])
+        of_channels.append(settling.find_settling(stacked))
+    for number, *seen in zip(numbers, *of_channels, strict=True):
+        power_on, until_s = power_ons[number], max(seconds for seconds, _ in seen)
+        blocks, before = power_on.blocks, power_on.fitted
+        after = before & (blocks.time - blocks.time[0] > until_s)
+        span = np.ptp(blocks.case[before])
+        if until_s and after.any() and np.ptp(blocks.case[after]) >= SAME_SPAN * span:
+            sizes = ", ".join(
+                f"{name} settles by {-size:+.3g} {units.column_unit(name)}"
+                for name, (seconds, size) in zip(channels, seen, strict=True)
+                if seconds
+            )
+            note = (
+                f"{blocks.name}: {sizes} within {until_s / SECONDS_PER_MINUTE:.0f} min of"
+                " power-on, beyond what the temperature explains: this warm-up is left out of the"
+                " fit, and the model holds after it"
+            )
+            settled[number] = replace(
+                power_on,
+                blocks=replace(blocks, fitted=after),
+                fitted=after,
+                notes=(*power_on.notes, note),
+                settles_s=until_s,
+            )
+    return settled
 
 
 def cut_stretches(
@@ -270,6 +315,7 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
     return PowerOn(
         ThermalLog(name, time, case, case, no_indication, part, fitted, tuple(starts)),
         dict(zip(spec.channels, means, strict=True)),
+        ~fitted,
         fitted,
         tuple(spans),
         tuple(notes),

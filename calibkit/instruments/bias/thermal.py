@@ -150,6 +150,7 @@ def fit(
     if spec.thermal.interval_s != "auto":
         interval_s = float(spec.thermal.interval_s)
     found_power_ons = power_ons.find_power_ons(logs, raw, spec.thermal, interval_s)
+    found_power_ons = power_ons.leave_out_settling(found_power_ons, spec.thermal.channels)
     found_power_ons, notes = power_ons.cut_stretches(found_power_ons, interval_s)
     flags += [*notes, *(note for power_on in found_power_ons for note in power_on.notes)]
     fitted = [
@@ -238,6 +239,8 @@ class FittedChannel:
     """Range of the thermometer in the fitted blocks [°C]."""
     components: tuple[Component, ...]
     flags: tuple[str, ...]
+    settles_s: float
+    """Longest time since power-on of a warm-up that is left out of the fit."""
 
 
 def fit_channel(
@@ -283,9 +286,9 @@ def fit_channel(
     fitted = np.concatenate([power_on.fitted for power_on in power_ons])
     before_and_after = np.concatenate(raw), np.concatenate(left)
     before, after = (rms(indication[fitted]) for indication in before_and_after)
-    withheld = None
-    if not fitted.all():
-        withheld = rms(before_and_after[0][~fitted]), rms(before_and_after[1][~fitted])
+    withheld, kept = None, np.concatenate([power_on.withheld for power_on in power_ons])
+    if kept.any():
+        withheld = rms(before_and_after[0][kept]), rms(before_and_after[1][kept])
     no_term = () if channel_choice.varies else (NO_TERM,)
     flags = (
         *model.flags,
@@ -305,6 +308,7 @@ def fit_channel(
         ),
         components,
         tuple(type(flag)(f"{name}: {flag}") for flag in flags),
+        max(power_on.settles_s for power_on in power_ons),
     )
 
 
@@ -406,7 +410,12 @@ def _write(
     models, figures = [], []
     for channel in channels:
         name, unit = channel.curves.name, channel.curves.unit
-        range_of_case = zip(forms.CASE_RANGE, channel.case, strict=True)
+        parameters = [
+            Parameter(end, value, "degC")
+            for end, value in zip(forms.CASE_RANGE, channel.case, strict=True)
+        ]
+        if channel.settles_s:
+            parameters.append(Parameter(forms.SETTLES, channel.settles_s, "s"))
         models.append(
             forms.write_thermal(
                 channel.choice.model,
@@ -414,9 +423,7 @@ def _write(
                 name,
                 unit,
                 components=channel.components,
-                extra_parameters=tuple(
-                    Parameter(end, value, "degC") for end, value in range_of_case
-                ),
+                extra_parameters=tuple(parameters),
             )
         )
         rms_of = {f"rms_before.{name}": channel.before}
