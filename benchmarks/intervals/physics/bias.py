@@ -129,6 +129,19 @@ def _anomaly(rng: np.random.Generator, size: float) -> Campaign:
     return Campaign(_recipe(), _record(rng, coil), _at_rest(coil, DRIFT, (BUMP_DEGC,)))
 
 
+def _anomaly_with_soaks(rng: np.random.Generator, size: float) -> Campaign:
+    """The same with a log up and one down that soak at every tenth degree, as its remark asks."""
+    coil = _draw(rng, bump_dph=size, bump_degc=BUMP_DEGC)
+    logs = _record(rng, coil)
+    levels = np.arange(COLD_DEGC, HOT_DEGC + 1.0, 10.0)
+    ends_s = np.cumsum(np.tile([SHORT_SOAK_S, 300.0], levels.size)[:-1])
+    for name, degc in (("up", levels), ("down", levels[::-1])):
+        time_s = (0.0, *ends_s.tolist())
+        stairs = Programme(time_s, tuple(np.repeat(degc, 2).tolist()), np.sign(degc[-1]) * 2.0)
+        logs[f"stairs_{name}.csv"] = _frame(diffusion_coil.record(coil, stairs, rng))
+    return Campaign(_recipe(), logs, _at_rest(coil, DRIFT, (BUMP_DEGC,)))
+
+
 def _hysteresis(rng: np.random.Generator, size: float) -> Campaign:
     """Half a loop of `size` °/h; a mission that reverses within the range is compensated."""
     coil = _draw(rng, hysteresis_dph=size)
@@ -206,6 +219,13 @@ FAULTS = (
         FEW_LOGS,
     ),
     _row("bump of the drift between the soaks", 0.25, "°/h", _anomaly, "observed at|inferred"),
+    _row(
+        "bump of the drift with soaks every 10 °C",
+        0.25,
+        "°/h",
+        _anomaly_with_soaks,
+        "observed at|inferred",
+    ),
     _row("hysteresis on a mission", 0.2, "°/h", _hysteresis, "hysteresis"),
     _row("thermometers without sign", 1.0, "", _without_sign, "sign"),
     _row("gyro reversed in all cooling logs", 1.0, "", _reversed, "opposite|sign"),

@@ -1,8 +1,9 @@
 """The published drift scheme of a FOG, step by step (CN102095419A, Shen & Chen 2010; docs/methods).
 
 1. ω is denoised by a lifting wavelet (`numeric.wavelet.denoise`) and averaged over the model
-   interval Δt: `DriftBlocks`.
-2. Over each ramp, with the gradient G = T_case − T_env: `DriftBlocks.fit_ramp`.
+   interval Δt (`ramps.prepare`): `DriftBlocks`.
+2. Over each ramp, with the gradient G = T_case − T_env: `DriftBlocks.fit_line`, as it stands
+   (estimate = "increments") or, by default, summed over k.
 
        ω_k − ω_{k−1} = a0 + a1 G_{k−1} + a2 G²_{k−1}
 
