@@ -23,7 +23,7 @@ from calibkit.instruments.inclinometer import (
     scale_fit,
     simulate,
 )
-from calibkit.instruments.inclinometer.noise import Noise
+from calibkit.instruments.inclinometer.published import Noise
 from calibkit.instruments.inclinometer.stations import fit_stations
 from calibkit.simulate.campaign import Campaign
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calibkit.numeric import chunks, intervals, order_statistics
+from calibkit.numeric import chunks, dispersion, intervals
 from calibkit.numeric.intervals import Intervals
 
 FINITE = st.floats(-1e6, 1e6)
@@ -15,14 +15,14 @@ FINITE = st.floats(-1e6, 1e6)
 def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
     """Of an even and of an odd number of values."""
     first = rows.shape[1] * np.arange(len(rows))
-    found = order_statistics.run_medians(rows.ravel(), first)
+    found = dispersion.run_medians(rows.ravel(), first)
     assert np.array_equal(found, np.median(rows, axis=1))
 
 
 def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:
     """A last span with fewer rows than the others keeps its place."""
     rows = np.random.default_rng(3).normal(size=(1000, 301))
-    found = order_statistics.run_medians(rows.ravel(), 301 * np.arange(1000))
+    found = dispersion.run_medians(rows.ravel(), 301 * np.arange(1000))
     assert np.array_equal(found, np.median(rows, axis=1))
 
 
@@ -31,7 +31,7 @@ def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
     """Of even and odd numbers of values; ties change nothing."""
     rng = np.random.default_rng(size)
     for values in (rng.normal(size=size), rng.integers(0, 3, size).astype(np.float64)):
-        assert order_statistics.median(values) == np.median(values)
+        assert dispersion.median(values) == np.median(values)
 
 
 def test_a_missing_value_makes_both_extremes_missing() -> None:
@@ -69,7 +69,7 @@ def test_runs_of_a_mask_are_those_of_a_loop(chosen):
 
 def test_the_median_with_a_missing_value_is_missing() -> None:
     """Nothing that is not a number passes for a large value."""
-    assert np.isnan(order_statistics.median(np.array([1.0, np.nan, 2.0])))
+    assert np.isnan(dispersion.median(np.array([1.0, np.nan, 2.0])))
 
 
 def test_an_interval_that_is_known_changes_no_model_interval() -> None:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit import instruments, recipe
-from calibkit.instruments.inclinometer import noise
+from calibkit.instruments.inclinometer import stations
 from conftest import ROOT
 
 DATA = ROOT / "datasets" / "inclinometer"
@@ -97,18 +97,18 @@ def test_a_validation_that_came_out_worse_is_flagged(tmp_path, calibkit):
 
 
 @settings(deadline=None, max_examples=40)
-@given(st.integers(0, 2**32), st.integers(noise.FEWEST, 40), st.sampled_from([1, 2, 5]))
+@given(st.integers(0, 2**32), st.integers(stations.FEWEST_CLOSING, 40), st.sampled_from([1, 2, 5]))
 def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(seed, count, dof):
     """Of normal noise none is found (one in a thousand campaigns may have one); a hundredfold
     station is, alone.
     """
     rng = np.random.default_rng(seed)
     squares, dofs = rng.chisquare(dof, count), np.full(count, dof)
-    clean = noise.find_outliers(squares, dofs, noise.usual_square(squares, dofs))
+    clean = stations.find_outliers(squares, dofs, stations.usual_square(squares, dofs))
     assert clean.sum() <= 1
     wild = squares.copy()
-    wild[0] = dof * 1e4 * noise.usual_square(squares, dofs)
-    found = noise.find_outliers(wild, dofs, noise.usual_square(wild, dofs))
+    wild[0] = dof * 1e4 * stations.usual_square(squares, dofs)
+    found = stations.find_outliers(wild, dofs, stations.usual_square(wild, dofs))
     assert found[0]
     assert found[1:].sum() <= clean[1:].sum() + 1
 
@@ -116,7 +116,7 @@ def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(s
 def test_few_stations_and_the_last_digit_make_nobody_wild():
     """Seven stations have no majority; closures of a last digit or two are the last digit's."""
     squares = np.array([1.0] * 6 + [1e6])
-    assert not noise.find_outliers(squares, np.ones(7, dtype=np.int64), 1.0).any()
+    assert not stations.find_outliers(squares, np.ones(7, dtype=np.int64), 1.0).any()
     digits = np.array([0.0] * 11 + [1.0])
-    assert not noise.find_outliers(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
-    assert np.isnan(noise.usual_square(digits, np.zeros(12, dtype=np.int64)))
+    assert not stations.find_outliers(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
+    assert np.isnan(stations.usual_square(digits, np.zeros(12, dtype=np.int64)))

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer import noise, published, stations as station_steps
+from calibkit.instruments.inclinometer import published, stations as station_steps
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
@@ -44,7 +44,7 @@ def components_of(accel, gyro, sensor, *, accel_noise_g=0.0, gyro_noise_dph=0.0)
     """Components of stations with readings [n, 4] at 0°, 90°, 180°, 270°, of a stated noise."""
     station, position = np.repeat(np.arange(len(accel)), 4), np.tile(FOUR, len(accel))
     fits = station_steps.fit_stations(station, position, accel.ravel(), gyro.ravel(), sensor)
-    return fits.components(noise.Noise(accel_noise_g, gyro_noise_dph, 0))
+    return fits.components(published.Noise(accel_noise_g, gyro_noise_dph, 0))
 
 
 def closed(readings):

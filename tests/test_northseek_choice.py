@@ -18,7 +18,7 @@ from calibkit.instruments.inclinometer import (
     simulate,
 )
 from calibkit.instruments.inclinometer.forms import ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE
+from calibkit.instruments.inclinometer.published import NO_NOISE
 from calibkit.instruments.inclinometer.recipe import HistorySpec, LimitSpec
 from conftest import AUTHORITIES
 from test_northseek import closed, components_of, forward, vector_components, wrapped

@@ -8,14 +8,13 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import (
-    noise,
     published,
     root_choice,
     stations,
 )
 from test_northseek import forward, wrapped
 
-UNIT = noise.Noise(1.0, 1.0, 0)
+UNIT = published.Noise(1.0, 1.0, 0)
 """Noise of readings whose covariance is that of the fit alone."""
 ATTITUDE = (30.0, 40.0, 70.0)
 LATITUDE = 34.2
@@ -217,6 +216,6 @@ def test_what_cannot_be_fitted_at_all_is_refused():
     auto = SimpleNamespace(accel_noise_g="auto", gyro_noise_dph="auto")
     spec = SimpleNamespace(stations=auto)
     with pytest.raises(FitError, match="no station tells the noise"):
-        noise.decide_noise(found.squares, found.dofs, noise.NO_NOISE, (0.0, 0.0), spec, "x")
+        stations.decide_noise(found.squares, found.dofs, published.NO_NOISE, (0.0, 0.0), spec, "x")
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import order_statistics
+from calibkit.numeric import dispersion
 from calibkit.numeric.wavelet import shrinkage
 
 MANY = 1 << 16
@@ -36,11 +36,11 @@ def test_runs_of_any_length_have_the_medians_of_numpy():
         first = np.cumsum([0, *count[:-1]])
         for name, values in cases(sum(count)).items():
             parts = np.split(values, first[1:])
-            found = order_statistics.run_medians(values, first)
+            found = dispersion.run_medians(values, first)
             assert found.tolist() == [np.median(part) for part in parts], name
-    zeros = order_statistics.run_medians(np.full(600, -0.0), np.array([0, 300]))
+    zeros = dispersion.run_medians(np.full(600, -0.0), np.array([0, 300]))
     assert not np.signbit(zeros).any()
-    assert order_statistics.run_medians(np.zeros(0), np.zeros(0, dtype=np.int64)).size == 0
+    assert dispersion.run_medians(np.zeros(0), np.zeros(0, dtype=np.int64)).size == 0
 
 
 @pytest.mark.parametrize("n", [100, MANY])

@@ -7,7 +7,10 @@ import pytest
 
 from calibkit import inspection, instruments, plans, recipe
 from calibkit.errors import UsageError
+from calibkit.instruments.inclinometer import root_choice, simulate
 from calibkit.instruments.inclinometer.plan import azimuth_slopes
+from calibkit.instruments.inclinometer.published import Components
+from calibkit.numeric import earth
 from calibkit.planning import document, equipment, search
 from calibkit.planning.bench import Task
 from conftest import ROOT
@@ -164,9 +167,15 @@ def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
 
 
 def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():
-    """At 45° of inclination and an azimuth of 90°: -tan α tan θ sin ψ by s, and 1/cos θ by a turn
-    of the gyro.
-    """
-    by_s, by_turn = azimuth_slopes(34.2)
-    assert by_s == pytest.approx(-np.degrees(np.tan(np.radians(34.2))), rel=1e-9)
-    assert by_turn == pytest.approx(np.sqrt(2.0), rel=1e-9)
+    """At 45° of inclination and an azimuth of 90°, by the derivatives of the station's solution."""
+    attitude = simulate.Attitudes(*(np.array([angle]) for angle in (45.0, 0.0, 90.0)))
+    gravity = simulate.rotated(attitude, np.array([0.0, 0.0, 1.0])).T
+    rate = simulate.rotated(attitude, earth.north_east_down(34.2)).T
+    parts = Components(*gravity[:2], *rate[:2], np.zeros((1, 4, 4)))
+    one = np.ones(1)
+    # s = 1, whatever the root of the station
+    _, slopes = root_choice.seek_with_slopes(parts, 34.2 * one, one > 0.0, 0.0 * one, one)
+    of_azimuth = slopes[:, root_choice.AZIMUTH]
+    by_turn, _ = root_choice.mounting_slopes(parts, of_azimuth[:, :4])
+    expected = [np.degrees(of_azimuth[0, -1]), by_turn[0]]
+    np.testing.assert_allclose(azimuth_slopes(34.2), expected, rtol=1e-9)

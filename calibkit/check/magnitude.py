@@ -13,7 +13,7 @@ from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, chunks, order_statistics, segments
+from calibkit.numeric import anomalies, chunks, dispersion, segments
 from calibkit.recipe import Recipe
 
 QUIETEST_DPH = 0.02
@@ -63,7 +63,7 @@ def check_gyro_unit(log: Log, column: str) -> list[Finding]:
     data = values(log.frame, column)
     low, high = chunks.extremes_of_present(data)
     sampled = np.abs(anomalies.sample(data))
-    span, level = high - low, order_statistics.median(sampled[~np.isnan(sampled)])
+    span, level = high - low, dispersion.median(sampled[~np.isnan(sampled)])
     if 0.0 < span < QUIETEST_DPH:
         words = (
             f"all {data.size} rows lie within {span:.2g} deg/h",
@@ -148,7 +148,7 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
     another unit. Rows in which a value is missing are left out.
     """
     lengths = np.sqrt(sum(values(log.frame, axis) ** 2 for axis in axes))
-    usual = order_statistics.median(lengths[~np.isnan(lengths)])
+    usual = dispersion.median(lengths[~np.isnan(lengths)])
     if (0.8 if len(axes) == 3 else 0.0) <= usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)

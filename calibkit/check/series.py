@@ -12,7 +12,7 @@ from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
 from calibkit.errors import advise_exclude
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, chunks, order_statistics
+from calibkit.numeric import anomalies, chunks, dispersion
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""
@@ -99,7 +99,7 @@ def find_turn_back(log: Log, column: str) -> list[Finding]:
     count = data.size // block
     if count < 10:
         return []
-    course = order_statistics.run_medians(data[: count * block], block * np.arange(count))
+    course = dispersion.run_medians(data[: count * block], block * np.arange(count))
     net, span = float(course[-1] - course[0]), float(np.ptp(course))
     if abs(net) < ONE_WAY * span:
         return []

@@ -101,17 +101,18 @@ class Control:
             if count < MOST_PRECISE * len(values):
                 limit = WIDER * max(limit, _limit(max(count, FEWEST)))
             return cls(centre, sigma, limit, z, (middle - limit * usual, middle + limit * usual))
+        from scipy.special import boxcox, inv_boxcox  # slow to import
+
         # skewed values are judged as powers of them
         power = _power(values)
-        straight = values if power == 1.0 else _straightened(values, power)
+        straight: Array = values if power == 1.0 else np.asarray(boxcox(values, power))
         limit *= 1.0 if power == 1.0 else WIDER
         middle = float(np.median(straight))
         spread = mad_sigma(straight - middle)
         ends = middle + np.array([-limit, limit]) * spread
         if power != 1.0:
             # the values of which these are the powers; 0 where none is so small
-            inside = np.maximum(1.0 + power * ends, 0.0)
-            ends = np.exp(ends) if power <= ROUNDING else inside ** (1.0 / power)
+            ends = np.nan_to_num(inv_boxcox(ends, power))
         return cls(centre, sigma, limit, (straight - middle) / spread, tuple(ends.tolist()))
 
 
@@ -150,21 +151,15 @@ def _power(values: Array) -> float:
     """
     if len(values) < FEWEST_SKEWED or not np.all(values > 0.0):
         return 1.0
+    from scipy.special import boxcox  # slow to import
+
     low, high = 0.0, 1.0
     deciles = np.quantile(values, (0.1, 0.5, 0.9))
     for _ in range(BISECTIONS):
         middle = (low + high) / 2.0
-        lower_step, upper_step = np.diff(_straightened(deciles, middle))
+        lower_step, upper_step = np.diff(boxcox(deciles, middle))
         low, high = (low, middle) if upper_step > lower_step else (middle, high)
     return (low + high) / 2.0
-
-
-def _straightened(values: Array, power: float) -> Array:
-    """Power of positive values [n], less 1 and over the power: the logarithm where it is 0."""
-    logarithm = np.log(values)
-    return np.asarray(
-        np.expm1(power * logarithm) / power if power > ROUNDING else logarithm, dtype=np.float64
-    )
 
 
 def _limit(count: int) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import chunks, dispersion
 
 STILL_FACTOR = 2.0
 """Windowed noise, over the noise at rest, up to which a sample counts as held still."""
@@ -65,7 +65,7 @@ def find_dwells(
             "a value that is not finite reached the search for dwells", hint="cut the log at gaps"
         )
     shortest = 2 * window if shortest is None else shortest
-    centre = np.array([order_statistics.median(axis) for axis in indication.T])
+    centre = np.array([dispersion.median(axis) for axis in indication.T])
     windows = len(indication) - window + 1
     # sums that begin anew every so often lose no digits to the rows before a window
     noise = np.concatenate(
@@ -78,9 +78,7 @@ def find_dwells(
         at_rest = float(np.quantile(noise, AT_REST_SHARE))
         # quantised indications can stand still to the last bit, whose noise is the least at rest
         least_noise = at_rest * np.sqrt(12.0)
-        steps = [
-            order_statistics.smallest_step(axis, fine_step=least_noise) for axis in indication.T
-        ]
+        steps = [dispersion.smallest_step(axis, fine_step=least_noise) for axis in indication.T]
         last_bit = min((step for step in steps if step > 0.0), default=0.0)
         threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
     intervals = chunks.find_runs(noise <= threshold) + window // 2

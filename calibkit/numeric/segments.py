@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric import chunks, dispersion
 
 COARSE_DEGC_MIN = 0.3
 """Slope [°C/min] that one quantisation step within the window may cause: the rate that separates a
@@ -71,7 +71,7 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
 
 def quantum(temperature: Array, *, fine_step: float = 0.0) -> float:
     """Quantisation step [°C] of thermometer readings [n, °C]; 0 if all readings are equal."""
-    return order_statistics.smallest_step(temperature, fine_step=fine_step, decimals=6)
+    return dispersion.smallest_step(temperature, fine_step=fine_step, decimals=6)
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
@@ -133,7 +133,7 @@ def segments(
     ends = np.array([(start, stop - 1) for start, stop, _ in runs], dtype=np.int64).reshape(-1, 2)
     spans = np.ptp(temperature[ends], axis=1).tolist()
     ramps = [
-        Segment("ramp", start, stop, order_statistics.median(slope[start:stop]))
+        Segment("ramp", start, stop, dispersion.median(slope[start:stop]))
         for (start, stop, _), span in zip(runs, spans, strict=True)
         if span >= min_span
     ]
@@ -164,7 +164,7 @@ def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
     row = 0
     for ramp in [*ramps, Segment("ramp", slope.size, slope.size, 0.0)]:  # the last has no rows
         if ramp.start > row:
-            rate = order_statistics.median(slope[row : ramp.start])
+            rate = dispersion.median(slope[row : ramp.start])
             segments_of_log.append(Segment("soak", row, ramp.start, rate))
         segments_of_log.append(ramp)
         row = ramp.stop

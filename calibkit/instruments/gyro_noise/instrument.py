@@ -2,12 +2,12 @@
 stability → gyro_noise.json.
 """
 
-from __future__ import annotations
-
 import json
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,23 +17,18 @@ from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
+from calibkit.ingest.evidence import Evidence
+from calibkit.ingest.logs import LogReader
+from calibkit.ingest.recipe_text import RecipeChoice
+from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_noise import certificate, deviations, forms
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.figures import NoiseReport, summarize, validation_entry
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.left_out import LeftOut
+from calibkit.report.summary import Summary
 from calibkit.sensitivities import Sensitivity
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.recipe_text import RecipeChoice
-    from calibkit.ingest.write_back import Applied
-    from calibkit.report.summary import Summary
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}

@@ -22,7 +22,7 @@ from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
-from calibkit.numeric import chunks, dwells, order_statistics
+from calibkit.numeric import chunks, dispersion, dwells
 from calibkit.numeric.dispersion import mad_sigma
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
@@ -112,7 +112,7 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
     Raises FitError where no rate is held.
     """
     time_s, rate_dps = motion.time_s, motion.rate_dps
-    interval = order_statistics.median(motion.interval_s)
+    interval = dispersion.median(motion.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
     quantum, windows = 0.0, np.zeros(0, dtype=np.bool_)
     if time_s.size >= window:
@@ -136,7 +136,7 @@ def find(motion: Motion, rules: PlateauSpec) -> Integers:
             continue
         # the longest stretch that stays near the median; a slow creep at its ends is cut off
         part = rate_dps[begin:covered]
-        middle = order_statistics.median(part)
+        middle = dispersion.median(part)
         noise = mad_sigma(part - middle)
         range_limit = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise)
         near = chunks.find_runs(np.abs(part - middle) <= max(range_limit, quantum))

@@ -27,7 +27,7 @@ from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import forms, held_rates
 from calibkit.instruments.gyro_scale.held_rates import HeldMeans
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
-from calibkit.numeric import anomalies, chunks, earth, order_statistics
+from calibkit.numeric import anomalies, chunks, dispersion, earth
 from calibkit.numeric.dispersion import mad_sigma
 
 ANGLE = "table_angle_deg"
@@ -329,7 +329,7 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
     time, data, rate_dps = (values(log.frame, name) for name in ("time_s", column, forms.RATE))
     # a filter has settled in the second half of a held rate, if it does at all
     halves = [(first, (first + stop) // 2, stop) for first, stop in means.span.tolist()]
-    levels = [order_statistics.median(data[middle:stop]) for _, middle, stop in halves]
+    levels = [dispersion.median(data[middle:stop]) for _, middle, stop in halves]
     noise = [
         mad_sigma(data[middle:stop] - level)
         for (_, middle, stop), level in zip(halves, levels, strict=True)
@@ -391,7 +391,7 @@ def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterat
     """
     for column in columns:
         data = values(log.frame, column)
-        medians = np.array([order_statistics.median(data[a:b]) for a, b in means.span.tolist()])
+        medians = np.array([dispersion.median(data[a:b]) for a, b in means.span.tolist()])
         late = _find_late(log, means, column) if "time_s" in log.frame.columns else []
         if late:
             yield from late

@@ -2,27 +2,19 @@
 stood in a position.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise, product
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FrameError
-from calibkit.frame import Finding, Held, require, values
+from calibkit.frame import Finding, Held, Log, require, values
 from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dwells import average_dwells
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.frame import Log
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-
 
 FEWEST = 3
 """Fewest rows of a dwell: the standard error of its mean is estimated from them."""

@@ -3,15 +3,21 @@ their errors against the reference before and after correction; figures, s(T) an
 against C.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import at_most
+from calibkit.instruments import Fitted
 from calibkit.instruments.inclinometer import published
+from calibkit.instruments.inclinometer.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.scale_fit import ScaleFit
+from calibkit.instruments.inclinometer.solve import AngleErrors, SolvedStations
+from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
@@ -19,18 +25,6 @@ from calibkit.report.figures import DENOISED, GOOD, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments import Fitted
-    from calibkit.instruments.inclinometer.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.scale_fit import ScaleFit
-    from calibkit.instruments.inclinometer.solve import AngleErrors, SolvedStations
-    from calibkit.instruments.inclinometer.stations import Stations
-
 
 SHOWN = 40
 """Stations listed on the console; report.txt lists all."""

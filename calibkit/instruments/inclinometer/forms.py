@@ -10,7 +10,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Model
 from calibkit.forms import Form, Inputs
-from calibkit.instruments.inclinometer.noise import Noise
+from calibkit.instruments.inclinometer.published import Noise
 from calibkit.instruments.inclinometer.root_choice import ScalePrior
 from calibkit.numeric import gum
 

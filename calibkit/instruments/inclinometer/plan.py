@@ -27,12 +27,7 @@ from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, 
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.root_choice import (
-    AZIMUTH,
-    estimate_roots,
-    mounting_slopes,
-    seek_with_slopes,
-)
+from calibkit.instruments.inclinometer.root_choice import estimate_roots, mounting_slopes
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
 from calibkit.planning.bench import (
@@ -102,13 +97,18 @@ class StationBench(Bench):
         """Time in a position [s] → `judge_roots` of s = 1 at each place, u infinite where a fit
         would use its root by the history of s alone.
         """
-        by_dwell_s = {}
+        # components of a tool without errors
+        tilt, azimuth = self.places.T
+        attitudes, by_dwell_s = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth), {}
+        earth_rate = earth.north_east_down(self.spec.site.latitude_deg)
+        accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
+        gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth_rate).T
         for dwell_s in self.device.dwell_s:
             # half differences of two positions; the bias walks over both steps between them
             gyro = (self.device.noise_of(dwell_s) ** 2 + self.device.size(*WALK) ** 2) / 2.0
             accel = self.device.size(*ACCEL) ** 2 / 2.0
-            variances = np.array([accel, accel, gyro, gyro])
-            parts = ideal_components(self.places, self.spec.site.latitude_deg, variances)
+            covariance = np.tile(np.diag([accel, accel, gyro, gyro]), (len(tilt), 1, 1))
+            parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
             u, by_turn, unambiguous = self.judge_roots(parts)
             by_dwell_s[dwell_s] = np.where(unambiguous, u, np.inf), by_turn
         return by_dwell_s
@@ -225,28 +225,12 @@ class StationBench(Bench):
                     yield able[selection].tolist()
 
 
-def ideal_components(places: Array, latitude_deg: float, variances: Array) -> Components:
-    """Components of stations of a tool without errors, s = 1, at inclinations and azimuths
-    [n, 2, °], with the variances [4] of their noise.
-    """
-    tilt, azimuth = places.T
-    attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
-    accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
-    gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth.north_east_down(latitude_deg)).T
-    covariance = np.tile(np.diag(variances), (len(tilt), 1, 1))
-    return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
-
-
 def azimuth_slopes(latitude_deg: float) -> Array:
     """Derivatives (2) [2] of the azimuth by s [°] and by a turn of the gyro [1], at an inclination
     of 45° and an azimuth of 90°, where s matters.
     """
-    used_deg, one = np.array([[45.0, 90.0]]), np.ones(1)
-    parts = ideal_components(used_deg, latitude_deg, np.zeros(4))
-    # s = 1, whatever the root of the station
-    _, slopes = seek_with_slopes(parts, latitude_deg * one, one > 0.0, 0.0 * one, one)
-    by_turn, _ = mounting_slopes(parts, slopes[:, AZIMUTH, :4])
-    return np.array([np.degrees(slopes[0, AZIMUTH, -1]), by_turn[0]])
+    alpha, theta = np.radians([latitude_deg, 45.0])
+    return np.array([-np.degrees(np.tan(alpha) * np.tan(theta)), 1.0 / np.cos(theta)])
 
 
 prepare_plan = StationBench

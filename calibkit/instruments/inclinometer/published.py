@@ -16,6 +16,8 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.fit.complex_step import Numbers, arctan2
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.numeric import gum
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
@@ -40,6 +42,32 @@ class Components:
     gyro_y: Array
     covariance: Array
     """[n, 4, 4] of accel_x, accel_y [g], gyro_x, gyro_y [°/h]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviations of one reading of a sensor pair, and the degrees of freedom of their
+    estimate.
+    """
+
+    accel_g: float
+    gyro_dph: float
+    dof: int
+
+    def widen(self, spec: InclinometerRecipe) -> "Noise":
+        """Noise for propagation: a noise estimated from few degrees of freedom is raised by
+        Student's t, so that k = 2 covers 95 %.
+        """
+        if not self.dof:
+            return self
+        factor = gum.widening(self.dof)
+        accel = factor if spec.stations.accel_noise_g == "auto" else 1.0
+        gyro = factor if spec.stations.gyro_noise_dph == "auto" else 1.0
+        return Noise(accel * self.accel_g, gyro * self.gyro_dph, self.dof)
+
+
+NO_NOISE = Noise(0.0, 0.0, 0)
+"""Noise before any reading: zero, from no degrees of freedom."""
 
 
 @dataclass(frozen=True, slots=True)

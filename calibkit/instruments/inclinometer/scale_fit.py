@@ -25,7 +25,7 @@ from calibkit.fit.solve import Fit, solve
 from calibkit.forms import components_of
 from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING, SCALE, TEMPERATURE, ScaleModel
-from calibkit.instruments.inclinometer.noise import NO_NOISE, Noise
+from calibkit.instruments.inclinometer.published import NO_NOISE, Noise
 from calibkit.instruments.inclinometer.recipe import HistorySpec
 from calibkit.instruments.inclinometer.root_choice import DEFAULT_HISTORY, ScalePrior, Solution
 from calibkit.numeric import gum

@@ -186,10 +186,10 @@ def fit_scale(
     Raises FitError where a gyro has no usable root of s, or an s that only a wrong unit, sign or
     latitude explains.
     """
-    status, fits = {}, {}
+    roots, fits = _estimate_roots(stations, spec), {}
     for axis in spec.axes:
         # 1. Stations that no working gyro can have produced are left out.
-        first = solve_in_sequence(stations, spec, axis)
+        first = _solve_in_sequence(roots[axis], stations, spec)
         low, high, usable = spec.scale.smallest, spec.scale.largest, first.weight > 0.0
         if not usable.any():
             positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
@@ -209,8 +209,8 @@ def fit_scale(
                 f" expected {low:g} to {high:g}",
                 hint=WRONG,
             )
-        status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
-        first = solve_in_sequence(replace(stations, status=status), spec, axis)
+        roots[axis] = _refuse_contradictions(roots[axis], first, spec)
+        first = _solve_in_sequence(roots[axis], stations, spec)
 
         # 2. s(T) of the roots that are left, with the errors that stations share: the turn of the
         # gyro, unless the recipe leaves it out, and the scale of a log.
@@ -237,7 +237,7 @@ def fit_scale(
     # 3. Every station by the s(T) of all the others.
     turns_deg = {axis: scale.model.turn_deg for axis, scale in fits.items()}
     left_out = {axis: scale.left_out for axis, scale in fits.items()}
-    solved = _solve_stations(replace(stations, status=status), left_out, spec, turns_deg)
+    solved = _solve_stations(stations, roots, left_out, spec, turns_deg)
     solved.require_consistent("the stations")
     return fits, solved
 
@@ -251,12 +251,11 @@ def seek_north(
     A station whose s no gyro has is refused, and does not shift the others.
     """
     turns_deg = {axis: models[axis].turn_deg for axis in spec.axes}
-    plausible = stations
+    roots = _estimate_roots(stations, spec)
     while True:
         priors = {}
-        for axis in spec.axes:
-            base = models[axis].prior(plausible.temperature)
-            estimates = _estimate_roots(plausible, spec, axis)
+        for axis, estimates in roots.items():
+            base = models[axis].prior(stations.temperature)
             # the uncertainty of the measured departure combines those of s(T) and of the root
             s, u_base = base.s[:, None], base.standard_uncertainty[:, None]
             relative = replace(
@@ -264,42 +263,42 @@ def seek_north(
                 s=estimates.s / s,
                 uncertainty=np.hypot(estimates.uncertainty, u_base) / s,
             )
-            departure = root_choice.history_prior(relative, plausible.elapsed, spec.departure)
+            departure = root_choice.history_prior(relative, stations.elapsed, spec.departure)
             u = np.hypot(base.standard_uncertainty, base.s * departure.standard_uncertainty)
             priors[axis] = ScalePrior(base.s * departure.s, u)
-        solved = _solve_stations(plausible, priors, spec, turns_deg)
-        status = {
-            axis: _refuse_contradictions(solved.solutions[axis], plausible.status[axis], spec)
-            for axis in spec.axes
-        }
-        if status == plausible.status:
+        solved = _solve_stations(stations, roots, priors, spec, turns_deg)
+        refused = [pair.status for pair in roots.values()]
+        for axis, solution in solved.solutions.items():
+            roots[axis] = _refuse_contradictions(roots[axis], solution, spec)
+        if refused == [pair.status for pair in roots.values()]:
             return solved
-        plausible = replace(plausible, status=status)
 
 
-def solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
+def _solve_in_sequence(roots: BothRoots, stations: Stations, spec: InclinometerRecipe) -> Solution:
     """Solve the stations of one sensor pair in order, with the history of s as prior."""
-    estimates = _estimate_roots(stations, spec, axis)
-    prior = root_choice.history_prior(estimates, stations.elapsed, spec.history)
-    return root_choice.solve(estimates, prior, spec.site.latitude_uncertainty_deg)
+    prior = root_choice.history_prior(roots, stations.elapsed, spec.history)
+    return root_choice.solve(roots, prior, spec.site.latitude_uncertainty_deg)
 
 
-def _estimate_roots(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> BothRoots:
-    """Both roots of s of the stations of one sensor pair."""
-    return root_choice.estimate_roots(
-        stations.components[axis],
-        spec.site.latitude_deg,
-        heading_deg=stations.reference[:, 2] if spec.root.choice == "heading" else None,
-        refused=stations.status[axis],
-        limits=spec.limits,
-    )
+def _estimate_roots(stations: Stations, spec: InclinometerRecipe) -> dict[Sensor, BothRoots]:
+    """Both roots of s of the stations of each sensor pair."""
+    heading_deg = stations.reference[:, 2] if spec.root.choice == "heading" else None
+    return {
+        axis: root_choice.estimate_roots(
+            stations.components[axis],
+            spec.site.latitude_deg,
+            heading_deg=heading_deg,
+            refused=stations.status[axis],
+            limits=spec.limits,
+        )
+        for axis in spec.axes
+    }
 
 
 def _refuse_contradictions(
-    solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe
-) -> tuple[str, ...]:
-    """Reasons [n] why stations are refused, including stations whose readings no working gyro can
-    have produced.
+    roots: BothRoots, solution: Solution, spec: InclinometerRecipe
+) -> BothRoots:
+    """Roots without those of stations whose readings no working gyro can have produced.
 
     The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
     make it disappear.
@@ -319,13 +318,15 @@ def _refuse_contradictions(
         ),
         s=s,
     )
-    reasons = zip(before, contradictions, strict=True)
-    return tuple(text or "".join(contradiction) for text, contradiction in reasons)
+    reasons = zip(roots.status, contradictions, strict=True)
+    status = tuple(text or "".join(contradiction) for text, contradiction in reasons)
+    return replace(roots, status=status)
 
 
 @np.errstate(divide="ignore", invalid="ignore")
 def _solve_stations(
     stations: Stations,
+    roots: Mapping[Sensor, BothRoots],
     priors: Mapping[Sensor, ScalePrior],
     spec: InclinometerRecipe,
     turns_deg: Mapping[Sensor, float],
@@ -343,13 +344,9 @@ def _solve_stations(
                 " number",
                 hint="lower [scale] order, or add stations near this temperature",
             )
+    u_latitude_deg = spec.site.latitude_uncertainty_deg
     solutions = {
-        axis: root_choice.solve(
-            _estimate_roots(stations, spec, axis),
-            priors[axis],
-            spec.site.latitude_uncertainty_deg,
-        )
-        for axis in spec.axes
+        axis: root_choice.solve(pair, priors[axis], u_latitude_deg) for axis, pair in roots.items()
     }
     combined = root_choice.combine(solutions)
 

@@ -27,7 +27,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
-from calibkit.numeric import order_statistics
+from calibkit.numeric import dispersion
 from calibkit.numeric.dispersion import MAD_TO_SIGMA, mad_sigma
 from calibkit.numeric.flicker import Turned, kernel
 from calibkit.numeric.intervals import Intervals
@@ -123,12 +123,12 @@ def spikes(indication: Array, intervals: Intervals) -> Integers:
     (counts of a quiet gyro), the smallest non-zero deviation is used instead. With two samples in
     an interval neither is a spike.
     """
-    middles = order_statistics.run_medians(indication, intervals.first)
+    middles = dispersion.run_medians(indication, intervals.first)
     distances = np.abs(indication - np.repeat(middles, intervals.count))
-    log_deviation = order_statistics.median(distances)
+    log_deviation = dispersion.median(distances)
     if log_deviation == 0.0 and distances.any():
         log_deviation = float(distances[distances > 0.0].min())
-    deviation = order_statistics.run_medians(distances, intervals.first)
+    deviation = dispersion.run_medians(distances, intervals.first)
     limit = SAMPLE_SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
     return np.flatnonzero(distances > np.repeat(limit, intervals.count))
 
