@@ -5,7 +5,8 @@
 Fits the sample logs of each procedure (the accelerometer's without a name) and counts its stops:
 distinct named functions that a reader walks through from the recipe to the last coefficient file;
 tables of the summary are behind it. Comprehensions and lambdas are part of the function that holds
-them. What lies below the solver is one stop, as is all reading of logs.
+them. What lies below the solver is one stop, as is all reading of logs as
+far as the rows that are fitted.
 """
 
 from __future__ import annotations
@@ -24,13 +25,13 @@ if TYPE_CHECKING:
 
 PACKAGE = Path(calibkit.__file__).parent
 DATASETS = PACKAGE.parent / "datasets"
-ONE_STOP = {
-    "fit": "the solver",
-    "ingest": "reading of logs",
-    "readers": "reading of logs",
-    "check": "reading of logs",
-}
+READING = "reading of logs"
+ONE_STOP = {"fit": "the solver", "ingest": READING, "readers": READING, "check": READING}
 """Package of calibkit → the stop that all its functions are."""
+ROWS = ("instruments.accelerometer.plausibility.read_plausible",)
+"""Functions of instruments that read logs as far as the rows that are fitted: what they call is
+part of the reading.
+"""
 
 
 def name_stop(frame: FrameType) -> str:
@@ -42,7 +43,10 @@ def name_stop(frame: FrameType) -> str:
     if module.parts[0] in ONE_STOP:
         return ONE_STOP[module.parts[0]]
     name = code.co_qualname.split(".<locals>.<")[0]
-    return "" if name.startswith("<") else f"{'.'.join(module.parts)}.{name}"
+    if name.startswith("<"):
+        return ""
+    stop = f"{'.'.join(module.parts)}.{name}"
+    return READING if stop in ROWS else stop
 
 
 def walk(procedure: str) -> list[str]:
@@ -73,7 +77,7 @@ def walk(procedure: str) -> list[str]:
     setattr(coefficients.StageResult, "__init__", construct_stage)  # noqa: B010 (mypy refuses the plain way)
     sys.setprofile(note)
     try:
-        fit(spec, DATASETS / procedure, files, instruments.silent)
+        fit(spec, DATASETS / procedure, files, lambda items, _: items)
     finally:
         sys.setprofile(None)
         setattr(coefficients.StageResult, "__init__", construct)  # noqa: B010 (the same)

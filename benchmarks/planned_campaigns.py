@@ -24,9 +24,8 @@ from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     plan as triad_plan,
-    shared_errors as triad_errors,
 )
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import read_terms
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.bias import plan as fog_plan
 from calibkit.instruments.bias.numeric import bank as forward, bank_fit
@@ -59,10 +58,10 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     """
     rng = np.random.default_rng(seed)
     predicted = {one["name"]: one["standard_uncertainty"] for one in plan.document["coefficients"]}
-    terms = Terms.named([*predicted])
+    terms = read_terms(tuple(predicted))
     typical = {"k": (3e-3, 1e-4, 1e-7, 1e-10), "z": (3e-3, 3e-5, 1e-8, 1e-10), "c": (3e-3, 1e-6)}
-    size = [typical[term.kind][term.power] for term in terms.listed]
-    truth = terms.nominal + rng.normal(0.0, size)
+    size = [typical[kind][power] for kind, power in zip(terms.kind, terms.power, strict=True)]
+    truth = terms.start() + rng.normal(0.0, size)
 
     def indicate(gravity: Array, degc: Array) -> Array:
         indication = gravity.copy()
@@ -75,8 +74,7 @@ def run_triad(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  
     spots = np.array([(one.inclination_deg, one.toolface_deg) for one in held])
     device = plan.device
     planned = triad_plan.planned_dwells(held, device.noise_of(held[0].duration_s))
-    sizes = {name: device.size(*name) for name in triad_errors.UNITS}
-    indication, degc, _ = triad_plan.simulate_dwells(rng, indicate, planned, sizes)
+    indication, degc, _ = triad_plan.simulate_dwells(rng, indicate, planned, spec, device)
     count = len(spots)
     dwells = triad_dwells.DwellSet(
         indication,

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Coefficient, Component, Model, Parameter
@@ -75,22 +76,25 @@ class Form:
         residual_unit: str,
         valid: Mapping[str, tuple[float, float]],
         parameters: tuple[Parameter, ...] = (),
+        to_raw: NDArray[np.longdouble] | None = None,
     ) -> Model:
-        """Model of this form from a fit whose parameters are its coefficients, each with name and
-        unit.
+        """Model of this form, its coefficients, each with name and unit, the parameters of a fit,
+        or what a matrix [c, p] in extended precision makes of them: powers of a mapped abscissa.
         """
-        value = fit.of(lambda p: p)
-        values_by_name = zip(coefficients, value.value.tolist(), strict=True)
+        matrix = np.eye(len(fit.parameters)) if to_raw is None else to_raw
+        numbers = np.asarray(matrix @ fit.parameters, dtype=np.float64).tolist()
+        G = matrix.astype(np.float64)
+        values_by_name = zip(coefficients, numbers, strict=True)
         return self.write(
             name,
             [(coefficient, number, unit) for (coefficient, unit), number in values_by_name],
-            fit.total_covariance,
+            G @ fit.total_covariance @ G.T,
             dof=fit.dof,
             residual_rms=residual_rms,
             residual_unit=residual_unit,
             valid=valid,
             parameters=parameters,
-            effective_dof=value.dof,
+            effective_dof=fit.dof_along(G),
             components=components_of(fit.shared),
         )
 

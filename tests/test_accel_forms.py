@@ -7,7 +7,7 @@ import pytest
 
 from calibkit.errors import CoefficientError, FitError
 from calibkit.instruments.accelerometer import forms, published
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import read_terms
 
 RNG = np.random.default_rng(17)
 INDICATION = RNG.uniform(-1.0, 1.0, (7, 3))
@@ -160,7 +160,8 @@ def test_units_follow_from_the_power_of_the_temperature():
         "tilt_north_rad": "rad",
         "fixture_x_rad": "rad",
     }
-    assert {term.name: term.unit for term in Terms.named(list(units)).listed} == units
+    terms = read_terms(tuple(units))
+    assert dict(zip(terms.names, terms.units, strict=True)) == units
 
 
 def test_a_model_of_another_form_is_refused():

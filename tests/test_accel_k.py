@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import determination, published
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import name_terms
 from calibkit.instruments.accelerometer.fit import list_results
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
@@ -130,7 +130,7 @@ def test_scaled_temperature_keeps_the_design_well_conditioned():
     """The condition number is below 20 in mapped temperature and above a million in raw degrees."""
     raw = published.columns(INDICATION, TEMPERATURE, 0)
     assert np.linalg.cond(raw) > 1e6
-    terms = Terms.of_orders((3,) * 3, (3,) * 3, (1,) * 3)
+    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3)
     triad = solve_triad(
         collect(INDICATION, TEMPERATURE, ANGLES), terms, PLAIN, loss="least_squares"
     )
@@ -363,7 +363,7 @@ def test_stated_variance_of_the_correction_is_that_of_many_fits(plain_fits):
 
 def robust_k(dwells):
     """The triad by its robust fit, and K of its axes."""
-    terms = Terms.of_orders((3,) * 3, (3,) * 3, (1,) * 3)
+    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3)
     triad = solve_triad(dwells, terms, recipe(), loss="robust")
     return triad, list_results(triad, dwells, recipe())[0].models
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import profile_intervals, published
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import name_terms
 from calibkit.instruments.accelerometer.triad import solve_triad
 from triad_dwells import collect, fit_triad, nine, recipe
 
@@ -28,7 +28,7 @@ def lengths(**tables):
 
 
 PLAIN = lengths(loss="least_squares")
-TERMS = Terms.of_orders((0,) * 3, (0,) * 3, (0,) * 3, triangular=True)
+TERMS = name_terms((0,) * 3, (0,) * 3, (0,) * 3, triangular=True)
 
 
 def sphere(count):
@@ -84,7 +84,8 @@ def test_both_solvers_agree(noisy):
     dwells = collect(indications(sphere(28)), noise=noise)
     triad = solve_triad(dwells, TERMS, PLAIN, loss="least_squares")
     parameters, half_width = nine(triad)
-    low, high = np.transpose(list(profile_intervals.find_intervals(triad, dwells).values()))
+    figures, _ = profile_intervals.find_intervals(triad, dwells)
+    low, high = np.reshape([figure.value for figure in figures], (9, 2)).T
     # of lmfit the stated noise is the least
     floor = max(1.0, NOISE_G / triad.noise[0]) if noisy else 1.0
     np.testing.assert_allclose((high - low) / 2.0, floor * half_width, rtol=2e-3)

@@ -87,7 +87,7 @@ def nine(triad):
         # g = (I - C) diag(k) (G - b), whose inverse is the sensitivity
         row = np.linalg.inv(inverse)
         stretch = np.sqrt(np.sum(row * row, axis=1))
-        return np.concatenate([stretch / k, z / k, triad.terms.small_angles(p, 0.0)])
+        return np.concatenate([stretch / k, z / k, triad.terms.at_temperature(p, 0.0)[6:]])
 
     value = triad.fit.of(parameters)
     return value.value, stats.t.ppf(0.975, value.dof) * value.u

@@ -92,13 +92,13 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
     temperatures determine it.
     """
     from calibkit.instruments.accelerometer import determination, published
-    from calibkit.instruments.accelerometer.equation import Terms
+    from calibkit.instruments.accelerometer.equation import name_terms
     from calibkit.numeric.least_squares import fit, polynomial
 
-    terms, conditions = Terms.of_orders((3,) * 3, (3,) * 3, (0,) * 3), (reference, temperature)
+    terms, conditions = name_terms((3,) * 3, (3,) * 3, (0,) * 3), (reference, temperature)
 
     def run() -> list[fit.LinearFit]:
-        determination.find_undetermined(terms, terms.names, *conditions, lower="")
+        determination.find_undetermined(terms, *conditions)
         middle, half = polynomial.middle_and_half(temperature)
         t = (temperature - middle) / half
         return [
@@ -127,7 +127,7 @@ def magnitude(indication: Array) -> Prepared:
 def _triad(indication: Array, angles: Array | None) -> Triad:
     """A triad at one temperature, at attitudes [n, 2] [°] or by the length of gravity."""
     from calibkit.instruments.accelerometer.dwells import DwellSet
-    from calibkit.instruments.accelerometer.equation import Terms
+    from calibkit.instruments.accelerometer.equation import name_terms
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.instruments.accelerometer.triad import solve_triad
 
@@ -147,7 +147,7 @@ def _triad(indication: Array, angles: Array | None) -> Triad:
     kind = "magnitude" if angles is None else "attitude"
     tables = {"title": "", "logs": {"files": ["a.csv"]}, "reference": {"kind": kind}}
     spec = AccelerometerRecipe.model_validate({"procedure": "accelerometer"} | tables)
-    terms = Terms.of_orders((0,) * 3, (0,) * 3, (0,) * 3, triangular=angles is None)
+    terms = name_terms((0,) * 3, (0,) * 3, (0,) * 3, triangular=angles is None)
     return solve_triad(dwells, terms, spec, loss="least_squares")
 
 

@@ -402,6 +402,20 @@ def split_variance(fit: Fit, slopes: Array, priors: Sequence[str] = ()) -> Sourc
     return dict(zip([NOISE, *priors, *shared], fit.variances[:, None] * by_size, strict=True))
 
 
+def draw_errors(
+    shared: Sequence[Shared], rng: np.random.Generator
+) -> tuple[Array, dict[str, list[list[float]]]]:
+    """Sum [n] of shared errors in the residuals of n simulated rows, each drawn by its size, and
+    the errors [levels, k] of each by name.
+    """
+    total, drawn = np.zeros(len(shared[0].level) if shared else 0), {}
+    for error in shared:
+        b = rng.normal(0.0, error.size or 0.0, (error.levels, error.width))
+        total += error.along(b)
+        drawn[name_source(error)] = b.tolist()
+    return total, drawn
+
+
 def name_source(error: Shared | ErrorComponent) -> str:
     """A shared error in words."""
     return f"{error.effect} of the {error.group}"

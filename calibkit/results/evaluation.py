@@ -159,30 +159,6 @@ def parse_input(
     return column, values
 
 
-def parse_inputs(
-    inputs: Mapping[str, QuantityInput],
-    gravity_mps2: float | None,
-    values: Sequence[str],
-    ranges: Sequence[str],
-) -> tuple[list[dict[str, float]], dict[str, Array]]:
-    """Points of all combinations of inputs of a command line, the last range fastest, and the
-    ranges; UsageError for an input that is given twice, and for too many points.
-    """
-    parsed = [parse_input(text, inputs, gravity_mps2) for text in values]
-    parsed_ranges = [parse_input(text, inputs, gravity_mps2, ranged=True) for text in ranges]
-    columns = [column for column, _ in (*parsed, *parsed_ranges)]
-    for column in columns:
-        if columns.count(column) > 1:
-            raise UsageError(f"{column} is given twice", hint="give each input once")
-    count = math.prod(x.size for _, x in parsed_ranges)
-    if count > MOST_POINTS:
-        raise UsageError(f"{count} points, at most {MOST_POINTS}", hint="take larger steps")
-    points: list[dict[str, float]] = [{}]
-    for column, grid in (*parsed, *parsed_ranges):
-        points = [{**point, column: x} for point in points for x in grid.tolist()]
-    return points, dict(parsed_ranges)
-
-
 def choose(
     run_results: RunResults, columns_given: Iterable[str], only: str
 ) -> tuple[Quantity, ...]:
@@ -229,10 +205,24 @@ def evaluate(
 def answer(
     run_results: RunResults, inputs: Sequence[str], ranges: Sequence[str], only: str
 ) -> tuple[list[PointResult], dict[str, Array]]:
-    """Values that a command line asks for, and its ranges."""
-    points, grids = parse_inputs(run_results.inputs, run_results.gravity_mps2, inputs, ranges)
+    """Values that a command line asks for, at all combinations of its inputs, the last range
+    fastest, and its ranges; UsageError for an input that is given twice, and for too many points.
+    """
+    known = run_results.inputs, run_results.gravity_mps2
+    parsed = [parse_input(text, *known) for text in inputs]
+    parsed_ranges = [parse_input(text, *known, ranged=True) for text in ranges]
+    columns = [column for column, _ in (*parsed, *parsed_ranges)]
+    for column in columns:
+        if columns.count(column) > 1:
+            raise UsageError(f"{column} is given twice", hint="give each input once")
+    count = math.prod(x.size for _, x in parsed_ranges)
+    if count > MOST_POINTS:
+        raise UsageError(f"{count} points, at most {MOST_POINTS}", hint="take larger steps")
+    points: list[dict[str, float]] = [{}]
+    for column, grid in (*parsed, *parsed_ranges):
+        points = [{**point, column: x} for point in points for x in grid.tolist()]
     selected = choose(run_results, points[0], only)
-    return list(evaluate(run_results, selected, points)), grids
+    return list(evaluate(run_results, selected, points)), dict(parsed_ranges)
 
 
 def list_results(run_results: RunResults) -> Table:

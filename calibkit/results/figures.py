@@ -44,56 +44,51 @@ def render(figure: Figure, suffix: str) -> bytes:
 def write_values(
     run: StoredRun, values: Sequence[PointResult], ranges: Mapping[str, Array], suffix: str
 ) -> bytes:
-    """Values as CSV, or as a figure over their ranges."""
+    """Values as CSV, or as a figure: each result over the range of most points, a curve for each
+    value of the other inputs, with a band ± U; outside the calibrated range dashed and without a
+    band.
+    """
     if suffix.lower() == ".csv":
         return list_values(values).to_csv().encode()
-    title = f"{run.name}, effective from {run.document['effective_from']}"
-    with styled():
-        return render(_draw_values(title, values, ranges), suffix)
-
-
-def _draw_values(title: str, values: Sequence[PointResult], ranges: Mapping[str, Array]) -> Figure:
-    """Each result over the range of most points, a curve for each value of the other inputs,
-    with a band ± U; outside the calibrated range dashed and without a band.
-    """
     if not ranges:
         raise UsageError("--out: one point is no figure", hint="give a --range, or a .csv file")
     abscissa = max(ranges, key=lambda column: ranges[column].size)
     panels: dict[str, list[PointResult]] = {}
     for value in values:
         panels.setdefault(value.quantity.key, []).append(value)
-    figure, axes = page(
-        -(-len(panels) // COLUMNS),
-        min(COLUMNS, len(panels)),
-        title=title,
-        height=0.8 + 3.6 * -(-len(panels) // COLUMNS),
-    )
-    for ax in axes[len(panels) :]:
-        ax.set_visible(False)
-    for ax, panel_values in zip(axes, panels.values(), strict=False):
-        curves: dict[str, list[PointResult]] = {}
-        for value in panel_values:
-            other_inputs = {name: x for name, x in value.point.items() if name != abscissa}
-            label = ", ".join(f"{name} {x:g}" for name, x in other_inputs.items())
-            curves.setdefault(label, []).append(value)
-        for colour, (label, curve) in zip(COLOURS * 2, curves.items(), strict=False):
-            x = np.array([value.point[abscissa] for value in curve])
-            y = np.array([value.result.value for value in curve])
-            U = np.array([np.nan if v.expanded is None else v.expanded for v in curve])
-            inside = np.where([bool(value.outside) for value in curve], np.nan, y)
-            ax.plot(x, y, color=colour, lw=1.0, ls=":")
-            draw_band(ax, x, inside, U, colour, "-", label)
-        quantity = panel_values[0].quantity
-        truncated = f" (first {len(COLOURS) * 2} of {len(curves)})" * (
-            len(curves) > 2 * len(COLOURS)
+    with styled():
+        figure, axes = page(
+            -(-len(panels) // COLUMNS),
+            min(COLUMNS, len(panels)),
+            title=f"{run.name}, effective from {run.document['effective_from']}",
+            height=0.8 + 3.6 * -(-len(panels) // COLUMNS),
         )
-        ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{truncated}")
-        unit = next((i.unit for i in quantity.inputs if i.column == abscissa), "1")
-        ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
-        ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
-        if any(curves) and len(curves) > 1:
-            ax.legend()
-    return figure
+        for ax in axes[len(panels) :]:
+            ax.set_visible(False)
+        for ax, panel_values in zip(axes, panels.values(), strict=False):
+            curves: dict[str, list[PointResult]] = {}
+            for value in panel_values:
+                other_inputs = {name: x for name, x in value.point.items() if name != abscissa}
+                label = ", ".join(f"{name} {x:g}" for name, x in other_inputs.items())
+                curves.setdefault(label, []).append(value)
+            for colour, (label, curve) in zip(COLOURS * 2, curves.items(), strict=False):
+                x = np.array([value.point[abscissa] for value in curve])
+                y = np.array([value.result.value for value in curve])
+                U = np.array([value.expanded for value in curve], dtype=np.float64)
+                inside = np.where([bool(value.outside) for value in curve], np.nan, y)
+                ax.plot(x, y, color=colour, lw=1.0, ls=":")
+                draw_band(ax, x, inside, U, colour, "-", label)
+            quantity = panel_values[0].quantity
+            truncated = f" (first {len(COLOURS) * 2} of {len(curves)})" * (
+                len(curves) > 2 * len(COLOURS)
+            )
+            ax.set_title(f"{quantity.key}: {quantity.words.en}, ± U{truncated}")
+            unit = next((i.unit for i in quantity.inputs if i.column == abscissa), "1")
+            ax.set_xlabel(f"{abscissa} [{unit_mark(unit) or 1}]")
+            ax.set_ylabel(f"{quantity.name} [{unit_mark(quantity.unit) or 1}]")
+            if any(curves) and len(curves) > 1:
+                ax.legend()
+        return render(figure, suffix)
 
 
 def draw_band(ax: Axes, x: Array, y: Array, U: Array, colour: str, style: str, label: str) -> None:

@@ -26,7 +26,6 @@ from calibkit.results.still_good import state_place
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.certificate.quantities import Quantity
@@ -222,32 +221,27 @@ def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
     with styled():
         figure, axes = page(rows, columns, title=title, height=height)
         for ax, key_value in zip(axes, drawn_values, strict=False):
-            _panel(ax, key_value)
+            for run, result in key_value.values:
+                day = dt.date.fromisoformat(run.document["effective_from"]).toordinal()
+                inside = "none" if run.document["verdict"] == "rejected" else DENOISED
+                shape: Any = {"fmt": "o", "ms": 4.5, "capsize": 3, "mfc": inside}
+                ax.errorbar([day], [result.value], result.U, color=DENOISED, **shape)
+            line, reach = key_value.line, key_value.reach
+            if line is not None:
+                until = reach.until if reach is not None else _year(key_value.values[-1][0])
+                years = np.linspace(_year(key_value.values[0][0]), until, 60)
+                y, U = line.expand(years)
+                ax.plot(years * YEAR_DAYS, y, "--", color=MUTED, lw=1.0)
+                ax.fill_between(years * YEAR_DAYS, y - U, y + U, color=MUTED, alpha=0.15, lw=0.0)
+            for end in key_value.limits or ():
+                if np.isfinite(end):
+                    ax.axhline(end, color=ALERT, lw=1.2, ls=":")
+            days = np.linspace(*ax.get_xlim(), 4).astype(int).tolist()
+            ax.set_xticks(days, [dt.date.fromordinal(day).isoformat()[:7] for day in days])
+            words, unit = key_value.quantity.words.en, unit_mark(key_value.quantity.unit)
+            ax.set_title(f"{words}{f' at {key_value.place}' if key_value.at else ''}", fontsize=9)
+            ax.set_xlabel(f"limit reached: {key_value.forecast}", fontsize=8)
+            ax.set_ylabel(f"[{unit or 1}]")
         for ax in axes[len(drawn_values) :]:
             ax.set_visible(False)
     return figure
-
-
-def _panel(ax: Axes, key_value: FollowedResult) -> None:
-    """One key value."""
-    for run, result in key_value.values:
-        day = dt.date.fromisoformat(run.document["effective_from"]).toordinal()
-        hollow = run.document["verdict"] == "rejected"
-        ax.errorbar([day], [result.value], result.U, fmt="o", ms=4.5, capsize=3, color=DENOISED,
-                    mfc="none" if hollow else DENOISED)  # fmt: skip
-    line, reach = key_value.line, key_value.reach
-    if line is not None:
-        until = reach.until if reach is not None else _year(key_value.values[-1][0])
-        years = np.linspace(_year(key_value.values[0][0]), until, 60)
-        y, U = line.expand(years)
-        ax.plot(years * YEAR_DAYS, y, "--", color=MUTED, lw=1.0)
-        ax.fill_between(years * YEAR_DAYS, y - U, y + U, color=MUTED, alpha=0.15, lw=0.0)
-    for end in key_value.limits or ():
-        if np.isfinite(end):
-            ax.axhline(end, color=ALERT, lw=1.2, ls=":")
-    days = np.linspace(*ax.get_xlim(), 4).astype(int).tolist()
-    ax.set_xticks(days, [dt.date.fromordinal(day).isoformat()[:7] for day in days])
-    words, unit = key_value.quantity.words.en, unit_mark(key_value.quantity.unit)
-    ax.set_title(f"{words}{f' at {key_value.place}' if key_value.at else ''}", fontsize=9)
-    ax.set_xlabel(f"limit reached: {key_value.forecast}", fontsize=8)
-    ax.set_ylabel(f"[{unit or 1}]")

@@ -19,7 +19,6 @@ from calibkit.results.figures import COLOURS, draw_band
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.certificate.quantities import Quantity
@@ -186,7 +185,9 @@ def document(answered: StillGood) -> dict[str, Any]:
 
 
 def draw(answered: StillGood) -> Figure:
-    """Each result then and now over its range, and beside it the change with U and limit."""
+    """Each result then and now over its range, and beside it the change with U; limits in green
+    where the result is within them, in red where it is not.
+    """
     drawable = [compared for compared in answered.compared if compared.changes]
     drawable.sort(key=lambda compared: -compared.nearness)
     panel_results = drawable[:MOST_PANELS]
@@ -197,53 +198,47 @@ def draw(answered: StillGood) -> Figure:
         title = "\n".join(textwrap.wrap(sentence(answered) + left_out_text, 105))
         figure, axes = page(rows, 2, title=title, height=1.1 + 3.0 * rows)
         for k, compared in enumerate(panel_results):
-            _draw_result(compared, axes[2 * k], axes[2 * k + 1])
+            left, right = axes[2 * k], axes[2 * k + 1]
+            quantity, limit = compared.quantity, compared.limit
+            cases: dict[str, list[ResultChange]] = {}
+            for change in compared.changes:
+                other_inputs = [entry for entry in change.now.at[1:] if entry[1]]
+                settings = [f"{value:+g} {unit_mark(unit)}" for _, value, unit in other_inputs]
+                case = ", ".join(settings) or "at rest"
+                cases.setdefault(case if any(quantity.inputs[1:]) else "", []).append(change)
+            middle = compared.changes[len(compared.changes) // 2].then.value
+            factor, unit = _scale(quantity, middle)
+            origin = middle if unit == "ppm" else 0.0
+            for colour, (case, changes) in zip(COLOURS, cases.items(), strict=False):
+                x = np.array([next(iter(change.point.values()), 0.0) for change in changes])
+                for run_age, style in (("then", "--"), ("now", "-")):
+                    results: list[Result] = [getattr(change, run_age) for change in changes]
+                    y = factor * (np.array([result.value for result in results]) - origin)
+                    U = factor * np.array(
+                        [result.U if result.uncertainty else np.nan for result in results]
+                    )
+                    label = f"{run_age}{f', {case}' if case else ''}"
+                    shade = colour if run_age == "now" or len(cases) > 1 else MUTED
+                    draw_band(left, x, y, U, shade, style, label)
+                difference = factor * np.array([change.difference for change in changes])
+                U = factor * np.array([change.expanded for change in changes], dtype=np.float64)
+                draw_band(right, x, difference, U, colour, "-", case)
+            right.axhline(0.0, color=MUTED, lw=0.8)
+            if limit is not None:
+                ax, middle = (left, origin) if limit.change is None else (right, 0.0)
+                for end in limit.bounds(0.0):
+                    if np.isfinite(end):
+                        colour = GOOD if compared.answer == "yes" else ALERT
+                        ax.axhline(factor * (end - middle), color=colour, lw=1.2, ls=":")
+            for ax, panel_title in ((left, quantity.words.en), (right, "change, now − then, ± U")):
+                ax.set_title(panel_title, fontsize=9)
+                ax.set_ylabel(f"[{unit or 1}]")
+                if quantity.inputs:
+                    column = quantity.inputs[0]
+                    ax.set_xlabel(f"{column.column} [{unit_mark(column.unit) or 1}]")
+                else:
+                    ax.set_xticks([])
+            left.legend(fontsize=7)
         for ax in axes[2 * len(panel_results) :]:
             ax.set_visible(False)
     return figure
-
-
-def _draw_result(compared: ComparedResult, left: Axes, right: Axes) -> None:
-    """Panels of one result: then and now at the left, the change at the right; limits in green
-    where the result is within them, in red where it is not.
-    """
-    quantity, limit = compared.quantity, compared.limit
-    cases: dict[str, list[ResultChange]] = {}
-    for change in compared.changes:
-        other_inputs = [entry for entry in change.now.at[1:] if entry[1]]
-        settings = [f"{value:+g} {unit_mark(unit)}" for _, value, unit in other_inputs]
-        case = ", ".join(settings) or "at rest"
-        cases.setdefault(case if any(quantity.inputs[1:]) else "", []).append(change)
-    middle = compared.changes[len(compared.changes) // 2].then.value
-    factor, unit = _scale(quantity, middle)
-    origin = middle if unit == "ppm" else 0.0
-    for colour, (case, changes) in zip(COLOURS, cases.items(), strict=False):
-        x = np.array([next(iter(change.point.values()), 0.0) for change in changes])
-        for run_age, style in (("then", "--"), ("now", "-")):
-            results: list[Result] = [getattr(change, run_age) for change in changes]
-            y = factor * (np.array([result.value for result in results]) - origin)
-            U = factor * np.array(
-                [result.U if result.uncertainty else np.nan for result in results]
-            )
-            label = f"{run_age}{f', {case}' if case else ''}"
-            shade = colour if run_age == "now" or len(cases) > 1 else MUTED
-            draw_band(left, x, y, U, shade, style, label)
-        difference = factor * np.array([change.difference for change in changes])
-        U = factor * np.array([np.nan if c.expanded is None else c.expanded for c in changes])
-        draw_band(right, x, difference, U, colour, "-", case)
-    right.axhline(0.0, color=MUTED, lw=0.8)
-    if limit is not None:
-        ax, middle = (left, origin) if limit.change is None else (right, 0.0)
-        for end in limit.bounds(0.0):
-            if np.isfinite(end):
-                colour = GOOD if compared.answer == "yes" else ALERT
-                ax.axhline(factor * (end - middle), color=colour, lw=1.2, ls=":")
-    for ax, panel_title in ((left, quantity.words.en), (right, "change, now − then, ± U")):
-        ax.set_title(panel_title, fontsize=9)
-        ax.set_ylabel(f"[{unit or 1}]")
-        if quantity.inputs:
-            column = quantity.inputs[0]
-            ax.set_xlabel(f"{column.column} [{unit_mark(column.unit) or 1}]")
-        else:
-            ax.set_xticks([])
-    left.legend(fontsize=7)

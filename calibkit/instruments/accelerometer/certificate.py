@@ -15,7 +15,7 @@ from calibkit.certificate.blocks import (
     tabulate,
 )
 from calibkit.certificate.quantities import coefficient, state
-from calibkit.certificate.results import Block, CertificateFigure, Equation, GridTable, ListTable
+from calibkit.certificate.results import Block, Equation, GridTable, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Record
@@ -112,9 +112,16 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
     for kind, title in GRIDS.items():
         columns = [(Words(c.symbol or ""), c) for kinds in by_model for c in kinds.get(kind, ())]
         grid = tabulate(basis, title + OVER, columns) if columns else None
-        if grid is not None:
-            grids.append(grid)
-            figures += [] if kind[1] else [_plot_change(grid)]
+        if grid is None:
+            continue
+        grids.append(grid)
+        if not kind[1]:  # the change of every column from its first row
+            unit = "ppm" if grid.units[0] == "1" else "µg"
+            low = f"{grid.points[0]:g}".replace("-", "−")
+            change = Words(f": change from {low} °C", f"：相对 {low} °C 的变化")
+            origins = [column_results(grid, k)[0][1].value for k in range(len(grid.heads))]
+            words = Words(f"change [{unit}]", f"变化 [{unit}]")
+            figures.append(plot(grid, words, title=grid.title + change, origins=origins, scale=1e6))
     coefficients: Table
     if models[0].form == forms.K.name:  # K0 … K9 of the three axes side by side
         by_axis = []
@@ -160,17 +167,3 @@ def _q(basis: Stated, record: Record) -> Block:
     title = Words("Q-factor: non-orthogonality of the axes", "Q 系数：三轴非正交")
     table = ListTable(COEFFICIENTS, results)
     return make_block(record, title, (Q_EQUATION,), (table,), (), notes)
-
-
-def _plot_change(table: GridTable) -> CertificateFigure:
-    """Plot of the change of every column from its first row, with expanded uncertainties."""
-    unit = "ppm" if table.units[0] == "1" else "µg"
-    low = f"{table.points[0]:g}".replace("-", "−")
-    origins = [column_results(table, k)[0][1].value for k in range(len(table.heads))]
-    return plot(
-        table,
-        Words(f"change [{unit}]", f"变化 [{unit}]"),
-        title=table.title + Words(f": change from {low} °C", f"：相对 {low} °C 的变化"),
-        origins=origins,
-        scale=1e6,
-    )

@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Criterion, Model, Record, StageResult, at_most, over_u
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, FrameError
@@ -52,15 +52,15 @@ class Correction:
         """Form of all its models."""
         return forms.BY_NAME[self.models[0].form]
 
-    def readings(self, indication: Array, temperature: Array) -> Inputs:
+    def readings(self, indication: Array, temperature: Array) -> tuple[Inputs, Mask]:
         """Inputs of the models at indications [n, 3, g]; temperatures [n, °C] are clamped to the
-        range of the calibration.
+        range of the calibration. Also returns which [n] were.
         """
-        return within_ranges(self.models[0], forms.inputs(indication, temperature))[0]
+        return within_ranges(self.models[0], forms.inputs(indication, temperature))
 
     def __call__(self, indication: Array, temperature: Array) -> Array:
         """Corrected components [n, 3, g] of indications [n, 3, g] at temperatures [n, °C]."""
-        readings = self.readings(indication, temperature)
+        readings, _ = self.readings(indication, temperature)
         return np.column_stack([self.form.evaluate(model, readings) for model in self.models])
 
     def slopes(self, readings: Inputs) -> list[Array]:
@@ -78,7 +78,7 @@ class Correction:
         Raises FrameError where an error grows with time and the log tells none.
         """
         indication, time = unseen_dwells.indication, unseen_dwells.time
-        readings = self.readings(indication, unseen_dwells.temperature)
+        readings, _ = self.readings(indication, unseen_dwells.temperature)
         shared, independent = [], np.zeros_like(indication)
         for model, slopes in zip(self.models, self.slopes(readings), strict=True):
             shared.append(slopes @ gum.square_root(np.array(model.covariance)))
@@ -132,7 +132,7 @@ class Correction:
             # without angles, lengths do not depend on them
             return by_input + np.nan_to_num(shifted_dwells.reference - dwells.reference)
         result = term.result or term.quantity
-        by_model = self.slopes(self.readings(indication, temperature))
+        by_model = self.slopes(self.readings(indication, temperature)[0])
         for model, slopes in zip(self.models, by_model, strict=True):
             for j, c in enumerate(model.coefficients):
                 if result in {c.name, f"{model.name}.{c.name}"}:
@@ -140,11 +140,6 @@ class Correction:
                         (term,), (result,), c.value, c.unit
                     )
         return np.zeros_like(indication)
-
-    def outside(self, temperature: Array) -> float:
-        """Share of the temperatures [n, °C] that are outside the calibrated range and clamped."""
-        low, high = self.models[0].valid[forms.TEMPERATURE]
-        return float(np.mean((temperature < low) | (temperature > high)))
 
 
 def find_stage(compensation: str) -> str:

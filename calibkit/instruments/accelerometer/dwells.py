@@ -1,9 +1,9 @@
 """Logs of a triad → dwells: mean indication, temperature, reference attitude, noise."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 
 import numpy as np
 
@@ -104,10 +104,9 @@ def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     return findings
 
 
-def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
+def collect_dwells(logs: Iterable[Log], spec: AccelerometerRecipe) -> DwellSet:
     """Check every log and gather its dwells; raises FrameError or FitError naming the log."""
-    parts = []
-    flags = []
+    parts, flags = [], []
     for log in logs:
         log_findings = find_faults(log, spec)
         refuse(log_findings)
@@ -115,70 +114,76 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         parts.append(read_dwells(log, spec)[0])
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
     columns["log"] = np.repeat(np.arange(len(parts)), [len(part.place) for part in parts])
-    places = tuple(place for part in parts for place in part.place)
     return DwellSet(
-        **columns, place=places, flags=(*(flag for part in parts for flag in part.flags), *flags)
+        **columns,
+        place=tuple(chain.from_iterable(part.place for part in parts)),
+        flags=(*chain.from_iterable(part.flags for part in parts), *flags),
     )
-
-
-def read_indication(log: Log, spec: AccelerometerRecipe, *further: Array) -> Array:
-    """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention, and
-    columns beside them [n, c].
-    """
-    triad = np.column_stack([values(log.frame, component) for component in COMPONENTS])
-    upright = attitude.gravity_positive(triad, spec.reference.convention)
-    return np.column_stack([upright, *further])
 
 
 def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
     """A column of a log [n], or a constant where the log does not have it."""
-    return (
-        values(log.frame, column)
-        if column in log.frame.columns
-        else np.broadcast_to(otherwise, len(log.frame))
-    )
+    if column not in log.frame.columns:
+        return np.broadcast_to(otherwise, len(log.frame))
+    return log.frame[column].to_numpy(dtype=np.float64)
 
 
 def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers]:
     """Dwells of a log, and first and end row [n, 2] of each: a row each, or stretches at rest of a
     continuous log, cut at gaps, and divided into pieces where the recipe states piece_s.
     """
-    notes = tuple(f"{log.file}: {note}" for note in log.notes)
+    notes: tuple[str, ...] = tuple(f"{log.file}: {note}" for note in log.notes)
+    inclination, toolface, time = (optional_column(log, name) for name in (*ATTITUDE, "time_s"))
     temperature = optional_column(log, TEMPERATURE, UNSTATED_DEGC)
-    inclination, toolface = (optional_column(log, angle) for angle in ATTITUDE)
+    logged = log.frame[[*COMPONENTS]].to_numpy(dtype=np.float64)
+    indication = attitude.gravity_positive(logged, spec.reference.convention)
+    columns = np.column_stack([indication, temperature])
     if spec.dwells.mode == "rows":
-        count = len(log.frame)
-        rows = np.arange(count)
-        indication = log.frame[[*COMPONENTS]].to_numpy(dtype=np.float64)
-        dwells = DwellSet(
-            attitude.gravity_positive(indication, spec.reference.convention),
-            temperature,
-            inclination,
-            toolface,
-            np.full((count, 3), np.nan),
-            np.asarray(optional_column(log, "time_s")),
-            np.zeros(count, dtype=np.int64),
-            tuple(f"{log.file}:{log.line(row)}" for row in range(count)),
-            notes,
-        )
-        return dwells, np.column_stack([rows, rows + 1])
+        first_rows = np.arange(len(columns))
+        intervals = np.column_stack([first_rows, first_rows + 1])
+        means, standard_errors = columns, np.full_like(columns, np.nan)
+    else:
+        intervals = find_intervals(log, indication, spec)
+        means, standard_errors = stretches.average_dwells(columns, intervals)
+        notes += (Remark(f"{log.file}: {len(intervals)} dwells found"),)
+    # reference angles are read at the middle of the dwell
+    middle = intervals.mean(axis=1).astype(np.int64)
+    places = []
+    for first, end in intervals.tolist():
+        last = f"-{log.line(end - 1)}" if end - first > 1 else ""
+        places.append(f"{log.file}:{log.line(first)}{last}")
+    dwells = DwellSet(
+        means[:, :3],
+        means[:, 3],
+        inclination[middle],
+        toolface[middle],
+        standard_errors[:, :3],
+        time[middle],
+        np.zeros(len(intervals), dtype=np.int64),
+        tuple(places),
+        notes,
+    )
+    return dwells, intervals
+
+
+def find_intervals(log: Log, indication: Array, spec: AccelerometerRecipe) -> Integers:
+    """First and end row [n, 2] of the dwells of a continuous log: those that the recipe states, or
+    rest between the gaps of the log.
+    """
     time, step = values(log.frame, "time_s"), log.steps.usual
-    columns = read_indication(log, spec, temperature)
     intervals = stated_segments.stated_rows(log, spec, ["dwell"])
-    if intervals is None:  # rest between the gaps of the log
+    if intervals is None:
         window = max(4, round(spec.dwells.window_s / step))
         limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
         gap = max(spec.dwells.max_gap_s, 2.5 * step)
         gaps = np.flatnonzero(np.diff(time) > gap) + 1
+        at_rest = []
         try:
-            at_rest = [
-                a
-                + stretches.find_dwells(
-                    columns[a:b, :3], window, threshold=limit, shortest=shortest
-                )
-                for a, b in pairwise([0, *gaps.tolist(), time.size])
-                if b - a >= 4 * window
-            ]
+            for first, end in pairwise([0, *gaps.tolist(), time.size]):
+                if end - first >= 4 * window:
+                    part = indication[first:end]
+                    rests = stretches.find_dwells(part, window, threshold=limit, shortest=shortest)
+                    at_rest.append(first + rests)
         except FitError as error:
             raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
         if not at_rest:
@@ -189,18 +194,4 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
     if spec.dwells.piece_s is not None:
         piece = max(2, round(spec.dwells.piece_s / step))
         intervals = stretches.cut_dwells(intervals, piece)
-    means, standard_errors = stretches.average_dwells(columns, intervals)
-    # reference angles are read at the middle of the dwell
-    middle = intervals.mean(axis=1).astype(np.int64)
-    dwells = DwellSet(
-        means[:, :3],
-        means[:, 3],
-        inclination[middle],
-        toolface[middle],
-        standard_errors[:, :3],
-        time[middle],
-        np.zeros(len(intervals), dtype=np.int64),
-        tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
-        (*notes, Remark(f"{log.file}: {len(intervals)} dwells found")),
-    )
-    return dwells, intervals
+    return intervals

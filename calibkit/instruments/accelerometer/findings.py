@@ -15,7 +15,6 @@ from calibkit.instruments.accelerometer.shared_errors import (
     ZERO,
     number_attitudes,
     number_soaks,
-    tells_time,
 )
 from calibkit.instruments.accelerometer.triad import Triad
 from calibkit.numeric import lack_of_fit
@@ -47,7 +46,7 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
     steps = np.sign(np.diff(level))
     if steps.size >= 2 and abs(steps.sum()) == steps.size:
         cure = "return to the first temperature at the end"
-        if tells_time(dwells):
+        if dwells.log.max() == 0 and np.isfinite(dwells.time).all():
             remark = (
                 "temperature follows time: U of what follows temperature holds any drift of the"
                 f" zero that the dwells of a soak allow; {cure}, or state the drift of the session"
@@ -79,7 +78,7 @@ def flag_fit(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
     """Flags on suspect dwells and on shared errors: those of too few levels, an attitude that is
     set up wrong the same way every time, a soak whose zero has moved.
     """
-    zero_order = max(term.power for term in triad.terms.listed if term.kind == "z")
+    zero_order = max(triad.terms.power[triad.terms.kind == "z"])
     flags = [*triad.flags, *warn_of_few_levels(triad.fit.shared, {ZERO: 1 + zero_order})]
     for k in triad.suspects:
         largest_g = np.abs(triad.residuals[k]).max()
@@ -102,16 +101,16 @@ def flag_fit(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[str, ...]:
+def flag_lengths(triad: Triad, dwells: DwellSet) -> tuple[str, ...]:
     """Flags of a fit to the length of gravity: poorly determined parameters, poorly spread
     attitudes and unchecked dwells.
     """
-    t, terms, fit = float(triad.mapped(temperature)), triad.terms, triad.fit
+    t, terms, fit = float(triad.mapped(triad.reference_degc)), triad.terms, triad.fit
     width = fit.of(lambda p: terms.at_temperature(p, t)).expanded
     flags: list[str] = []
     if fit.dof < FEW_DOF:
         flags.append(
-            f"{len(triad.residuals)} dwells for {len(terms.listed)} parameters leave {fit.dof}"
+            f"{len(triad.residuals)} dwells for {len(terms.names)} parameters leave {fit.dof}"
             " degrees of freedom: the residuals cannot vouch for these numbers"
         )
     # scale factors, zeros and angles as lengths at the attitudes see them: the fit's own columns
@@ -124,12 +123,11 @@ def flag_lengths(triad: Triad, dwells: DwellSet, temperature: float) -> tuple[st
             f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
             " attitudes"
         )
-    for name, w in zip(published.Q_NAMES, width[6:], strict=True):
-        if w > POOR_Q:
+    names = [*(f"{kind}_{axis}" for kind in "kz" for axis in AXES), *published.Q_NAMES]
+    for name, w in zip(names, width, strict=True):
+        if name in published.Q_NAMES and w > POOR_Q:
             flags.append(f"{name} is known to ±{np.degrees(w):.2g}° only (95 %)")
-    names = [f"{kind}_{axis}" for kind in "kz" for axis in AXES]
-    for name, w in zip(names, width[:6], strict=True):
-        if w > POOR_SHARE:
+        elif name not in published.Q_NAMES and w > POOR_SHARE:
             reference = "itself" if name[0] == "k" else "gravity"
             flags.append(f"{name} is known to ±{100.0 * w:.2g} % of {reference} only (95 %)")
     # change of a fitted residual by its own reference: near 1, no other dwell checks it
@@ -164,7 +162,7 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
         component_level = per_dwell * level[:, None] + np.arange(per_dwell)
         labels[name] = np.where(fit.used, component_level.ravel(), -1)
     variance = np.sum((fit.jacobian @ fit.covariance) * fit.jacobian, axis=1)
-    k = float(stdtrit(float(np.median(fit.dof_along(np.eye(len(terms.listed))))), 0.975))
+    k = float(stdtrit(float(np.median(fit.dof_along(np.eye(len(terms.names))))), 0.975))
     expanded = k * float(np.sqrt(np.mean(variance)))
     failed = []
     for misfit in lack_of_fit.find(-fit.noise_residual, labels):

@@ -9,7 +9,7 @@ from calibkit.firmware.chain import Chain, ChainTerm
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.accelerometer import corrections, forms
-from calibkit.instruments.accelerometer.equation import AXES
+from calibkit.instruments.accelerometer.equation import AXES, read_terms
 from calibkit.instruments.accelerometer.published import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
@@ -89,10 +89,10 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
     V - b(u), then the product with M(u). For specific force, Z, b and the second-order terms change
     sign.
     """
-    terms = forms.read_terms(model).listed
+    terms = read_terms(tuple(c.name for c in model.coefficients))
     powers: dict[str, list[Fraction]] = {}
-    for term, c in zip(terms, model.coefficients, strict=True):
-        powers.setdefault(term.symbol, []).append(Fraction(c.value))
+    for symbol, c in zip(terms.symbol.tolist(), model.coefficients, strict=True):
+        powers.setdefault(symbol, []).append(Fraction(c.value))
 
     def polynomial(symbol: str, signed: int = 1) -> tuple[Fraction, ...]:
         return exact.scale(exact.mapped(powers[symbol], *mapping), Fraction(signed))
@@ -107,23 +107,21 @@ def _triad(draft: Draft, model: Model, mapping: tuple[Fraction, Fraction], sign:
         zero, scale = polynomial(f"z_{axis}", sign), polynomial(f"k_{axis}")
         minus_zero = draft.polynomial(f"zero_{axis}", zero, "u", sign=-1)
         draft.sum(f"a_{axis}", minus_zero, draft.polynomial(f"scale_{axis}", scale, "u", component))
-    for row, axis in enumerate(AXES):
+    for axis in AXES:
         added: list[list[ChainTerm]] = []
-        of_row = [t for t in terms if t.axis == row and t.power == 0 and t.kind in "cmn"]
+        of_axis = [symbol for symbol in powers if symbol[0] in "cmn" and symbol[2] == axis]
         # the largest terms last
-        for term in sorted(of_row, key=lambda t: (-len(t.factors), t.factors == (row,))):
-            axes = [AXES[k] for k in term.factors]
-            if term.kind == "m":
-                table = polynomial(term.symbol)
-                added.append(draft.polynomial(term.symbol, table, "u", *axes, order=HIGHEST_ORDER))
-                continue
+        for symbol in sorted(of_axis, key=lambda name: (-len(name), name == f"m_{axis}{axis}")):
+            kind, axes = symbol[0], symbol[3:].removeprefix("_")
             factors = [f"accel_{a}_g" if by_matrix else f"a_{a}" for a in axes]
-            if term.kind == "c":
-                table = polynomial(term.symbol)
-                added.append(draft.polynomial(term.symbol, table, "u", *factors, sign=-1))
+            if kind == "m":
+                table = polynomial(symbol)
+                added.append(draft.polynomial(symbol, table, "u", *axes, order=HIGHEST_ORDER))
+            elif kind == "c":
+                added.append(draft.polynomial(symbol, polynomial(symbol), "u", *factors, sign=-1))
             else:
-                signed = powers[term.symbol][0] * (sign if len(axes) == 2 else 1)
-                added.append(draft.polynomial(term.symbol, (signed,), "", *factors))
+                signed = powers[symbol][0] * (sign if len(axes) == 2 else 1)
+                added.append(draft.polynomial(symbol, (signed,), "", *factors))
         last = [] if by_matrix else [factor(f"a_{axis}")]
         draft.sum(f"k_{axis}", *added, *last)
 

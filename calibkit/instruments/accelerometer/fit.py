@@ -17,7 +17,6 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Condition, Figure, Parameter, StageResult
 from calibkit.errors import FitError
 from calibkit.fit.solve import sensitivities
-from calibkit.forms import components_of
 from calibkit.instruments.accelerometer import findings, forms, profile_intervals, published
 from calibkit.instruments.accelerometer.corrections import FIELDS
 from calibkit.instruments.accelerometer.determination import choose_terms
@@ -27,7 +26,6 @@ from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.instruments.accelerometer.triad import Triad, residual, solve_triad
 from calibkit.numeric import attitude
-from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
@@ -56,10 +54,8 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Triad, tuple
     terms, flags = choose_terms(dwells, spec)
 
     # 2. The triad, by least squares and without outliers, with the errors that dwells share.
-    if lengths:
-        uncorrected: Array = np.linalg.norm(dwells.indication, axis=1) - 1.0
-    else:
-        uncorrected = dwells.indication - dwells.reference
+    no_change = np.zeros(len(dwells.place))
+    uncorrected = residual(terms.start(), dwells, terms, no_change, lengths=lengths)
     robust, failure = None, ""
     if spec.loss == "robust" and not by_lmfit:
         try:
@@ -72,50 +68,44 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Triad, tuple
     triad, doubts = choose_fit(robust, plain, failure, uncorrected)
     flags += (*doubts, *findings.flag_fit(triad, dwells))
     if lengths:
-        flags += findings.flag_lengths(triad, dwells, choose_temperature(dwells, spec))
+        flags += findings.flag_lengths(triad, dwells)
 
     # 3. By lmfit, intervals of the nine parameters that a length determines.
     ends: tuple[Figure, ...] = ()
     if by_lmfit:
-        intervals = profile_intervals.find_intervals(triad, dwells)
-        ends, doubts = profile_intervals.list_figures(intervals)
+        ends, doubts = profile_intervals.find_intervals(triad, dwells)
         flags += doubts
 
-    # 4. Largest standard uncertainties of inclination, and of toolface times sin(inclination)
-    # within the recipe's range, over the dwells that were used.
-    used = dwells.without(triad.suspects)
-    t, indication = triad.mapped(used.temperature), used.indication
-    vector = terms.corrected(triad.fit.parameters, indication, t)
+    triad = replace(triad, flags=flags)
+    of_angles = state_angles(triad, dwells, spec)
+    return triad, list_results(triad, dwells, spec, intervals=ends, of_angles=of_angles)
+
+
+def state_angles(triad: Triad, dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[Figure, ...]:
+    """Largest standard uncertainties [°] of the inclination, and of the toolface times
+    sin(inclination) within the recipe's range, of the dwells that were fitted.
+
+    u² = u²(p) along s + σ² |s|², s the direction in which gravity moves with the angle.
+    """
+    used = np.setdiff1d(np.arange(len(dwells.place)), triad.suspects)
+    t, indication = triad.mapped(dwells.temperature[used]), dwells.indication[used]
+    vector = triad.terms.corrected(triad.fit.parameters, indication, t)
     tilt, roll = attitude.inclination(vector), attitude.toolface(vector)
     # by the vector: of the toolface times sin(inclination), which has one at the poles too
     slopes = np.array(angle_slopes(np.radians(tilt), np.radians(roll)))
     slopes /= np.linalg.norm(vector, axis=1)[:, None]
     by_coefficients = triad.fit.of(
-        lambda p: np.sum(slopes * terms.corrected(p, indication, t), axis=2)
+        lambda p: np.sum(slopes * triad.terms.corrected(p, indication, t), axis=2)
     ).u
     by_residual = triad.residual_rms * np.linalg.norm(slopes, axis=2)
     u_inclination, u_toolface_sin = np.degrees(np.hypot(by_coefficients, by_residual))
     low, high = spec.toolface_range_deg
-    by_angle = {
-        "inclination": u_inclination,
-        "toolface_sin": u_toolface_sin[(tilt >= low) & (tilt <= high)],
-    }
-    of_angles = tuple(
+    u_toolface_sin = u_toolface_sin[(tilt >= low) & (tilt <= high)]
+    return tuple(
         Figure(f"{name}_standard_uncertainty_max", float(u.max()), "deg", 0.0)
-        for name, u in by_angle.items()
+        for name, u in (("inclination", u_inclination), ("toolface_sin", u_toolface_sin))
         if u.size
     )
-    triad = replace(triad, flags=flags)
-    return triad, list_results(triad, dwells, spec, intervals=ends, of_angles=of_angles)
-
-
-def choose_temperature(dwells: DwellSet, spec: AccelerometerRecipe) -> float:
-    """Temperature of Q [°C]: the recipe's, or that of the dwells which is nearest to it; the mean
-    of the dwells where the triad knows no temperature.
-    """
-    if spec.affine.enabled:
-        return float(np.clip(spec.reference_temp_degc, *dwells.valid[forms.TEMPERATURE]))
-    return float(dwells.temperature.mean())
 
 
 def choose_fit(
@@ -130,16 +120,21 @@ def choose_fit(
     differ by more than U, both values are flagged. Raises FitError where no fit is better than
     none.
     """
-    left_by_plain, raw = _median_length(plain.residuals), _median_length(uncorrected)
-    if robust is not None and robust is not plain:
-        left = _median_length(robust.residuals)
-        if left > WORSE * min(left_by_plain, raw) + ROUNDING_G:
-            failure = (
-                f"the robust fit leaves a median residual of {left:.2e} g, least squares"
-                f" {left_by_plain:.2e} g, no correction {raw:.2e} g: look for an error that"
-                " dwells share"
-            )
-    if robust is None or robust is plain or failure:
+    # median absolute residuals [g] of dwells, over their components together: alone, most may be
+    # zero at the attitudes that were held
+    medians = []
+    for residuals in (uncorrected, plain.residuals, (robust or plain).residuals):
+        of_dwells = np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)
+        medians.append(float(np.median(of_dwells)))
+    raw, left_by_plain, left = medians
+    robust = None if robust is plain else robust
+    if robust is not None and left > WORSE * min(left_by_plain, raw) + ROUNDING_G:
+        failure = (
+            f"the robust fit leaves a median residual of {left:.2e} g, least squares"
+            f" {left_by_plain:.2e} g, no correction {raw:.2e} g: look for an error that dwells"
+            " share"
+        )
+    if robust is None or failure:
         if left_by_plain > WORSE_THAN_NONE * raw + ROUNDING_G:
             raise FitError(
                 f"triad: the median residual is {left_by_plain:.2e} g after correction by least"
@@ -163,13 +158,6 @@ def choose_fit(
         f" squares{further}; look at the suspects before you rely on it"
     )
     return robust, (flag,)
-
-
-def _median_length(residuals: Array) -> float:
-    """Median absolute residual [g] of dwells, over their components together: alone, most may be
-    zero at the attitudes that were held.
-    """
-    return float(np.median(np.linalg.norm(residuals.reshape(len(residuals), -1), axis=1)))
 
 
 def list_results(
@@ -196,25 +184,23 @@ def list_results(
         used = fit.used.reshape(-1, 3)
         weight = used / dwells.relative_noise(lengths=False).reshape(-1, 3)
         by_triad, models = terms.corrected(p, dwells.indication, t), []
-        to_raw = published.to_degrees(triad.middle, triad.half)
+        # in extended precision, because K3 and K7 lose digits in double
+        to_raw = np.eye(10, dtype=np.longdouble)
+        to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(triad.middle, triad.half, 3)
         for axis, (name, orders) in enumerate(zip(forms.K_MODELS, spec.k.axes, strict=True)):
             design, numbers = published.columns(dwells.indication, t, axis), [*orders.fitted]
             P, root = np.zeros((10, 3 * len(t))), weight[:, axis]
             P[numbers, axis::3] = np.linalg.pinv(design[:, numbers] * root[:, None]) * root
             fit_of_k = fit.linear(P, dwells.reference.ravel()).bounded_by(triad.bounds)
-            # in extended precision, because K3 and K7 lose digits in double
-            raw, covariance = polynomial.in_raw_powers(
-                fit_of_k.parameters, fit_of_k.total_covariance, to_raw
-            )
             by_k, rows = design @ fit_of_k.parameters, used[:, axis]
             left = (dwells.reference[:, axis] - by_k)[rows]
-            lack_of_fit = rms((by_k - by_triad[:, axis])[rows])
+            # what K corrects otherwise than the triad
+            lack_of_fit = float(np.sqrt(np.mean((by_k - by_triad[:, axis])[rows] ** 2)))
             scaled = zip(published.K_NAMES, fit_of_k.parameters.tolist(), strict=True)
-            model = forms.K.write(
+            model = forms.K.write_fit(
                 name,
-                list(zip(published.K_NAMES, raw.tolist(), published.K_UNITS, strict=True)),
-                covariance,
-                dof=fit.dof,
+                fit_of_k,
+                [*zip(published.K_NAMES, published.K_UNITS, strict=True)],
                 residual_rms=float(np.sqrt(left @ left / max(len(left) - len(numbers), 1))),
                 parameters=(
                     Parameter("middle", triad.middle, "degC"),
@@ -222,8 +208,7 @@ def list_results(
                     *(Parameter(f"scaled_{name}", value, "1") for name, value in scaled),
                     Parameter("lack_of_fit", lack_of_fit, "g"),
                 ),
-                effective_dof=fit_of_k.dof_along(to_raw.astype(np.float64)),
-                components=components_of(fit.shared),
+                to_raw=to_raw,
                 **residual_and_range,
             )
             models.append(model)
@@ -234,21 +219,16 @@ def list_results(
         return tuple(results)
 
     # 2. Q of the axes at one temperature, and its exact matrix.
-    q_degc = choose_temperature(dwells, spec)
-    q_t = float(triad.mapped(q_degc))
-    scale = terms.at_temperature(p, q_t)[:3]
-    published.axes_from_sensitivity(terms.axes(p, q_t) / scale[:, None])
+    q_t = float(triad.mapped(triad.reference_degc))
     q = forms.Q.write_fit(
         "triad",
-        fit.restated(lambda p: terms.small_angles(p, q_t)),
+        fit.restated(lambda p: terms.at_temperature(p, q_t)[6:]),
         [(name, "rad") for name in published.Q_NAMES],
         residual_rms=triad.residual_rms,
-        parameters=(Parameter("temperature", q_degc, "degC"),),
+        parameters=(Parameter("temperature", triad.reference_degc, "degC"),),
         **residual_and_range,
     )
-    exact = fit.of(
-        lambda p: published.exact_matrix(published.axes_from_angles(terms.small_angles(p, q_t)))
-    )
+    exact = fit.of(lambda p: published.exact_matrix(terms.at_temperature(p, q_t)[6:]))
     q_exact = [
         Figure(f"Q_exact_{row}{column}", float(exact.value[i, j]), "1", float(exact.u[i, j]))
         for i, row in enumerate(AXES)
@@ -257,20 +237,15 @@ def list_results(
     results.append(StageResult("accel_q", (q,), (*q_exact, *intervals), flags, site))
 
     # 3. The triad over temperature.
-    values, covariance = polynomial.in_raw_powers(p, fit.total_covariance, triad.to_degrees)
     axes = ("length",) if lengths else AXES
-    affine = forms.TRIAD.write(
+    noises = zip(axes, triad.noise.tolist(), strict=True)
+    affine = forms.TRIAD.write_fit(
         "triad",
-        [(t.name, v, t.unit) for t, v in zip(terms.listed, values.tolist(), strict=True)],
-        covariance,
-        dof=fit.dof,
+        fit,
+        [*zip(terms.names, terms.units, strict=True)],
         residual_rms=triad.residual_rms,
-        parameters=tuple(
-            Parameter(f"noise_{axis}", size, "g")
-            for axis, size in zip(axes, triad.noise.tolist(), strict=True)
-        ),
-        effective_dof=fit.dof_along(triad.to_degrees.astype(np.float64)),
-        components=components_of(fit.shared),
+        parameters=tuple(Parameter(f"noise_{axis}", size, "g") for axis, size in noises),
+        to_raw=triad.to_degrees,
         **residual_and_range,
     )
     results.append(StageResult("accel_affine", (affine,), of_angles, flags, site))
@@ -292,15 +267,12 @@ def find_sensitivities(
     if gravity is not None and "m/s^2" in units:
         errors.append(InputError("gravity_mps2", "offset", GRAVITY_STEP * gravity))
     shifted = []
-    shifted_fields: dict[str, Any]
     for error in errors:
-        if error.input == "gravity_mps2":
-            # what is logged in m/s² is a smaller multiple of a larger gravity
-            shifted_fields = {"indication": dwells.indication / (1.0 + GRAVITY_STEP)}
-        else:
-            field = FIELDS[error.input]
-            shifted_fields = {field: error.shift(getattr(dwells, field))}
-        shifted.append(replace(dwells, **shifted_fields))
+        field = FIELDS.get(error.input, "indication")
+        values = getattr(dwells, field)
+        # what is logged in m/s² is a smaller multiple of a larger gravity
+        moved = values / (1.0 + GRAVITY_STEP) if field == "indication" else error.shift(values)
+        shifted.append(replace(dwells, **{field: moved}))
     equation, *shifted_equations = (
         partial(
             residual,

@@ -7,7 +7,7 @@ from calibkit.coefficients import Model
 from calibkit.fit.complex_step import Numbers
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer import published
-from calibkit.instruments.accelerometer.equation import Terms
+from calibkit.instruments.accelerometer.equation import read_terms
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"
@@ -33,14 +33,10 @@ def _indication(inputs: Inputs) -> Array:
     return np.column_stack([inputs[component] for component in COMPONENTS])
 
 
-def read_terms(model: Model) -> Terms:
-    """Terms of the equation that a model has."""
-    return Terms.named([c.name for c in model.coefficients])
-
-
 def _corrected(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """Corrected components [n, 3, g] by `equation`."""
-    return read_terms(model).corrected(p, _indication(inputs), inputs[TEMPERATURE])
+    terms = read_terms(tuple(c.name for c in model.coefficients))
+    return terms.corrected(p, _indication(inputs), inputs[TEMPERATURE])
 
 
 K = Form(
@@ -59,9 +55,7 @@ what it corrects otherwise than the triad.
 """
 Q = Form.of_equation(
     "accel-q/1",
-    lambda _, angles, at: (
-        _indication(at) @ published.exact_matrix(published.axes_from_angles(angles)).T
-    ),
+    lambda _, angles, at: _indication(at) @ published.exact_matrix(angles).T,
     meaning=("temperature",),
 )
 """Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""

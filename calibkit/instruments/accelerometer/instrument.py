@@ -34,11 +34,13 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Progress
+    from calibkit.instruments.accelerometer.dwells import DwellSet
+    from calibkit.instruments.accelerometer.triad import Triad
     from calibkit.report.table import Table
 
 CORRECTIONS = {"accel_k": "K-factor", "accel_affine": "affine"}
@@ -72,8 +74,31 @@ def fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the triad to the dwells of all logs together."""
-    # What 0.2 offered and this fit has no more, and terms without an effect, are refused here and
-    # not in the recipe, because a run of 0.2 with such a recipe is read.
+    refuse_recipe(spec)
+    in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+    logs = list(copies.refuse_copies(in_turn))
+    dwells = plausibility.read_plausible(logs, spec)
+    triad, results = fit_triad(dwells, spec)
+    influences = find_sensitivities(triad, results, dwells, spec)
+    # what follows is shown, and changes no number
+    report, summary = summarise(triad, results, dwells, spec)
+    suspects = len(triad.suspects)
+    left_out = LeftOut("positions", suspects, len(dwells.place), "outlier")
+    return Fitted(
+        results,
+        tuple(Input.of(log) for log in logs),
+        summary,
+        report,
+        lacks=spec.k.not_fitted if results[0].stage == "accel_k" else (),
+        sensitivities=influences,
+        left_out=(left_out,) if suspects else (),
+    )
+
+
+def refuse_recipe(spec: AccelerometerRecipe) -> None:
+    """Raise RecipeError for terms without an effect, and FitError for what 0.2 offered and this fit
+    has no more: here and not in the recipe, because a run of 0.2 with such a recipe is read.
+    """
     for term in ("second_order", "third_order", "tilt", "fixture"):
         if getattr(spec.affine, term) and not spec.affine.enabled:
             raise RecipeError(
@@ -97,16 +122,14 @@ def fit(
     for is_asked, message, hint in no_more:
         if is_asked:
             raise FitError(message, hint=hint)
-    in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
-    logs = list(copies.refuse_copies(in_turn))
-    dwells = triad_dwells.collect_dwells(logs, spec)
-    implausible_rows, implausible = plausibility.find_implausible(dwells, spec)
-    refuse(implausible)
-    if implausible:
-        dwells = dwells.without(implausible_rows, map(str, implausible))
-    triad, results = fit_triad(dwells, spec)
-    influences = find_sensitivities(triad, results, dwells, spec)
-    # what follows is shown, and changes no number
+
+
+def summarise(
+    triad: Triad, results: Sequence[StageResult], dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[TriadReport, Summary]:
+    """Errors of the dwells that were fitted before and after correction, as drawn and as printed,
+    and whether they are accepted.
+    """
     suspects = triad.suspects
     counted = dwells.without(suspects) if suspects else dwells
     raw = DwellErrors.compare(counted, spec)
@@ -144,16 +167,8 @@ def fit(
     if corrected.noise_g > 0.0:
         key_values.append(KeyValue("noise of the dwells", 1e6 * corrected.noise_g, "µg"))
     overview = Overview(sentence, (), tuple(key_values), compared)
-    left_out = LeftOut("positions", len(suspects), len(dwells.place), "outlier")
-    return Fitted(
-        results,
-        tuple(Input.of(log) for log in logs),
-        Summary(spec.title, tuple(tables), tuple(flags), criteria, overview=overview),
-        TriadReport(counted, raw, corrected, spec),
-        lacks=spec.k.not_fitted if results[0].stage == "accel_k" else (),
-        sensitivities=influences,
-        left_out=(left_out,) if suspects else (),
-    )
+    summary = Summary(spec.title, tuple(tables), tuple(flags), criteria, overview=overview)
+    return TriadReport(counted, raw, corrected, spec), summary
 
 
 def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
@@ -163,8 +178,8 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
     lengths = spec.model_copy(
         update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})}
     )
-    by_rows = {"dwells": spec.dwells.model_copy(update={"mode": "rows"})}
-    log = read(lengths.model_copy(update=by_rows), data.parent, data.name)
+    columns_beside = (forms.TEMPERATURE, *triad_dwells.ATTITUDE, "time_s")
+    log = ingest.read_log(spec.on_site(), data, data.name, forms.COMPONENTS, columns_beside)
     refuse(triad_dwells.find_faults(log, lengths))
     correction = corrections.find_correction(spec.compensation, records.values())
     low, high = correction.models[0].valid[forms.TEMPERATURE]
@@ -174,13 +189,14 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
         temperature: Array = np.broadcast_to(low, len(log.frame))
     else:
         temperature = triad_dwells.optional_column(log, forms.TEMPERATURE)
-    outside = correction.outside(temperature)
+    logged = log.frame[[*forms.COMPONENTS]].to_numpy(dtype=np.float64)
+    indication = attitude.gravity_positive(logged, spec.reference.convention)
+    vector = correction(indication, temperature)
+    outside = correction.readings(indication, temperature)[1].mean()
     clamped = (
         f"{log.file}: temperature clamped to {low:.1f} … {high:.1f} °C over"
         f" {100.0 * outside:.1f} % of the rows"
     )
-    indication = triad_dwells.read_indication(log, spec)
-    vector = correction(indication, temperature)
     own_sign = attitude.gravity_positive(vector, spec.reference.convention)
     columns = dict(zip(forms.COMPONENTS, own_sign.T, strict=True))
     found_angles = attitude.inclination(vector), attitude.toolface(vector)
@@ -218,7 +234,7 @@ def validate(
             *after.judge_errors(spec),
         ]
         flags += (*dwells.flags, *map(str, plausibility.find_implausible(dwells, spec)[1]))
-        outside = correction.outside(dwells.temperature)
+        outside = correction.readings(dwells.indication, dwells.temperature)[1].mean()
         if outside > 0.0:
             flags.append(
                 f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells"

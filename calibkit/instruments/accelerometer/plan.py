@@ -6,7 +6,7 @@ What dwells will tell is predicted by the equation, the shared errors and the no
 number are sought by exchange, at the temperatures of the shortest campaign; then all are compared.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from itertools import product
@@ -24,7 +24,6 @@ from calibkit.frame import Log
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     forms,
-    published,
     shared_errors,
     simulate as simulated,
     simulate_magnitude,
@@ -45,6 +44,7 @@ from calibkit.planning.bench import (
     Tour,
     Units,
     count,
+    draw_errors,
 )
 from calibkit.planning.equipment import Device
 from calibkit.planning.exchange import Pool, pool, spread_apart
@@ -103,11 +103,10 @@ class TriadBench(Bench):
                 hint='use compensation = "affine" (K is fitted to the same dwells), and neither'
                 " affine.tilt nor affine.fixture",
             )
-        self.terms = asked_terms(spec)
-        # of lengths no K is fitted
-        axes = spec.k.axes if spec.k.enabled and not self.lengths else ()
-        orders = [max(axis.scale_order, axis.zero_order) for axis in axes]
-        self.order = max([self.terms.order, *orders])
+        self.terms, of_k = asked_terms(spec)
+        self.order = max(self.terms.power)
+        if spec.k.enabled and not self.lengths:  # of lengths no K is fitted
+            self.order = max(self.order, *of_k.power)
         # Attitudes [c, 2] [°] of the fixture in each mounting. A dividing head turns the tool about
         # one horizontal axis: along the tool, then across it in two planes that hold it.
         fixture = task.equipment.fixture(task.attitudes or ("hand" if self.lengths else "two-axis"))
@@ -159,7 +158,7 @@ class TriadBench(Bench):
     def fit(self, rows: DwellSet) -> Fit:
         """What a fit will tell of the parameters."""
         residual, shared, noise = self.equation(rows)
-        return predict(residual, self.terms.nominal, shared, noise=noise, names=self.terms.names)
+        return predict(residual, self.terms.start(), shared, noise=noise, names=self.terms.names)
 
     @cached_property
     def slopes(self) -> dict[str, Array]:
@@ -167,10 +166,11 @@ class TriadBench(Bench):
         spots = np.tile(np.array(self.everywhere, dtype=np.float64), (USED_LEVELS, 1))
         levels = np.repeat(np.linspace(*self.range_degc, USED_LEVELS), len(self.everywhere))
         gravity, t = attitude.gravity_vector(*spots.T), self.mapped(levels)
-        vector = self.terms.slopes(self.terms.nominal, gravity, t)
+        start = self.terms.start()
+        vector = derivative(lambda p: self.terms.corrected(p, gravity, t), start)
         component = vector.reshape(-1, vector.shape[2])
         if self.lengths:
-            by_angles = derivative(lambda p: self.terms.small_angles(p, 0.0), self.terms.nominal)
+            by_angles = derivative(lambda p: self.terms.at_temperature(p, 0.0)[6:], start)
             return dict(zip(self.results, (component, np.degrees(by_angles)), strict=True))
         angles = [
             np.degrees(np.einsum("ni,nip->np", angle_slope, vector))
@@ -180,10 +180,10 @@ class TriadBench(Bench):
 
     def coefficients(self, rows: DwellSet) -> Iterator[PredictedCoefficient]:
         """In powers of °C."""
-        to_raw: Array = np.asarray(self.terms.in_degrees(*self.middle_half), dtype=np.float64)
+        to_raw: Array = np.asarray(self.terms.to_degrees(*self.middle_half), dtype=np.float64)
         u = self.fit(rows).of(lambda p: to_raw @ p).u.tolist()
-        for term, size in zip(self.terms.listed, u, strict=True):
-            yield PredictedCoefficient("triad", term.name, term.unit, size)
+        for name, unit, size in zip(self.terms.names, self.terms.units, u, strict=True):
+            yield PredictedCoefficient("triad", name, unit, size)
 
     def choices(self) -> Iterator[list[int]]:
         """Best attitudes of each number, on one, two … mountings: for the shortest dwells at the
@@ -260,7 +260,7 @@ class TriadBench(Bench):
                 (of_attitude if is_index else common).append(error)
         place = np.tile(np.arange(number), len(degc))
         return pool(
-            derivative(lambda p: residual(p).ravel(), self.terms.nominal),
+            derivative(lambda p: residual(p).ravel(), self.terms.start()),
             common,
             of_attitude,
             noise,
@@ -352,12 +352,11 @@ def simulate_plan(
     if spec.reference.kind == "magnitude":
         return _simulate_lengths(spec, schedule, device, sign, rng)
     sensors = simulated.draw_triad(rng)
-    sizes = {name: device.size(*name) for name in shared_errors.UNITS}
-    sizes[shared_errors.SECOND_ORDER] = 0.0  # these sensors have errors of their own
     actions = schedule.recorded("dwell")
     dwells = planned_dwells(actions, device.noise_of(actions[0].duration_s))
     indicate = partial(simulated.indications, sensors)
-    indication, degc, drawn = simulate_dwells(rng, indicate, dwells, sizes)
+    not_of_the_plan = [shared_errors.SECOND_ORDER]  # these sensors have errors of their own
+    indication, degc, drawn = simulate_dwells(rng, indicate, dwells, spec, device, not_of_the_plan)
     columns = {
         "time_s": dwells.time,
         "temp_case_degc": degc,
@@ -382,31 +381,25 @@ def simulate_dwells(
     rng: np.random.Generator,
     indicate: Callable[[Array, Array], Array],
     dwells: DwellSet,
-    sizes: Mapping[tuple[str, str], float],
+    spec: AccelerometerRecipe,
+    device: Device,
+    left_out: Collection[tuple[str, str]] = (),
 ) -> tuple[Array, Array, dict[str, Any]]:
     """Indications [n, 3] [g] and case temperatures [n] [°C] of dwells of a triad that indicates
-    gravity [n, 3] [g] at temperatures [n] [°C], and the shared errors that were drawn, of sizes by
-    (group, effect).
-
-    Errors of the table and the fixture turn gravity before the sensors see it; those of the
-    sensors are added to what they indicate.
+    gravity [n, 3] [g] at temperatures [n] [°C], with the noise of the dwells and the errors that
+    the device is assumed to have, which were drawn, but for those left out.
     """
     shape = dwells.indication.shape
     axes = np.broadcast_to(np.eye(3), (*shape, 3))
-    of_gravity, of_sensors, drawn = np.zeros(shape), np.zeros(shape), {}
-    # a zero drifts, whether a fit of a single soak can tell or not
-    for error in shared_errors.list_errors(dwells, dwells.indication, axes, timed=True):
-        size = rng.normal(0.0, 1.0, (error.levels, error.width))
-        size *= sizes.get((error.group, error.effect), 0.0)
-        errors = of_gravity if error.unit == "rad" else of_sensors
-        errors += error.along(size).reshape(shape)
-        drawn[f"{error.effect} of the {error.group}"] = size.tolist()
-    gravity = dwells.indication + of_gravity
-    gravity /= np.linalg.norm(gravity, axis=1)[:, None]
+    assumed = spec.model_copy(update={"errors": device.errors})
+    shared = shared_errors.state_errors(dwells, dwells.indication, axes, assumed)
+    shared = [error for error in shared if (error.group, error.effect) not in left_out]
+    errors, drawn = draw_errors(shared, rng)
     soak = shared_errors.number_soaks(dwells.temperature, dwells.log)
     # the chamber settles 0.1 °C off its set point; a reading is averaged over the dwell
     case = dwells.temperature + rng.normal(0.0, 0.1, soak.size)[soak]
-    indication = indicate(gravity, case) + of_sensors + rng.normal(0.0, dwells.noise)
+    felt = dwells.indication + errors.reshape(shape)
+    indication = indicate(felt, case) + rng.normal(0.0, dwells.noise)
     return indication, case + rng.normal(0.0, 0.002, case.size), drawn
 
 
@@ -418,10 +411,13 @@ def _simulate_lengths(
     rng: np.random.Generator,
 ) -> Campaign:
     """Logs of a triad that is turned by hand into the positions of a schedule, and its truth."""
-    k, b, q = (rng.normal(0.0, typical, 3) for typical in simulate_magnitude.SIZES)
-    axes = published.axes_from_angles(q)
+    scale, zero, cross = (rng.normal(0.0, typical, 3) for typical in simulate_magnitude.SIZES)
+    scale += 1.0
+    # a = (I - C)⁻¹ g acts along the axes, and G = (a + z)/k is indicated
+    C = np.zeros((3, 3))
+    C[(1, 2, 2), (0, 0, 1)] = cross
     second = rng.normal(0.0, device.size(*shared_errors.SECOND_ORDER), 3)
-    zero = rng.normal(0.0, device.size(*shared_errors.ZERO), 3)
+    zero_of_soak = rng.normal(0.0, device.size(*shared_errors.ZERO), 3)
     noise = device.noise_of(simulate_magnitude.INTERVAL_S)
     logs: dict[str, dict[str, Array]] = {}
     for name, actions in schedule.by_log().items():
@@ -429,15 +425,13 @@ def _simulate_lengths(
         # a hand reaches a direction within two degrees
         gravity = planned + rng.normal(0.0, 0.04, planned.shape)
         gravity /= np.linalg.norm(gravity, axis=1)[:, None]
-        axis_components = simulate_magnitude.path(rng, gravity, actions[0].duration_s) @ axes.T
-        indication = (1.0 + k) * (axis_components + second * axis_components**2) + b + zero
+        path = simulate_magnitude.path(rng, gravity, actions[0].duration_s)
+        a = path @ np.linalg.inv(np.eye(3) - C).T
+        indication = (a + second * a**2 + zero_of_soak + zero) / scale
         indication += rng.normal(0.0, noise, indication.shape)
         time_s = simulate_magnitude.INTERVAL_S * np.arange(float(len(indication)))
         by_axis = zip(forms.COMPONENTS, sign * indication.T, strict=True)
         logs[name] = {"time_s": time_s, **dict(by_axis)}
-    # with M the inverse of the axes: k_i0 = M_ii/(1 + k_i), z_i0 = b_i k_i0, c_ij = -M_ij/M_jj
-    M = np.linalg.inv(axes)
-    scale, cross = np.diag(M) / (1.0 + k), -M / np.diag(M)
-    truth = np.array([*scale, *(b * scale), cross[1, 0], cross[2, 0], cross[2, 1]])
-    coefficients = dict(zip(asked_terms(spec).names, truth.tolist(), strict=True))
+    truth = np.concatenate([scale, zero, cross]).tolist()
+    coefficients = dict(zip(asked_terms(spec)[0].names, truth, strict=True))
     return Campaign(logs, simulate_magnitude.DECIMALS, {"coefficients": {"triad": coefficients}})

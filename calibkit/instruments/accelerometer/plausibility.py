@@ -5,6 +5,7 @@ A sensor that was never calibrated passes: indications are compared with what it
 biases and axes, fitted robustly to all dwells, make of the reference.
 """
 
+from collections.abc import Iterable
 from itertools import permutations, product
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
 from calibkit.fit import robust
-from calibkit.frame import Examined, Finding, Held, Log
+from calibkit.frame import Examined, Finding, Held, Log, refuse
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer import dwells as triad_dwells
 from calibkit.instruments.accelerometer.dwells import DwellSet
@@ -59,6 +60,16 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
     )
 
 
+def read_plausible(logs: Iterable[Log], spec: AccelerometerRecipe) -> DwellSet:
+    """Dwells of the logs of a campaign without the implausible ones, which their flags name; raises
+    FrameError where a fit must not go on without them.
+    """
+    dwells = triad_dwells.collect_dwells(logs, spec)
+    rows, findings = find_implausible(dwells, spec)
+    refuse(findings)
+    return dwells.without(rows, map(str, findings)) if findings else dwells
+
+
 def find_implausible(
     dwells: DwellSet, spec: AccelerometerRecipe
 ) -> tuple[Integers, tuple[Finding, ...]]:
@@ -74,7 +85,16 @@ def find_implausible(
     # 1. Dwells whose indication is far from what the triad shows at all others.
     expected, scatter = _predict(dwells, by_attitude=by_attitude)
     departure = np.linalg.norm(dwells.indication - expected, axis=1)
-    lone = _find_lone_temperatures(dwells)
+    # The coldest and the hottest dwell where all others are far from it: a polynomial would run
+    # through it alone.
+    lone: dict[int, str] = {}
+    order = np.argsort(dwells.temperature, kind="stable")
+    for coldest_first in (order, order[::-1]) if order.size >= FEW else ():
+        row, nearest, *_, last = coldest_first.tolist()
+        lone_degc, *others_degc = dwells.temperature[[row, nearest, last]].tolist()
+        low, high = sorted(others_degc)
+        if abs(lone_degc - others_degc[0]) > max(LONE_DEGC, LONE_SHARE * (high - low)):
+            lone[row] = f"a temperature near the others, {low:.4g} to {high:.4g} °C"
     departure[[*lone]] = np.inf
     rows = np.flatnonzero(departure > max(LEAST_G, FAR * scatter))
 
@@ -151,22 +171,6 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
         "sign",
         figure=usual,
     )
-
-
-def _find_lone_temperatures(dwells: DwellSet) -> dict[int, str]:
-    """What is expected of the temperature, by row, of the coldest and of the hottest dwell where
-    all others are far from it: a polynomial would run through it alone.
-    """
-    lone: dict[int, str] = {}
-    order = np.argsort(dwells.temperature, kind="stable")
-    ends = (order[[0, 1, -1]], order[[-1, -2, 0]]) if order.size >= FEW else ()
-    for row, *other_rows in ends:
-        lone_degc, nearest_degc, last_degc = dwells.temperature[[row, *other_rows]].tolist()
-        range_degc = abs(nearest_degc - last_degc)
-        if abs(lone_degc - nearest_degc) > max(LONE_DEGC, LONE_SHARE * range_degc):
-            low, high = sorted((nearest_degc, last_degc))
-            lone[int(row)] = f"a temperature near the others, {low:.4g} to {high:.4g} °C"
-    return lone
 
 
 def _predict(dwells: DwellSet, *, by_attitude: bool) -> tuple[Array, float]:

@@ -30,9 +30,10 @@ ORIGIN = 10.0
 """Value of a parameter's scaled coordinate at the solution, in standard uncertainties."""
 
 
-def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, float]]:
-    """Parameter of NAMES → its interval, by plain least squares from what `triad` found at the mean
-    temperature of the dwells; an end that is not rejected within the bounds is infinite.
+def find_intervals(triad: Triad, dwells: DwellSet) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
+    """Ends of the interval of each parameter of NAMES as figures of accel_q.json, by plain least
+    squares from what `triad` found at the mean temperature of the dwells, and flags; an end that is
+    not rejected within the bounds is none.
 
     Standard errors of the dwells, where all have one, are weights and a floor under the scatter.
     Raises FitError for dwells that leave no residual.
@@ -43,7 +44,7 @@ def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, flo
     stated, noise = bool(np.all(dwells.noise > 0.0)), dwells.relative_noise(lengths=True)
 
     def residual(p: Numbers) -> Numbers:
-        Q = published.exact_matrix(published.axes_from_angles(p[6:]))
+        Q = published.exact_matrix(p[6:])
         return (length((indication - p[3:6]) / p[:3] @ Q.T) - 1.0) / noise
 
     t = float(triad.mapped(dwells.temperature.mean()))
@@ -83,22 +84,11 @@ def find_intervals(triad: Triad, dwells: DwellSet) -> dict[str, tuple[float, flo
     # widened by the same factor as the standard uncertainties (Birge 1932)
     square = float(np.sum(residual(solution) ** 2))
     widening = float(np.sqrt(fit.dof / square)) if stated and 0.0 < square < fit.dof else 1.0
-    intervals = {}
-    for name, value, step in zip(NAMES, solution.tolist(), (u * widening).tolist(), strict=True):
-        below, above = (profiles[name][side][1] - ORIGIN for side in (0, -1))
-        low_end = value + step * below if np.isfinite(below) else -np.inf
-        high_end = value + step * above if np.isfinite(above) else np.inf
-        intervals[name] = (low_end, high_end)
-    return intervals
-
-
-def list_figures(
-    intervals: dict[str, tuple[float, float]],
-) -> tuple[tuple[Figure, ...], tuple[str, ...]]:
-    """Ends of intervals as figures of accel_q.json, and flags."""
     figures = []
     flags = ["magnitude: lmfit solves by plain least squares, outliers are not left out"]
-    for (name, ends), unit in zip(intervals.items(), UNITS, strict=True):
+    steps = (u * widening).tolist()
+    for name, unit, value, step in zip(NAMES, UNITS, solution.tolist(), steps, strict=True):
+        ends = [value + step * (profiles[name][side][1] - ORIGIN) for side in (0, -1)]
         for side, end in zip(("low", "high"), ends, strict=True):
             if np.isfinite(end):
                 figures.append(Figure(f"{name}_{side}_95", end, unit, 0.0))

@@ -21,7 +21,6 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
-from calibkit.numeric.least_squares import polynomial
 
 K_NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
 K_UNITS = (
@@ -43,30 +42,13 @@ def columns(indication: Array, temperature: Array, axis: int) -> Array:
     return np.hstack([indication[:, axis, None] * powers, -powers, -indication[:, CROSS[axis]]])
 
 
-def to_degrees(middle: float, half: float) -> np.ndarray:
-    """Matrix [10, 10], in extended precision, from K for temperature mapped to [-1, 1] to K in
-    powers of °C.
+def exact_matrix(angles: Numbers) -> Numbers:
+    """Exact Q [3, 3] of small angles Q1, Q2, Q3 [3] [rad]: orthogonal components v from components
+    m along the unit axes (rows, frame e1 = x), the inverse of the axes.
+
+    v1 = m_x; v2 = (m_y − (y·e1) v1)/(y·e2); v3 = (m_z − (z·e1) v1 − (z·e2) v2)/(z·e3).
     """
-    matrix = np.eye(10, dtype=np.longdouble)
-    matrix[:4, :4] = matrix[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
-    return matrix
-
-
-def exact_matrix(axes: Numbers) -> Numbers:
-    """Exact Q [3, 3]: orthogonal components from components along the unit axes [3, 3] (rows, frame
-    e1 = x).
-
-    v1 = m_x; v2 = (m_y − (y·e1) v1)/(y·e2); v3 = (m_z − (z·e1) v1 − (z·e2) v2)/(z·e3): the inverse
-    of the axes matrix.
-    """
-    (_, _, _), (ye1, ye2, _), (ze1, ze2, ze3) = axes.tolist()
-    return np.array(
-        [
-            [1.0, 0.0, 0.0],
-            [-ye1 / ye2, 1.0 / ye2, 0.0],
-            [(ze2 * ye1 / ye2 - ze1) / ze3, -ze2 / (ye2 * ze3), 1.0 / ze3],
-        ]
-    )
+    return np.asarray(np.linalg.inv(axes_from_angles(angles)))
 
 
 def small_angles(axes: Numbers) -> Numbers:
@@ -90,44 +72,3 @@ def axes_from_angles(coefficients: Numbers) -> Numbers:
             hint="they are angles in rad",
         )
     return np.array([[1.0, 0.0, 0.0], [ye1, np.sqrt(ye2), 0.0], [ze1, ze2, np.sqrt(ze3)]])
-
-
-def axes_from_sensitivity(sensitivity: Array) -> tuple[Array, Array, Array]:
-    """Factor a sensitivity matrix into unit axes [3, 3] in the frame e1 = x, mounting rotation [3,
-    3] and scale factors [3].
-
-    Parameters
-    ----------
-    sensitivity
-        [3, 3], row i the sensitivity of axis i to the components of the reference: indication =
-        sensitivity · g + bias.
-
-    Returns
-    -------
-    Axes, rotation and scale factor with sensitivity = diag(scale factor) · axes · rotation.
-
-    Raises
-    ------
-    FitError
-        For axes that lie in a plane, or a left-handed triad: one axis reversed.
-
-    """
-    scale = np.linalg.norm(sensitivity, axis=1)
-    if not (scale > 0.0).all() or abs(np.linalg.det(sensitivity / scale[:, None])) < 1e-3:
-        raise FitError(
-            "the three axes lie in one plane",
-            hint="check that the columns of the three axes are different",
-        )
-    unit = sensitivity / scale[:, None]
-    # Gram-Schmidt from x on: unit = axes · rotation with axes lower triangular and a positive
-    # diagonal
-    q, r = np.linalg.qr(unit.T)
-    sign = np.sign(np.diag(r))
-    axes, rotation = (r * sign[:, None]).T, (q * sign).T
-    if np.linalg.det(rotation) < 0.0:
-        raise FitError(
-            "the triad is left-handed: one axis, or all three, has the wrong sign, two are"
-            " exchanged, or toolface runs backwards",
-            hint="state reference.convention, or sign and from of the columns, in the recipe",
-        )
-    return axes, rotation, scale

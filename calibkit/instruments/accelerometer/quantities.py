@@ -19,7 +19,7 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.accelerometer import corrections, forms
-from calibkit.instruments.accelerometer.equation import AXES
+from calibkit.instruments.accelerometer.equation import AXES, read_terms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 POSITIONS = tuple(
@@ -51,18 +51,19 @@ def over_temperature(stage: str, model: Model) -> dict[tuple[str, bool], list[Qu
         polynomials["scale", axis, ("k", False)] = [*forms.SCALE_FACTOR]
         polynomials["zero", axis, ("z", False)] = [*forms.ZERO_OFFSET]
     elif model.form != forms.Q.name and forms.TEMPERATURE in model.valid:
-        for term in forms.read_terms(model).listed:
-            if term.kind in KINDS:
-                key = str(term.kind), term.kind in "cm" and term.factors != (term.axis,)
-                symbol = term.symbol.replace("m_", "M_")
-                polynomials.setdefault((term.symbol, symbol, key), []).append(term.name)
+        terms = read_terms(tuple(c.name for c in model.coefficients))
+        for name, symbol in zip(terms.names, terms.symbol.tolist(), strict=True):
+            kind, axes = symbol[0], symbol[2:]
+            if kind in KINDS:
+                key = kind, len(set(axes)) > 1
+                polynomials.setdefault((symbol, symbol.replace("m_", "M_"), key), []).append(name)
     units = {c.name: c.unit for c in model.coefficients}
     quantities: dict[tuple[str, bool], list[Quantity]] = {}
-    for (name, symbol, key), terms in polynomials.items():
+    for (name, symbol, key), powers in polynomials.items():
         quantity = Quantity(
-            *(name, stage, model.name, KINDS[key[0]] + Words(symbol), units[terms[0]]),
+            *(name, stage, model.name, KINDS[key[0]] + Words(symbol), units[powers[0]]),
             (ranged(model, forms.TEMPERATURE),),
-            polynomial(model, terms, forms.TEMPERATURE),
+            polynomial(model, powers, forms.TEMPERATURE),
             symbol=symbol,
             principal=not key[1],
         )

@@ -34,14 +34,16 @@ INDEX = "attitude", "index"
 SECOND_ORDER = "sensor", "second order"
 DRIFT = "session", "drift"
 SET_UP = "fixture", "set-up"
+TILT = "table", "tilt"
+SETTLING = "soak", "settling"
 UNITS = {
     ZERO: "g",
     INDEX: "rad",
     SET_UP: "rad",
-    ("table", "tilt"): "rad",
+    TILT: "rad",
     ("table", "eccentricity"): "rad",
     ("soak", "scale"): "1",
-    ("soak", "settling"): "g",
+    SETTLING: "g",
     ("attitude", "memory"): "1",
     SECOND_ORDER: "1/g",
     DRIFT: "g/h",
@@ -92,10 +94,11 @@ def number_soaks(temperature: Array, log: Integers) -> Integers:
     return np.asarray(np.unique(level, return_inverse=True)[1]).reshape(-1)
 
 
-def list_errors(
-    dwells: DwellSet, gravity: Array, directions: Array, *, timed: bool
+def state_errors(
+    dwells: DwellSet, gravity: Array, directions: Array, spec: AccelerometerRecipe
 ) -> list[Shared]:
-    """Errors that the residuals of n dwells can show; that of time only where they are `timed`.
+    """Errors that the residuals of n dwells can show, with the sizes that the recipe states,
+    without what it makes a parameter; raises RecipeError for a stated error that there is not.
 
     `gravity` [n, 3] [g] are the reference vectors, or corrected indications where attitudes are
     unknown; `directions` [n, m, 3] those of the m residuals of each dwell: the three axes, or the
@@ -103,6 +106,9 @@ def list_errors(
     """
     count, per_dwell, _ = directions.shape
     soak, all_dwells = number_soaks(dwells.temperature, dwells.log), np.zeros(count, dtype=np.int64)
+    one_soak = soak.max() == 0
+    # several logs have no common start
+    timed = dwells.log.max() == 0 and np.isfinite(dwells.time).all() and not one_soak
     axes = np.broadcast_to(np.eye(3), (count, 3, 3))
     by_scale = axes * gravity[:, None, :]
     # (group, effect), levels, and derivatives [n, 3, k] of the corrected vector by the errors
@@ -114,7 +120,7 @@ def list_errors(
         if 2 * (attitude.max() + 1) <= count:  # else it is noise
             candidates.append((INDEX, attitude, by_angles))
         by_set_up = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
-        candidates += [(SET_UP, all_dwells, by_set_up), (("table", "tilt"), all_dwells, by_angles)]
+        candidates += [(SET_UP, all_dwells, by_set_up), (TILT, all_dwells, by_angles)]
         # an encoder that is off its axis reads wrong by a sine over the turn
         eccentric = [up * f(theta)[:, None] for f in (np.sin, np.cos)]
         eccentric += [by_toolface * f(phi)[:, None] for f in (np.sin, np.cos)]
@@ -128,14 +134,16 @@ def list_errors(
     gravity_before = np.roll(gravity, 1, axis=0)
     gravity_before[np.diff(dwells.log, prepend=-1) != 0] = 0.0  # at the start of a log
     candidates += [
-        (("soak", "settling"), all_dwells, by_settling),
+        (SETTLING, all_dwells, by_settling),
         (("attitude", "memory"), all_dwells, axes * gravity_before[:, None, :]),
         (SECOND_ORDER, all_dwells, by_scale * gravity[:, None, :]),
     ]
     if timed:
         hours = (seconds - seconds.mean()) / SECONDS_PER_HOUR
         candidates.append((DRIFT, all_dwells, axes * hours[:, None, None]))
-    return [
+    triad = spec.affine
+    parameters = {TILT: triad.tilt, SECOND_ORDER: triad.second_order, SET_UP: triad.fixture}
+    errors = [
         Shared(
             group=name[0],
             effect=name[1],
@@ -146,30 +154,14 @@ def list_errors(
             optional=name not in (ZERO, INDEX),
         )
         for name, level, slopes in candidates
+        if not (triad.enabled and parameters.get(name))
     ]
-
-
-def state_errors(
-    dwells: DwellSet, gravity: Array, along: Array, spec: AccelerometerRecipe
-) -> list[Shared]:
-    """Errors of `list_errors` with the sizes that the recipe states, without what it makes a
-    parameter; raises RecipeError for a stated error that there is not.
-    """
-    one_soak = number_soaks(dwells.temperature, dwells.log).max() == 0
-    candidates = list_errors(dwells, gravity, along, timed=tells_time(dwells) and not one_soak)
-    parameters = {
-        "tilt": spec.affine.tilt,
-        "second order": spec.affine.second_order,
-        "set-up": spec.affine.fixture,
-    }
-    if spec.affine.enabled:
-        candidates = [error for error in candidates if not parameters.get(error.effect)]
     # no dwell tells a set-up from axes that are turned together; a few wrong dwells at the begin of
     # a single soak look as if its zero settled
-    indistinct = {SET_UP, ("soak", "settling")} if one_soak else {SET_UP}
+    indistinct = {SET_UP, SETTLING} if one_soak else {SET_UP}
     return [
         error
-        for error in state_sizes(spec.errors, candidates)
+        for error in state_sizes(spec.errors, errors)
         if (error.group, error.effect) not in indistinct or error.size is not None
     ]
 
@@ -182,10 +174,8 @@ def separable(candidates: Sequence[Shared], jacobian: Array) -> list[Shared]:
     separated = []
     for error in candidates:
         if error.optional:
-            # |Z - Q Qᵀ Z|² = |Z|² - |Qᵀ Z|², in which no matrix Z stands
-            all_squares = np.sum(error.loading[error.level >= 0] ** 2)
-            left_squares = all_squares - np.sum(error.gathered(Q) ** 2)
-            if left_squares <= SEEN**2 * all_squares:
+            Z = error.design(np.arange(len(Q)))
+            if np.sum((Z - Q @ (Q.T @ Z)) ** 2) <= SEEN**2 * np.sum(Z**2):
                 continue
         separated.append(error)
     return separated
@@ -215,11 +205,12 @@ def bounded_errors(
     fitted, jacobian = {(s.error.group, s.error.effect): s for s in fit.shared}, fit.jacobian
     by_name = {(error.group, error.effect): error for error in candidates}
     bounded, flags = [], list[str]()
+    Q, _ = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))
     drift, second = by_name.get(DRIFT), by_name.get(SECOND_ORDER)
     if drift is not None and drift.size is None and DRIFT not in fitted:
         length = np.linalg.norm(drift.loading, axis=0)
-        left = np.linalg.norm(beside(jacobian, drift.loading), axis=0)
-        if np.all(left > SEPARATE * length):
+        left = drift.loading - Q @ (Q.T @ drift.loading)
+        if np.all(np.linalg.norm(left, axis=0) > SEPARATE * length):
             error, u = fit.further_error(jacobian, drift.loading)
             bounded.append((DRIFT, drift.loading * np.hypot(error, u), 1.0))
         else:
@@ -229,7 +220,7 @@ def bounded_errors(
                 " at the end, or state the drift of the session in [[errors.component]]"
             )
     if second is not None:
-        left = beside(jacobian, second.loading) / fit.noise[:, None]
+        left = (second.loading - Q @ (Q.T @ second.loading)) / fit.noise[:, None]
         # of a sensor that gravity never lies along nothing is left
         information = np.maximum(np.sum(left**2, axis=0), 1e-30)
         if SECOND_ORDER in fitted:
@@ -252,14 +243,3 @@ def bounded_errors(
         )
         for name, loading, size in bounded
     ), tuple(flags)
-
-
-def beside(jacobian: Array, loading: Array) -> Array:
-    """What parameters with derivatives [n, p] leave of loadings [n, k], by least squares."""
-    q, _ = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))
-    return np.asarray(loading - q @ (q.T @ loading), dtype=np.float64)
-
-
-def tells_time(dwells: DwellSet) -> bool:
-    """Whether the dwells have one clock; those of several logs have no common start."""
-    return bool(dwells.log.max() == 0 and np.isfinite(dwells.time).all())

@@ -20,13 +20,13 @@ from calibkit.fit import robust
 from calibkit.fit.complex_step import Numbers, length
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import Fit, solve, stand_out_together
+from calibkit.ingest.nameless import find_sphere
 from calibkit.instruments.accelerometer import determination, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms, rotation, tilted_gravity
 from calibkit.instruments.accelerometer.forms import TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit as least_squares
 
 Loss = Literal["least_squares", "robust"]
 OF_LENGTHS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
@@ -48,6 +48,10 @@ class Triad:
     """Middle of the temperature range [°C]."""
     half: float
     """Half-width of the temperature range [°C]; 1 when the temperature was constant."""
+    reference_degc: float
+    """Temperature of Q [°C]: the recipe's, or that of the dwells which is nearest to it; the mean
+    of the dwells where the triad knows no temperature.
+    """
     residuals: Array
     """[n, 3], corrected less reference, or [n, 1] of the lengths [g]."""
     suspects: tuple[int, ...]
@@ -97,20 +101,21 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
                 scale[axis] = G @ g / (G @ G)
             else:
                 scale[axis], zero[axis] = np.polyfit(G, g, 1)
-        start = terms.of_constants(scale, -zero)
+        start = terms.start(scale, -zero)
     solve_from = partial(solve, equation, priors=priors, noise=noise, names=terms.names)
     first = solve_from(start)
     if loss == "robust":
         levels = [shared_errors.number_soaks(dwells.temperature, dwells.log)]
         if lengths:  # what they do not see of angles is known by the prior alone
-            of_components = [terms.of_kind("k", "z", *(() if priors else ("c", "n")))]
+            of_components = [np.isin(terms.kind, [*("kz" if priors else "kzcn")])]
         else:
-            of_components = [terms.of_axis(axis) for axis in range(3)]
+            of_axes = np.where(np.isin(terms.kind, [*"kzcn"]), terms.axis, -1)
+            of_components = [of_axes == axis for axis in range(3)]
             levels.append(shared_errors.number_attitudes(dwells.reference))
         left, jacobian = first.residual / noise, first.jacobian / noise[:, None]
-        for component, places in enumerate(of_components):
+        for component, of_component in enumerate(of_components):
             rows = slice(component, None, per_dwell)
-            good = robust.linear(jacobian[rows, places], -left[rows]).row_weights > 0.0
+            good = robust.linear(jacobian[rows, of_component], -left[rows]).row_weights > 0.0
             # rows of a level that stands apart as a whole stay in, though the start leaves them out
             used[rows] = np.any(
                 [good, *(stand_out_together(good, level) for level in levels)], axis=0
@@ -133,6 +138,10 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         leave_out=loss == "robust",
     )
 
+    reference_degc = float(dwells.temperature.mean())
+    if spec.affine.enabled:
+        reference_degc = float(np.clip(spec.reference_temp_degc, low, high))
+
     # 3. Errors that are in U alone.
     by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
     bounds, flags = shared_errors.bounded_errors(fit, candidates, by_scale, per_dwell)
@@ -147,13 +156,14 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         fit=fit.bounded_by(bounds),
         middle=middle,
         half=half,
+        reference_degc=reference_degc,
         residuals=residuals,
         suspects=tuple(out[worst_first].tolist()),
         bounds=bounds,
         flags=flags,
         residual_rms=float(np.sqrt(used_residuals @ used_residuals / max(fit.dof, 1))),
         noise=np.sqrt(np.mean(fit.noise.reshape(residuals.shape) ** 2, axis=0)),
-        to_degrees=terms.in_degrees(middle, half),
+        to_degrees=terms.to_degrees(middle, half),
     )
 
 
@@ -162,10 +172,10 @@ def residual(p: Numbers, dwells: DwellSet, terms: Terms, t: Array, *, lengths: b
     corrected = terms.corrected(p, dwells.indication, t)
     if lengths:
         return length(corrected) - 1.0
-    tilt, fixture = terms.of_kind("tilt"), terms.of_kind("fixture")
-    if fixture:
+    tilt, fixture = terms.kind == "tilt", terms.kind == "fixture"
+    if fixture.any():
         corrected = corrected @ rotation(p[fixture]).T
-    if tilt:
+    if tilt.any():
         tool_rotation = attitude.tool_rotation(dwells.inclination, dwells.toolface)
         return corrected - tilted_gravity(tool_rotation, p[tilt])
     return corrected - dwells.reference
@@ -182,35 +192,30 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
             hint="hold at least 12 different attitudes, better 18, spread over the whole sphere",
         )
     levels, _ = determination.distinct_temperatures(dwells.temperature)
-    if levels.size <= terms.order:
+    order = max(terms.power)
+    if levels.size <= order:
         raise FitError(
-            f"{levels.size} distinct temperatures do not determine order {terms.order}",
+            f"{levels.size} distinct temperatures do not determine order {order}",
             hint="lower the orders",
         )
-    # the sphere that the indications lie on, |v|² = 2 v·c + r² − |c|²: linear in centre and radius
-    sample = dwells.indication[:: 1 + len(dwells.indication) // ENOUGH_TO_START]
-    middle = sample.mean(axis=0)
-    size = float(np.sqrt(np.mean(np.sum((sample - middle) ** 2, axis=1)))) or 1.0
-    scaled = (sample - middle) / size
-    *shift, constant = least_squares.linear(
-        np.column_stack([2.0 * scaled, np.ones(len(scaled))]),
-        np.sum(scaled**2, axis=1),
-        names=("b_x", "b_y", "b_z", "the scale factor"),
-    ).coefficients
-    centre = middle + size * np.array(shift)
-    radius = np.full(3, size * np.sqrt(constant + np.sum(np.square(shift))))
+    if not np.isfinite(dwells.indication).all():
+        raise FitError(
+            "a value that is not finite reached the fit", hint="exclude the rows that hold it"
+        )
+    *centre, radius = find_sphere(dwells.indication[:: 1 + len(dwells.place) // ENOUGH_TO_START])
     direction = (dwells.indication - centre) / radius
-    if determination.affine_rank(direction) < 4:
+    if determination.rank(np.column_stack([np.ones(len(direction)), direction])) < 4:
         raise FitError(
             "dwells on one cone or plane cannot determine the triad by the length of gravity",
             hint="hold it in attitudes that are spread over the whole sphere",
         )
-    start = terms.of_constants(1.0 / radius, centre / radius)
-    cross = terms.of_kind("c")
+    start = terms.start(1.0 / radius, np.array(centre) / radius)
+    cross = np.flatnonzero(terms.kind == "c")
     # an angle moves lengths by the product of two components of their directions, of which squares
     # and components leave nothing at six faces
     product = direction * np.roll(direction, 1, axis=1)
-    left = shared_errors.beside(np.hstack([direction**2, direction]), product)
-    if not cross or np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN:
+    others = np.hstack([direction**2, direction])
+    left = product - others @ np.linalg.lstsq(others, product, rcond=None)[0]
+    if not cross.size or np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN:
         return start, ()
     return start, (Prior(name="angles", block=slice(cross[0], cross[-1] + 1), size=LARGEST_ANGLE),)
