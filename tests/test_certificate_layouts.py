@@ -344,7 +344,7 @@ def test_each_scale_factor_stands_with_the_temperature_that_it_was_found_at(run)
     record = run("rate_table").records["gyro_scale.json"]
     made = certificate(run("rate_table"), "rate_table")
     labels = made.blocks[0].tables[0].labels
-    assert labels[1].en == "gyro x (−39.9 °C)"
+    assert labels[1].en == "gyro x, at_-40 (−39.9 °C)"
     assert labels[0].en == "gyro x, all 6 runs, weighted (25.1 °C)"
     assert labels[-1].en == "gyro x, room_3 (25.1 °C)"
     (parameter,) = record.model("gyro_x.at_-40").parameters

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe, store
+from calibkit.certificate import conformity
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import gyro_triad, simulate
+from calibkit.recipe import type_b
 from calibkit.report import figures as drawing
+from calibkit.results import comparison, evaluation
 
 LATITUDE = "site.latitude_deg=34.2"
 VERTICAL_DPS = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
@@ -120,7 +123,8 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
     """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a
     rms of 0.7 to 1.25.
     """
-    spec = instruments.parse_recipe(recipe.find("gyro_triad", (LATITUDE,)))
+    settings = (LATITUDE, "errors.component=[]")  # the simulated table has no error of mounting
+    spec = instruments.parse_recipe(recipe.find("gyro_triad", settings))
     angles, entries = [], []
     for seed in range(100, 112):
         simulated = simulate.triad(seed, temperatures_degc=(25.0,), withheld_degc=())
@@ -255,7 +259,7 @@ def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path
             skew=skew,
             name=name,
         )
-    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE)
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "errors.component=[]")
     entry = run.records["gyro_orthogonality.json"].model("triad").coefficients[0]
     assert entry.value == pytest.approx(TETRAD[0, 0], abs=1e-6)
     assert entry.standard_uncertainty == pytest.approx(0.2, rel=1e-3)
@@ -372,3 +376,41 @@ def test_a_temperature_without_a_run_about_each_axis_is_refused(calibkit, tmp_pa
     (tmp_path / "logs" / "about_y_60.csv").unlink()
     outcome = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, code=3)
     assert "no log about table axis y near 60.0 °C" in outcome.err
+
+
+MOUNTING = 'errors.component=[{group="mounting",effect="angle",value=0.003,unit="deg",dof=10.0}]'
+FIXTURE = type_b.TypeB(name="table axes", quantity="angle_deg", unit="deg", half_width=0.003)
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("by", ["nothing", "recipe", "profile"])
+def test_no_limit_on_an_angle_is_decided_while_its_mounting_is_not_stated(calibkit, tmp_path, by):
+    """Limits on angles, unit vectors and rates across accept nothing, a specification gets no
+    statement and a comparison no answer, where nothing tells how a mounting repeats; one that is
+    exceeded rejects.
+    """
+    runs = tmp_path / "runs"
+    statement = MOUNTING if by == "recipe" else "errors.component=[]"
+    limits = "acceptance={max_angle_uncertainty_deg=0.02,max_orthogonality_error_deg=1.0}"
+    for noise in (1, 2):
+        logs = simulate.triad(1, temperatures_degc=(25.0,), withheld_degc=(), noise_lsb=noise)
+        write(tmp_path / str(noise), logs)
+        run = fit(calibkit, tmp_path / str(noise), runs, statement, limits)
+    names = {criterion["name"] for criterion in run.document["acceptance"]}
+    angles = {"orthogonality error", "standard uncertainty of an angle"}
+    assert names & angles == (angles if by == "recipe" else set())
+    flags = run.records["gyro_orthogonality.json"].flags
+    assert any("errors of mounting" in flag for flag in flags) == (by != "recipe")
+    found = evaluation.RunResults.read(run, (FIXTURE,) if by == "profile" else ())
+    by_name = {quantity.name: quantity for quantity in found.quantities}
+    for name in ("angle_deg.x_y", "K_x_about_y"):
+        result = found.state(by_name[name], {"temp_case_degc": 25.0})
+        verdict, _ = conformity._judge(result, -1e9, 1e9, "guarded")
+        assert (verdict == "pass") == (by != "nothing"), name
+    before, after = (store.load(store.find(f"G@r00{k}", runs)) for k in (1, 2))
+    compared = comparison.compare(before, after, limits={"angle_deg.x_y": (1.0, "deg")}).compared
+    answers = {of_result.quantity.name: of_result.answer for of_result in compared}
+    assert answers["angle_deg.x_y"] == ("yes" if by == "recipe" else "cannot tell")
+    strict = "acceptance={max_orthogonality_error_deg=1e-6}"
+    run = fit(calibkit, tmp_path / "1", runs, statement, strict, code=1)
+    assert run.document["verdict"] == "rejected"

@@ -23,7 +23,8 @@ JUDGED_ANEW = {
     r"stations/\d+/azimuth_standard_uncertainty_deg))",
     release.PAIR: r"validate /(pair/\d/(standard_uncertainty|dof)|acceptance/[0-3]/.*|"
     r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
-    "gyro_triad": r"validate /acceptance/[0-2]/.*",
+    "gyro_triad": r"validate /acceptance/[0-2]/.*|"
+    r"certify /results/gyro_orthogonality\.triad[^/]*\.S_(x[yz]|y[xz]|z[xy])/(expanded_u|cov).*",
     "rate_table": r"validate /(acceptance/[0-57]/.*|"
     r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
     release.AUTOPILOT: r"validate /(logs/0/channels/\d/.*over_uncertainty|acceptance/[01]/.*)",
@@ -34,7 +35,8 @@ JUDGED_ANEW = {
 criteria by them, with residuals about the line of a run; drifts of unseen warm-ups, which are
 judged along the rows that are corrected; U of a bias at 0 °C among the coefficients, which was
 smaller than that of the same bias in the table; u of azimuths, where each gyro's turn counts with
-its own derivative, no longer the larger of both with the larger.
+its own derivative, no longer the larger of both with the larger; U of sensitivities across, which
+holds the angles between the table axes.
 """
 
 

@@ -132,6 +132,8 @@ class Quantity:
     """Whether its budget is printed in full, where it depends on something at one point."""
     undecided: Words | None = None
     """Why no limit on it is decided: what its U leaves out, because no log shows it."""
+    completed_by: tuple[str, ...] = ()
+    """Quantities of type B terms that state what U would leave out."""
 
     @property
     def key(self) -> str:
@@ -211,6 +213,8 @@ def state(
         names, point.value, quantity.unit, point.type_a(), influences, parts_of
     )
     result = basis.scope.raise_to_floor(replace(result, uncertainty=uncertainty))
+    if {part.quantity for part in result.contributions} & {*quantity.completed_by}:
+        result = replace(result, undecided=None)
     if result.uncertainty is None or not quantity.magnitude:
         return result
     return replace(result, interval=interval_of_magnitude(point.value, result.uncertainty))

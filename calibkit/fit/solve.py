@@ -231,8 +231,10 @@ class Fit:
 
     def widened_by(self, errors: Sequence[Shared]) -> "Fit":
         """The fit whose U holds errors of stated sizes that the rows do not tell from the
-        parameters.
+        parameters; one without errors stays so.
         """
+        if not self.variances.size:
+            return self
         size = np.array([error.size or 0.0 for error in errors])
         of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
         products = [error.gathered(self.gain.T).T for error in errors]

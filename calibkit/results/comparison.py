@@ -291,7 +291,8 @@ def _compare(
         reason = f"depends on {' and '.join(columns)}: the range of one of the two is not known"
     else:
         changes = tuple(_changes(quantity, earlier, old, new, same_equipment=same_equipment))
-        undecided = earlier.undecided or quantity.undecided
+        stated = [run for change in changes for run in (change.then, change.now)]
+        undecided = next((result.undecided for result in stated if result.undecided), None)
         if not changes:
             reason = "the two calibrated ranges have nothing in common"
         elif any(change.u is None for change in changes):

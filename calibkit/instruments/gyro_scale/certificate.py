@@ -12,9 +12,11 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
     column_results,
@@ -25,6 +27,8 @@ from calibkit.certificate.blocks import (
 )
 from calibkit.certificate.names import name_model, name_subject, show_symbol
 from calibkit.certificate.quantities import (
+    At,
+    Point,
     Quantity,
     QuantityInput,
     ResultLimit,
@@ -46,7 +50,7 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Model, Record
+from calibkit.coefficients import Figure, Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
@@ -169,29 +173,17 @@ def of_line(record: Record, line: Model, letter: str, words: Words) -> Quantity:
     by the slope of its curve, where one was fitted. Principal is the mean over the runs of a gyro
     about its own axis.
     """
-    quantity, gyro = coefficient(record, line, letter, words), line.name.partition(".")[0]
+    curve_name = forms.curve_name(line.name.partition(".")[0], letter)
+    slopes = {}
     for model in record.models:
-        if model.name == forms.curve_name(gyro, letter) and forms.TEMPERATURE in line.valid:
+        if model.name == curve_name and forms.TEMPERATURE in line.valid:
             degc = temperature_of_line(line)
             curve = np.polynomial.Polynomial([c.value for c in model.coefficients])
             slopes = {forms.TEMPERATURE: (degc, -float(curve.deriv()(degc)))}
-            quantity = coefficient(record, line, letter, words, slopes)
+    quantity = coefficient(record, line, letter, words, slopes)
     if letter == "F0" or is_cross(line.name):
         return quantity
     return replace(quantity, undecided=undecided_scale(record), principal="." not in line.name)
-
-
-def list_pair(record: Record, model: Model) -> list[Quantity]:
-    """N, ε, γ and α of a pair; errors of table rate and time base cancel in these ratios, an error
-    of α enters ε and γ.
-    """
-    quantities = []
-    for c in model.coefficients:
-        symbol, words = PAIR_WORDS[c.name]
-        ratio = coefficient(record, model, c.name, words, by_angle(model, c.name))
-        undecided = undecided_scale(record) if c.name in {"N", "epsilon"} else None
-        quantities.append(replace(ratio, symbol=symbol, principal=True, undecided=undecided))
-    return quantities
 
 
 def undecided_scale(record: Record) -> Words | None:
@@ -202,6 +194,34 @@ def undecided_scale(record: Record) -> Words | None:
         return None
     en = "U leaves out how the scale factor repeats from run to run"
     return Words(en, "U 未包含各测次间标度因数的重复性")
+
+
+def across(record: Record, quantity: Quantity, slope: float) -> Quantity:
+    """A result across an axis of the table, or between two: an error of the angle between table
+    axes moves it by its derivative [unit/°], and no limit on it is decided while neither a
+    component of the files nor a type B term states how a mounting repeats.
+    """
+
+    def point(input_values: At) -> Point:
+        without = quantity.point(input_values)
+        return replace(without, influences={**without.influences, ANGLE: (90.0, slope)})
+
+    undecided: Words | None = None
+    components = [part for model in record.models for part in model.components]
+    if not any(part.group == "mounting" for part in components):
+        undecided = Words(
+            "U leaves out how a mounting on the table repeats", "U 未包含转台安装的重复性"
+        )
+    return replace(quantity, point=point, undecided=undecided, completed_by=(ANGLE, quantity.name))
+
+
+def about_axis(record: Record, quantity: Quantity, s: Array, axis: int) -> Quantity:
+    """Scale factor of a gyro about one of the axes that it was turned about, s [axes] those about
+    all: dK/dα = |s⊥| about an axis across its own, s⊥ what is not about this one.
+    """
+    if axis == int(np.argmax(np.abs(s))):
+        return replace(quantity, undecided=undecided_scale(record))
+    return across(record, quantity, math.radians(np.linalg.norm(np.delete(s, axis))))
 
 
 def sensitivity_name(gyro: str, axis: str) -> str:
@@ -223,53 +243,67 @@ def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
     return {"alpha_deg": (alpha, slopes[name])} if name in slopes else {}
 
 
+def list_pair(record: Record, model: Model) -> list[Quantity]:
+    """N, ε, γ and α of a pair; errors of table rate and time base cancel in these ratios, an error
+    of α enters ε and γ.
+    """
+    quantities = []
+    for c in model.coefficients:
+        symbol, words = PAIR_WORDS[c.name]
+        ratio = coefficient(record, model, c.name, words, by_angle(model, c.name))
+        undecided = undecided_scale(record) if c.name in {"N", "epsilon"} else None
+        quantities.append(replace(ratio, symbol=symbol, principal=True, undecided=undecided))
+    return quantities
+
+
+def of_direction(record: Record, figure: Figure, words: Words, dof: float) -> Quantity:
+    """Angle between the input axes of two gyros, or a component u of the unit vector of one, which
+    an error of the angle between table axes turns as much: du/dα = √(1 − u²).
+    """
+    slope = 1.0
+    if not figure.name.startswith(ANGLE):
+        slope = math.radians(math.sqrt(max(1.0 - figure.value**2, 0.0)))
+    return across(record, of_figure(record, figure, words, dof=dof), slope)
+
+
 def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterator[Quantity]:
     """Scale factor of each gyro about its own axis, for a triad about all three axes: over
     temperature where that was fitted, else near the temperature of the runs. They are compared,
     under names that runs with and without temperature share.
     """
-    record = records[forms.SCALE_FILE]
     triad = isinstance(spec, GyroTriadRecipe)
+    scales = records[forms.SCALE_FILE]
+    record = records[forms.ORTHOGONALITY_FILE] if triad else scales
     for matrix in forms.read_matrices(spec, records):
-        reference = matrix.reference[0]
-        file = records[forms.ORTHOGONALITY_FILE] if triad else record
-        for k, name in enumerate(matrix.names[: reference.size]):
+        S, _ = matrix.reference
+        near: tuple[QuantityInput, ...] = ()
+        if forms.TEMPERATURE in matrix.model.valid:
+            low, high = matrix.model.valid[forms.TEMPERATURE]
+            slack = forms.TEMPERATURE_SLACK
+            near = (QuantityInput(forms.TEMPERATURE, low - slack, high + slack),)
+        for k, name in enumerate(matrix.names[: S.size]):
             g, a = divmod(k, len(matrix.outputs))
             gyro, axis = matrix.gyros[g], forms.AXES[a] if triad else ""
             if matrix.curves:
-                K = over_temperature(record, matrix.curves[k], "K")
+                K = over_temperature(scales, matrix.curves[k], "K")
             else:
-                temperature_input = ranged(matrix.model, forms.TEMPERATURE)
-                low = temperature_input.low - forms.TEMPERATURE_SLACK
-                high = temperature_input.high + forms.TEMPERATURE_SLACK
-                temperature_logged = forms.TEMPERATURE in matrix.model.valid
-                K = replace(
-                    coefficient(file, matrix.model, name, Words(name)),
-                    inputs=(QuantityInput(temperature_input.column, low, high),)
-                    * temperature_logged,
-                )
-            if axis in ("", gyro):
-                K = replace(K, undecided=undecided_scale(record))
+                K = replace(coefficient(record, matrix.model, name), inputs=near)
+            K = about_axis(record, K, S[g], a)
+            own_K = float(np.abs(S[g]).max())
+            is_own_axis = a == int(np.argmax(np.abs(S[g])))
             key = "max_scale_factor_error_ppm"
             if triad:
-                key = "max_rate_error_ppm" if gyro == axis else "max_cross_axis_ppm"
-            ppm, limit = getattr(spec.acceptance, key, None), None
-            if ppm is not None:
-                # the largest change, of the own scale factor
-                limit = ResultLimit(f"acceptance.{key}", ppm / PPM * float(abs(reference[g]).max()))
+                key = "max_rate_error_ppm" if is_own_axis else "max_cross_axis_ppm"
+            ppm = getattr(spec.acceptance, key, None)
             yield replace(
                 K,
                 name=sensitivity_name(gyro, axis),
                 model="",
                 words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
                 compared=(({},),),
-                limit=limit,
-                relative=not triad or gyro == axis,
-                called=(
-                    K.key,
-                    f"{K.model}.{K.name}",
-                    K.name,
-                ),
+                limit=None if ppm is None else ResultLimit(f"acceptance.{key}", ppm / PPM * own_K),
+                relative=is_own_axis,
+                called=(K.key, f"{K.model}.{K.name}", K.name),
             )
 
 
@@ -279,7 +313,7 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
     N, ε, γ and α of a pair, and angles between the axes of a triad.
     """
     quantities = [*list_sensitivities(records, spec)]
-    scales, angles = records[forms.SCALE_FILE], records.get(forms.ORTHOGONALITY_FILE)
+    scales = records[forms.SCALE_FILE]
     over_rate = {form.name: form for form in (forms.LINE, forms.RESPONSE, forms.RESPONSE_1)}
     for model in scales.models:
         if model.form == POLYNOMIAL.name and ".K_" not in model.name:
@@ -296,8 +330,9 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
             words = Words("indicated rate", "示值角速率")
             quantity = replace(quantity, name="rate", words=words, unit="deg/s", compared=(({},),))
         quantities.append(quantity)
-    if angles is None:
+    if forms.ORTHOGONALITY_FILE not in records:
         return tuple(quantities)
+    angles = records[forms.ORTHOGONALITY_FILE]
     key, limit = "max_orthogonality_error_deg", None
     largest = getattr(spec.acceptance, key, None)
     if largest is not None:
@@ -309,9 +344,7 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
         elif model.name == "triad":
             rate = ranged(model, forms.RATE)
             inputs = tuple(replace(rate, column=f"rate_{axis}_dps") for axis in forms.AXES)
-            about_x = [c.name for c in model.coefficients if c.name.endswith(forms.AXES[0])]
-            gyros = [name[2:-1] for name in about_x if name.startswith("S_")]
-            for row, gyro in enumerate(gyros):
+            for row, gyro in enumerate(forms.list_gyros(model)):
                 point, words = of_form(forms.TRIAD, model, inputs, row), Words(f"indication {gyro}")
                 indication = (f"F_{gyro}", angles.stage, model.name, words, "1/s", inputs, point)
                 quantities.append(Quantity(*indication))
@@ -320,7 +353,7 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
         kind, _, pair = figure.name.partition(".")
         if kind == ANGLE and "." not in pair:
             words = Words(f"angle between the axes of gyros {pair.replace('_', ' and ')}")
-            angle = of_figure(angles, figure, words, dof=dof)
+            angle = of_direction(angles, figure, words, dof)
             quantities.append(replace(angle, compared=(({},),), limit=limit))
     return tuple(quantities)
 
@@ -330,13 +363,29 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
     laid_out = []
     if forms.SCALE_FILE in basis.records:
         laid_out.append(_state_scale(basis, basis.records[forms.SCALE_FILE]))
-    if forms.ORTHOGONALITY_FILE not in basis.records:
-        return tuple(laid_out)
-    record = basis.records[forms.ORTHOGONALITY_FILE]
-    if all(model.form != forms.PAIR.name for model in record.models):
-        return (*laid_out, _state_triad(basis, record))
-    pair = record.model("pair")
-    figures = {figure.name: figure for figure in record.figures}
+    if forms.ORTHOGONALITY_FILE in basis.records:
+        angles = basis.records[forms.ORTHOGONALITY_FILE]
+        pair = any(model.form == forms.PAIR.name for model in angles.models)
+        laid_out.append((_state_pair if pair else _state_triad)(basis, angles))
+    return tuple(laid_out)
+
+
+def _block(
+    record: Record,
+    title: Words,
+    tables: Sequence[ListTable | GridTable],
+    notes: Sequence[Words],
+    figures: Sequence[CertificateFigure] = (),
+) -> Block:
+    """Block of a file with the equations of its models."""
+    of_record = {model.form for model in record.models}
+    equations = [equation for equation in EQUATIONS if equation.form in of_record]
+    return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
+
+
+def _state_pair(basis: Stated, record: Record) -> Block:
+    """Block of N, ε, γ, α and 90° − α."""
+    pair, figures = record.model("pair"), {figure.name: figure for figure in record.figures}
     *ratios, alpha = (state(basis, quantity, {}) for quantity in list_pair(record, pair))
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
@@ -345,41 +394,39 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
             low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
             alpha = replace(alpha, interval=(low, high))
     error = figures["orthogonality_error_deg"]
-    words = Words("orthogonality error 90° − α", "正交误差 90° − α")
-    slopes = by_angle(pair, error.name)
-    orthogonality_error = state(
-        basis, of_figure(record, error, words, dof=pair.dof, slopes=slopes), {}
+    words, slopes = (
+        Words("orthogonality error 90° − α", "正交误差 90° − α"),
+        by_angle(pair, error.name),
     )
-    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
-    table = ListTable(Words("Orthogonality", "正交性"), (*ratios, alpha, orthogonality_error))
-    notes = [
-        Words("Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。")
-        if figures["side"].value < 0.0
-        else Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。"),
-        range_words(pair),
-    ]
+    orthogonality_error = of_figure(record, error, words, dof=pair.dof, slopes=slopes)
+    stated = (*ratios, alpha, state(basis, orthogonality_error, {}))
+    side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
+    if figures["side"].value < 0.0:
+        side = Words(
+            "Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。"
+        )
+    notes = [side, range_words(pair)]
     if figures["clamped"].value:
         notes.append(
             Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
         )
-    return (*laid_out, _block(record, title, (table,), notes))
+    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
+    return _block(record, title, (ListTable(Words("Orthogonality", "正交性"), stated),), notes)
 
 
 def _state_scale(basis: Stated, record: Record) -> Block:
     """Block of lines, curves over temperature and figures."""
     lines = [model for model in record.models if model.form == forms.LINE.name]
-    labels = _label_lines(lines)
-    cells = []
+    labels, cells = _label_lines(lines), []
     for line in lines:
-        results = []
-        for letter, words in LETTERS.items():
-            quantity = of_line(record, line, letter, words)
-            result = state(basis, quantity, {})
-            if forms.TEMPERATURE in line.valid:
-                degc = temperature_of_line(line)
-                result = replace(result, at=((forms.TEMPERATURE, degc, "degC"),))
-            results.append(result)
-        cells.append(tuple(results))
+        of_K_and_F0 = [
+            state(basis, of_line(record, line, letter, words), {})
+            for letter, words in LETTERS.items()
+        ]
+        if forms.TEMPERATURE in line.valid:
+            at = ((forms.TEMPERATURE, temperature_of_line(line), "degC"),)
+            of_K_and_F0 = [replace(result, at=at) for result in of_K_and_F0]
+        cells.append(tuple(of_K_and_F0))
     tables: list[ListTable | GridTable] = [
         GridTable(
             Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
@@ -391,35 +438,26 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         )
     ]
     figures: list[CertificateFigure] = []
-    # of many lines one note for all
     notes = [residual_words(line) for line in lines]
-    if len(lines) > 8:
+    if len(lines) > 8:  # one note for all
         rms, dof = sorted(line.residual_rms for line in lines), min(line.dof for line in lines)
-        unit = unit_mark(lines[0].residual_unit)
-        notes = [
-            Words(
-                f"Residual rms of the {len(lines)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
-                f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
-                f"{len(lines)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
-                f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
-            )
-        ]
-    curves = []
+        span = f"{rms[0]:.2g} … {rms[-1]:.2g} {unit_mark(lines[0].residual_unit)}"
+        en = f"Residual rms of the {len(lines)} fits {span}, at least {dof} degrees of freedom"
+        zh = f"{len(lines)} 次拟合的残差均方根 {span}，自由度不少于 {dof}"
+        en, zh = f"{en} (descriptors, not uncertainties).", f"{zh}（仅为描述量，并非不确定度）。"
+        notes = [Words(en, zh)]
     for model in record.models:
         if model.form == forms.LINE.name:
             continue
-        values = []
-        if model.form == POLYNOMIAL.name:
-            curves.append(model)
-            values.append(over_temperature(record, model, "p"))
+        values = [over_temperature(record, model, "p")] * (model.form == POLYNOMIAL.name)
         title = name_model(model.name) + Words(": coefficients", "：系数")
         tables.append(list_coefficients(basis, record, model, title, values))
         notes += [range_words(model), *basis.left_out(model)]
     for letter in LETTERS:
         columns = [
             (name_subject(f".{model.name}"), over_temperature(record, model, letter))
-            for model in curves
-            if f".{letter}_" in model.name
+            for model in record.models
+            if model.form == POLYNOMIAL.name and f".{letter}_" in model.name
         ]
         symbol = show_symbol(letter)
         title = Words(f"{symbol} over temperature", f"{symbol} 随温度")
@@ -441,86 +479,63 @@ def _state_scale(basis: Stated, record: Record) -> Block:
     return _block(record, title, tables, notes, figures)
 
 
-def _block(
-    record: Record,
-    title: Words,
-    tables: Sequence[ListTable | GridTable],
-    notes: Sequence[Words],
-    figures: Sequence[CertificateFigure] = (),
-) -> Block:
-    """Block of a file with the equations of its models."""
-    of_record = {model.form for model in record.models}
-    equations = [equation for equation in EQUATIONS if equation.form in of_record]
-    return make_block(record, title, equations, tables, figures, dict.fromkeys(notes))
-
-
 def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
-    """Labels of lines by their names: gyro and case temperature, or the range where its runs
-    differ; where these are alike also the log, or that it is fitted to all runs.
+    """Name of a line → gyro, log or all of them, and case temperature, or its range where that of
+    the runs differs.
     """
     runs_of = Counter(line.name.partition(".")[0] for line in lines if "." in line.name)
-    short, long = {}, {}
+    labels = {}
     for line in lines:
-        subject, temperature_label, source = name_subject(f".{line.name}"), Words(""), Words("")
+        label, log, runs = name_subject(f".{line.name}"), line.name.partition(".")[2], ""
+        if log:
+            label += Words(f", {log}", f"，{log}")
+        elif runs_of[line.name] > 1:  # those at other temperatures by the curve through them
+            runs = f"{runs_of[line.name]}"
+            label += Words(f", all {runs} runs, weighted", f"，全部 {runs} 次加权")
         if forms.TEMPERATURE in line.valid:
             low, high = line.valid[forms.TEMPERATURE]
-            text = f"{temperature_of_line(line):.1f}"
-            if high - low > 1.0:  # both ends instead of the mean
-                text = f"{low:.1f} … {high:.1f}"
-            temperature_label = Words(f" ({text} °C)".replace("(-", "(−").replace("… -", "… −"))
-        log, count = line.name.partition(".")[2], runs_of[line.name]
-        if log:
-            source = Words(f", {log}", f"，{log}")
-        elif count > 1:  # those at other temperatures by the curve through them
-            source = Words(f", all {count} runs, weighted", f"，全部 {count} 次加权")
-        short[line.name], long[line.name] = (
-            subject + temperature_label,
-            subject + source + temperature_label,
-        )
-    labels = [*short.values()]
-    return {
-        name: label if labels.count(label) == 1 else long[name] for name, label in short.items()
-    }
+            degc = (
+                f"{low:.1f} … {high:.1f}"
+                if high - low > 1.0
+                else f"{temperature_of_line(line):.1f}"
+            )
+            label += Words(f" ({degc} °C)".replace("(-", "(−").replace("… -", "… −"))
+        labels[line.name] = label
+    return labels
 
 
 def _tabulate_figures(
-    basis: Stated, record: Record, names: Mapping[str, Words]
+    basis: Stated, record: Record, labels: Mapping[str, Words]
 ) -> Iterator[GridTable]:
-    """Tables of figures in the standards' terms: rows are figures, columns are models, by their
-    names; models with the same figures stand side by side.
+    """Tables of figures in the standards' terms: rows are figures, columns are lines, by their
+    labels; lines with the same figures stand side by side.
     """
-    rows: dict[tuple[str, str, str], dict[str, Result]] = {}
-    models = {model.name: model for model in record.models}
+    results_of: dict[str, dict[tuple[str, str, str], Result]] = {}
     for figure in record.figures:
-        figure_kind, standard, of_model = FigureName.of(figure.name)
-        model = models.get(of_model)
-        dof = math.inf if model is None else float(model.dof)
-        if figure_kind == "repeatability" and model is not None:
-            # a standard deviation over runs
-            runs = {p.name: p.value for p in model.parameters}.get("runs", 2.0)
+        kind, standard, line_name = FigureName.of(figure.name)
+        if line_name not in labels:
+            continue
+        line = record.model(line_name)
+        dof = float(line.dof)
+        if kind == "repeatability":  # a standard deviation over runs
+            runs = {p.name: p.value for p in line.parameters}.get("runs", 2.0)
             dof = max(runs - 1.0, 1.0)
-        words = NAMES.get(figure_kind, Words(figure_kind.replace("_", " ")))
-        quantity = of_figure(record, figure, words, dof=dof)
-        quantity = replace(quantity, standard=standard, magnitude=figure_kind in MAGNITUDES)
-        row = rows.setdefault((figure_kind, standard, figure.unit), {})
-        row[of_model] = state(basis, quantity, {})
-    columns: dict[tuple[tuple[str, str, str], ...], list[str]] = {}
-    for name in names:
-        kinds = tuple(kind for kind, row in rows.items() if name in row)
-        columns.setdefault(kinds, []).append(name)
-    columns.pop((), None)
-    for kinds, of_models in columns.items():
-        labels = [
-            NAMES.get(figure_kind, Words(figure_kind)) + Words(f" {standard}" if standard else "")
-            for figure_kind, standard, _ in kinds
-        ]
+        quantity = of_figure(record, figure, NAMES[kind], dof=dof)
+        quantity = replace(quantity, standard=standard, magnitude=kind in MAGNITUDES)
+        row = kind, standard, figure.unit
+        results_of.setdefault(line_name, {})[row] = state(basis, quantity, {})
+    alike: dict[tuple[tuple[str, str, str], ...], list[str]] = {}
+    for name in labels:
+        if name in results_of:
+            alike.setdefault(tuple(results_of[name]), []).append(name)
+    for rows, names in alike.items():
         yield GridTable(
             Words("Figures of the scale factor", "标度因数特征量"),
             Words(""),
-            tuple(names[name] for name in of_models),
-            tuple(unit for _, _, unit in kinds),
-            tuple(labels),
-            tuple(tuple(rows[kind].get(name) for name in of_models) for kind in kinds),
+            tuple(labels[name] for name in names),
+            tuple(unit for _, _, unit in rows),
+            tuple(NAMES[kind] + Words(f" {standard}".rstrip()) for kind, standard, _ in rows),
+            tuple(tuple(results_of[name][row] for name in names) for row in rows),
             by_row=True,
         )
 
@@ -529,57 +544,53 @@ def _state_triad(basis: Stated, record: Record) -> Block:
     """Block of runs about three axes: the rows of S, the unit vectors and the angles, a row of each
     for each gyro and temperature.
     """
-    triads = [model for model in record.models if model.form == forms.TRIAD.name]
-    kinds = {
+    figures = {figure.name: figure for figure in record.figures}
+    about = tuple(Words(f"about {axis}", f"绕 {axis} 轴") for axis in forms.AXES)
+    gyros = forms.list_gyros(record.model("triad"))
+    pairs = [f"{g}_{h}" for g, h in combinations(gyros, 2)]
+    between = tuple(Words(pair.replace("_", " – ")) for pair in pairs)
+    words_of = {
         "S": Words("Sensitivities about the axes of the base", "绕基准轴的灵敏度"),
         "misalignment": Words("Unit vectors of the input axes", "输入轴单位矢量"),
         ANGLE: Words("Angles between the input axes", "输入轴夹角"),
     }
-    cells: dict[str, dict[tuple[str, Words], Result]] = {kind: {} for kind in kinds}
-    notes: list[Words] = []
-    for triad in triads:
-        suffix, set_label = triad.name.removeprefix("triad").removeprefix("."), triad.name
-        if forms.TEMPERATURE in triad.valid:
-            middle = sum(triad.valid[forms.TEMPERATURE]) / 2.0
-            set_label = f"{middle:.1f} °C".replace("-", "−")
-        for c in triad.coefficients:
-            gyro, axis = c.name[2:-1], c.name[-1]
-            if not c.name.startswith("S_"):
-                continue
-            sensitivity = coefficient(record, triad, c.name, Words("sensitivity", "灵敏度"))
-            if gyro == axis:
-                undecided = undecided_scale(record)
-                sensitivity = replace(sensitivity, undecided=undecided)
-            principal = triad.name == "triad" and gyro == axis
-            place = f"{gyro} ({set_label})", Words(f"about {axis}", f"绕 {axis} 轴")
-            cells["S"][place] = state(basis, sensitivity, {}, principal=principal)
-        for figure in record.figures:
-            kind, _, name_and_suffix = figure.name.partition(".")
-            name, _, of_suffix = name_and_suffix.partition(".")
-            if kind not in kinds or of_suffix != suffix:
-                continue
-            # an error of the angle between two table axes turns a unit vector by as much
-            angle = kind == ANGLE
-            slope = 1.0 if angle else math.radians(math.sqrt(max(1.0 - figure.value**2, 0.0)))
-            words = Words(kinds[kind].en.lower(), kinds[kind].zh)
-            direction = of_figure(
-                record, figure, words, dof=triad.dof, slopes={ANGLE: (90.0, slope)}
-            )
-            gyro, head = ("", name.replace("_", " – ")) if "_" in name else (name[:-1], name[-1])
-            principal = angle and triad.name == "triad"
-            place = f"{gyro} ({set_label})".strip(), Words(head)
-            cells[kind][place] = state(basis, direction, {}, principal=principal)
-        notes += [residual_words(triad), range_words(triad)]
-    tables = []
+    heads = {"S": about, "misalignment": tuple(map(Words, forms.AXES)), ANGLE: between}
     units = {"S": "1/deg", "misalignment": "1", ANGLE: "deg"}
-    for kind, results in cells.items():
-        rows = tuple(dict.fromkeys(row for row, _ in results))
-        heads = tuple(dict.fromkeys(head for _, head in results))
-        grid = tuple(tuple(results.get((row, head)) for head in heads) for row in rows)
-        note = COEFFICIENT_NOTE if kind == "S" else None
-        of_heads = (units[kind],) * len(heads)
-        tables.append(
-            GridTable(kinds[kind], Words("gyro", "陀螺"), heads, of_heads, rows, grid, note)
+    rows: dict[str, dict[str, list[Result]]] = {kind: {} for kind in words_of}
+    notes: list[Words] = []
+    for triad in [model for model in record.models if model.form == forms.TRIAD.name]:
+        suffix, place = triad.name.removeprefix("triad"), triad.name
+        if forms.TEMPERATURE in triad.valid:
+            place = f"{sum(triad.valid[forms.TEMPERATURE]) / 2.0:.1f} °C".replace("-", "−")
+        components = [(gyro, f"{gyro}{axis}") for gyro in gyros for axis in forms.AXES]
+        directions = [("misalignment", f"{gyro} ({place})", name) for gyro, name in components]
+        directions += [(ANGLE, f"({place})", pair) for pair in pairs]
+        for kind, row, name in directions:
+            words = Words(words_of[kind].en.lower(), words_of[kind].zh)
+            figure = figures[f"{kind}.{name}{suffix}"]
+            direction = of_direction(record, figure, words, triad.dof)
+            result = state(basis, direction, {}, principal=kind == ANGLE and not suffix)
+            rows[kind].setdefault(row, []).append(result)
+        for gyro in gyros:
+            names = [f"S_{gyro}{axis}" for axis in forms.AXES]
+            s = np.array([triad.value(name) for name in names])
+            for a, name in enumerate(names):
+                K = coefficient(record, triad, name, Words("sensitivity", "灵敏度"))
+                principal = not suffix and a == int(np.argmax(np.abs(s)))
+                result = state(basis, about_axis(record, K, s, a), {}, principal=principal)
+                rows["S"].setdefault(f"{gyro} ({place})", []).append(result)
+        notes += [residual_words(triad), range_words(triad)]
+    tables = [
+        GridTable(
+            words_of[kind],
+            Words("gyro", "陀螺"),
+            heads[kind],
+            (units[kind],) * len(heads[kind]),
+            tuple(of_kind),
+            tuple(map(tuple, of_kind.values())),
+            COEFFICIENT_NOTE if kind == "S" else None,
         )
+        for kind, of_kind in rows.items()
+    ]
     title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
     return _block(record, title, tables, notes)

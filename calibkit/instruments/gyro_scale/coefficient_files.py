@@ -11,7 +11,7 @@ from `Fit.of` of these.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Any
 
@@ -118,7 +118,7 @@ class CampaignFit:
     gammas : γ of a pair by the noise of held rates alone, of B about A's axis and of A about
         B's.
     sets : runs about three axes, a set for each temperature.
-    fitted : equation (1) of all runs about three axes over temperature.
+    fits : equation (1) as it was fitted.
     bias_curves : biases of the gyros over temperature.
 
     """
@@ -131,7 +131,7 @@ class CampaignFit:
     pair_figures: tuple[Figure, ...] = ()
     gammas: tuple[Value, Value] | None = None
     sets: tuple[AxesSet, ...] = ()
-    fitted: equation.ResponseFit | None = None
+    fits: Mapping[str, equation.ResponseFit] = field(default_factory=dict)
     bias_curves: tuple[Model, ...] = ()
 
     @property

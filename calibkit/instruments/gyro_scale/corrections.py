@@ -34,7 +34,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit
-from calibkit.instruments.gyro_scale.flags import WITHIN, judge_noise, judge_unseen
+from calibkit.instruments.gyro_scale.flags import judge_noise, judge_unseen, undecided_limits
 from calibkit.instruments.gyro_scale.forms import AXES, TEMPERATURE, GyroMatrix, gyro_column
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
@@ -211,13 +211,11 @@ def validate(
         heads = ("", "frozen", "found", "difference", "unit")
         tables.append(Table("The pair again", heads, tuple(rows)))
     of_limits = [error["after"] if triad else error for _, error in errors]
+    undecided = undecided_limits(spec, within_runs=within_runs)
     for criterion in judge_unseen(of_limits, spec.acceptance):
-        # where scale factors hold within their runs, a run beyond a limit of theirs rejects, and
-        # one within it accepts nothing
-        of_scale = criterion.name in ("scale-factor error", "rate error")
-        if within_runs and criterion.passed and of_scale:
+        if criterion.passed and criterion.name in undecided:
             size = f"{criterion.name} {criterion.value:.3g} {criterion.unit}"
-            flags.append(f"{size} of these runs decides no limit: {WITHIN}")
+            flags.append(f"{size} of these runs decides no limit: {undecided[criterion.name]}")
         else:
             criteria.append(criterion)
     criteria += judge_noise(straight, spec.acceptance)

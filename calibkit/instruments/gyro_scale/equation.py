@@ -21,8 +21,8 @@ follow temperature: to ± 150 °/s a cubic leaves 0.11 °/s of it, the fifth pow
 that are linear in temperature 0.03 °/s; with their squares K(T) is right too.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -325,6 +325,24 @@ def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Respo
     lower = range(min(LOWEST_ORDER, terms.order), terms.order)
     fits = [of_highest, *(fit_order(order, selected_errors) for order in lower)]
     return ResponseFit(orders.average(fits) if lower else of_highest, rows, terms)
+
+
+@dataclass(frozen=True, slots=True)
+class Fits:
+    """Fits of equation (1) by their names; where there were fits of nearly the same rows, their
+    values with the weights held.
+    """
+
+    earlier: Mapping[str, ResponseFit] = field(default_factory=dict)
+    by_name: dict[str, ResponseFit] = field(default_factory=dict)
+
+    def fit(
+        self, name: str, rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]
+    ) -> ResponseFit:
+        """`fit`, or `ResponseFit.refit` of the earlier fit of this name."""
+        earlier = self.earlier.get(name)
+        self.by_name[name] = earlier.refit(rows) if earlier else fit(rows, terms, shared)
+        return self.by_name[name]
 
 
 def response_pattern(rows: RateRows) -> Array:

@@ -1,14 +1,14 @@
-"""Figures of gyros on a rate table, a row of panels for each gyro: what the held rates leave of the
+"""Figures of gyros on a rate table, panels for each gyro: what the held rates leave of the
 best straight line, and K over temperature with what the runs leave of it.
 
-    (F_j − F̂_j)/max |F_j|,   (F_j − F̂_j)/|K Ω_j|,   F̂_j = K Ω_j + F0          (`published`, (1))
+    (F_j − F̂_j)/max |F_j|,   F̂_j = K Ω_j + F0                                 (`published`, (1))
 
 Angles between gyros, a value each at a temperature, stand in the tables alone.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -54,53 +54,32 @@ def draw(title: str, fitted: Fitted[CampaignFit]) -> Drawn:
 def _draw_errors(
     title: str, lines: Sequence[tuple[Channel, TableRun, Line]], gyros: Sequence[str]
 ) -> Figure:
-    """Residuals of the lines in ppm of full scale, and in ppm of each rate."""
+    """Residuals of the lines in ppm of full scale."""
     height = 1.4 + 3.3 * len(gyros)
     title = f"{title}: scale-factor error against rate"
-    figure, axes = page(len(gyros), 2, title=title, height=height)
-    for gyro, left, right in zip(gyros, axes[::2], axes[1::2], strict=True):
+    figure, axes = page(len(gyros), 1, title=title, height=height)
+    for gyro, ax in zip(gyros, axes, strict=True):
         runs = [(run.log.name, line) for channel, run, line in lines if channel.gyro == gyro]
-        largest = 0.0
         for k, (run, line) in enumerate(runs):
-            bars: dict[str, Any] = {
-                "color": COLOURS[k % len(COLOURS)],
-                "marker": MARKERS[k % len(MARKERS)],
-                "ms": 3.5,
-                "elinewidth": 0.7,
-                "alpha": 0.85,
-            }
-            rate, (residual, u_residual) = line.rate_dps, line.of_full_scale_ppm
-            order = np.argsort(rate)
-            U = 2.0 * u_residual[order]
-            left.errorbar(rate[order], residual[order], U, label=run, lw=0.8, **bars)
-            deviation, u_deviation = line.per_point_ppm
-            U = 2.0 * u_deviation
-            largest = max(largest, float(np.nanmax(np.abs(deviation) + U)))
-            for direction, fill in ((1.0, bars["color"]), (-1.0, "white")):
-                points = np.flatnonzero((direction * rate > 0.0) & np.isfinite(deviation))
-                size, bars["markerfacecolor"] = np.abs(rate[points]), fill
-                right.errorbar(size, deviation[points], U[points], ls="", **bars)
-        for ax in (left, right):
-            ax.axhline(0.0, color=MUTED, lw=0.6)
-        left.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
-        left.set_xlabel("table rate [°/s]")
-        right.set(
-            title=f"gyro {gyro}: (F - F_fit)/|K·rate|, bars k = 2", ylabel="[ppm of the rate]"
-        )
-        right.set_xlabel("|table rate| [°/s], negative rates open")
-        right.set_xscale("log")
-        right.xaxis.set_major_formatter("{x:g}")
-        if largest >= 20.0:
-            # shows both the few ppm of fast rates and the noise of slow ones
-            right.set_yscale("symlog", linthresh=10.0)
-            decades = [10.0**k for k in range(1, int(np.ceil(np.log10(largest))) + 1)]
-            ticks = [-tick for tick in reversed(decades)] + [0.0, *decades]
-            right.set_yticks(ticks)
-            right.set_yticklabels([f"{tick:g}" for tick in ticks])
-            right.minorticks_off()
-        low, high = left.get_ylim()
-        left.set_ylim(low, high + 0.12 * (high - low) * -(-len(runs) // 3))
-        left.legend(loc="upper center", ncols=3)
+            order, (residual, u) = np.argsort(line.rate_dps), line.of_full_scale_ppm
+            ax.errorbar(
+                line.rate_dps[order],
+                residual[order],
+                2.0 * u[order],
+                label=run,
+                color=COLOURS[k % len(COLOURS)],
+                marker=MARKERS[k % len(MARKERS)],
+                ms=3.5,
+                lw=0.8,
+                elinewidth=0.7,
+                alpha=0.85,
+            )
+        ax.axhline(0.0, color=MUTED, lw=0.6)
+        ax.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
+        ax.set_xlabel("table rate [°/s]")
+        low, high = ax.get_ylim()
+        ax.set_ylim(low, high + 0.12 * (high - low) * -(-len(runs) // 3))
+        ax.legend(loc="upper center", ncols=3)
     return figure
 
 

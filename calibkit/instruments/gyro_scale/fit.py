@@ -61,9 +61,9 @@ PAIR = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """Gyro and table axis of K_A, K_B, K_Ba and K_Ab."""
 
 
-def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: CampaignFit | None = None) -> CampaignFit:
-    """Fit a procedure's runs; `frozen` is a fit of nearly the same runs, whose sizes of errors and
-    choices are kept, and which has the flags.
+def fit_campaign(spec: AnyRecipe, runs: Runs, earlier: CampaignFit | None = None) -> CampaignFit:
+    """Fit a procedure's runs; `earlier` is a fit of nearly the same runs, of whose results only the
+    values move, and which has the flags.
 
     Raises FitError for a gyro that does not follow the table, for two γ of opposite sign, and for
     a table axis without a run at some temperature.
@@ -76,20 +76,19 @@ def fit_campaign(spec: AnyRecipe, runs: Runs, frozen: CampaignFit | None = None)
         [(number, run) for number, axis in enumerate(spec.logs_of_axes) for run in group[axis]]
         for group in groups
     ]
-    run_lines = Lines.of(sets, frozen.run_lines if frozen else None)
-    if not frozen:
+    fits = equation.Fits(earlier.fits if earlier else {})
+    run_lines = Lines.of(sets, fits, earlier.run_lines if earlier else None)
+    if not earlier:
         run_lines.require_followed()
     if isinstance(spec, GyroPairRecipe):
-        campaign = _fit_pair(spec, runs, run_lines, frozen)
+        campaign = _fit_pair(spec, runs, run_lines, fits)
     elif isinstance(spec, GyroTriadRecipe):
-        campaign = _fit_axes(spec, runs, groups, run_lines, frozen)
+        campaign = _fit_axes(spec, runs, groups, run_lines, fits)
     else:
-        channels = []
-        for number, gyro in enumerate(spec.gyros):
-            frozen_fit = frozen.channels[number].fitted if frozen else None
-            channels.append(_fit_over_runs(spec, gyro, runs[""], run_lines, frozen_fit))
+        channels = [_fit_over_runs(spec, gyro, runs[""], run_lines, fits) for gyro in spec.gyros]
         campaign = CampaignFit(tuple(channels), run_lines)
-    return campaign if frozen else replace(campaign, flags=flags.of_campaign(spec, runs, campaign))
+    campaign = replace(campaign, fits=fits.by_name)
+    return campaign if earlier else replace(campaign, flags=flags.of_campaign(spec, runs, campaign))
 
 
 def _fit_over_runs(
@@ -97,7 +96,7 @@ def _fit_over_runs(
     gyro: str,
     runs: tuple[TableRun, ...],
     run_lines: Lines,
-    frozen: equation.ResponseFit | None,
+    fits: equation.Fits,
 ) -> Channel:
     """Fit one gyro over all runs: the mean at the reference temperature, and K and F0 over
     temperature where the temperature varies.
@@ -110,14 +109,11 @@ def _fit_over_runs(
     # 5 °C are the least span for K over temperature
     varies = bool(np.isfinite(temperature).all() and np.ptp(temperature) >= 5.0)
     rows = run_lines.rows_of(runs, gyro)
-    if frozen:
-        fitted = frozen.refit(rows)
-    else:
-        terms = equation.find_terms(rows, varies=varies, bent=spec.response == "auto")
-        shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
-        errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
-        errors = [*errors, *(e for e in shared if e.group != "run")]
-        fitted = equation.fit(rows, terms, errors)
+    terms = equation.find_terms(rows, varies=varies, bent=spec.response == "auto")
+    shared = list(equation.shared_errors(rows, terms, rows.slopes, rows.slopes))
+    errors = shared_errors.state_sizes(spec.errors, [e for e in shared if e.group == "run"])
+    errors += [e for e in shared if e.group != "run"]
+    fitted = fits.fit(gyro, rows, terms, errors)
     fit, _, terms = fitted
 
     # whether K changes with time in the runs, beside what temperature changes
@@ -216,7 +212,7 @@ def _figures(
 
 
 def _fit_pair(
-    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, frozen: CampaignFit | None
+    spec: GyroPairRecipe, runs: Runs, run_lines: Lines, fits: equation.Fits
 ) -> CampaignFit:
     """Fit N, ε, γ and α to the runs about both table axes; the covariance holds the errors of held
     rates, how runs repeat, the difference between the runs' temperatures, and the mounting.
@@ -259,18 +255,15 @@ def _fit_pair(
     ratios = published.find_ratios(replace(K, bounds=np.column_stack((K.bounds, cosine))))
 
     channels = []
-    for number, ((gyro, axis), place) in enumerate(zip(PAIR, places, strict=True)):
+    for (gyro, axis), place in zip(PAIR, places, strict=True):
         name, of_runs = forms.line_name(gyro, axis), stated_components(run_scale)
         line = mean_lines.part([place, place + 4])
         mean = line_model(name, line, run_lines, gyro, runs[axis], of_runs)
         bent, rows = None, run_lines.rows_of(runs[axis], gyro)
-        frozen_bent = frozen.channels[number].fitted if frozen else None
-        if frozen_bent:
-            bent = frozen_bent.refit(rows)
-        elif not frozen and gyro == axis and spec.response == "auto":
+        if gyro == axis and spec.response == "auto":
             terms = equation.find_terms(rows, varies=False, bent=True)
             if terms.powers:  # without errors that the runs share
-                bent = equation.fit(rows, terms, ())
+                bent = fits.fit(gyro, rows, terms, ())
         channels.append(Channel(gyro, axis, gyro == axis, runs[axis], runs[axis], mean, bent))
     # N, ε, γ and α, the interval of α, which values of a refit do not have, and γ of A about B
     all_runs = [run for axis in "ab" for run in runs[axis]]
@@ -297,7 +290,7 @@ def _fit_pair(
     figures = (
         *pair.coefficients,
         Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
-        *(ends if frozen is None else ()),
+        *(() if fits.earlier else ends),
         Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
         Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
         Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),
@@ -340,21 +333,20 @@ def _fit_axes(
     runs: Runs,
     groups: Sequence[Runs],
     run_lines: Lines,
-    frozen: CampaignFit | None,
+    fits: equation.Fits,
 ) -> CampaignFit:
     """Fit sensitivities and angles of each set of runs, and each sensitivity over temperature where
     the temperature varies.
     """
-    # errors move no value: a refit of nearly the same runs leaves them out
-    known_sizes = {} if frozen else spec.known_errors()
-    S, run_scale, mounting = run_lines.sensitivity(), None, None
-    if not frozen:
-        run_scale = run_lines.run_scale(known_sizes.get("scale"))
+    known_sizes = spec.known_errors()
+    S, mounting = run_lines.sensitivity(), list[Shared]()
+    run_scale = run_lines.run_scale(known_sizes.get("scale"))
     if "angle" in known_sizes:
         # a tilt toward one of the other axes
         tilt_response = np.array([np.delete(S, axis, axis=1) for axis in range(S.shape[1])])
-        mounting = run_lines.mounting(np.swapaxes(tilt_response, 0, 1), known_sizes["angle"])
-    sized_errors = None if frozen else [error for error in (run_scale, mounting) if error]
+        tilt_response = np.swapaxes(tilt_response, 0, 1)
+        mounting.append(run_lines.mounting(tilt_response, known_sizes["angle"]))
+    sized_errors = [*([run_scale] if run_scale else []), *mounting]
     of_groups = [[run for axis in forms.AXES for run in group[axis]] for group in groups]
     degc = np.array([np.mean([run.temp_degc for run in group]) for group in of_groups])
     logged = bool(np.isfinite(degc).all())
@@ -366,23 +358,20 @@ def _fit_axes(
     flags.require_own_axes(sets, spec.gyros)
 
     all_runs = [run for axis in forms.AXES for run in runs[axis]]
-    fitted, curves = None, list[Model]()
+    curves = list[Model]()
     if len(sets) > 1:
         rows = replace(run_lines.rows, line=run_lines.rows.channel)
-        if frozen and frozen.fitted:
-            fitted = frozen.fitted.refit(rows)
-        else:
-            order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
-            shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
-            middle_half = polynomial.middle_and_half(rows.row_degc)
-            terms = equation.ResponseTerms(S.size, order, middle_half, shapes)
-            own_K = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
-            errors = [*equation.shared_errors(rows, terms, S.ravel(), own_K)]
-            for number, error in enumerate(errors):
-                if run_scale and error.name == run_scale.name:
-                    size, dof = run_scale.size, run_scale.size_dof
-                    errors[number] = replace(error, size=size, size_dof=dof)
-            fitted = equation.fit(rows, terms, errors)
+        order = max(min(polynomial.HIGHEST_ORDER, len(sets) - 2), 0)
+        shapes = (equation.ASYMMETRY,) if rows.shows_asymmetry else ()
+        middle_half = polynomial.middle_and_half(rows.row_degc)
+        terms = equation.ResponseTerms(S.size, order, middle_half, shapes)
+        own_K = np.repeat(np.linalg.norm(S, axis=1), S.shape[1])
+        errors = [*equation.shared_errors(rows, terms, S.ravel(), own_K)]
+        for number, error in enumerate(errors):
+            if run_scale and error.name == run_scale.name:
+                size, dof = run_scale.size, run_scale.size_dof
+                errors[number] = replace(error, size=size, size_dof=dof)
+        fitted = fits.fit("axes", rows, terms, errors)
         # over temperature: K of each line and, where the earth's rate ω is known, the bias of each
         # gyro, the mean of F0 − K ω over the axes
         terms, vertical_dps = fitted.terms, table_runs.vertical_rate_dps(spec)
@@ -396,7 +385,7 @@ def _fit_axes(
             return np.concatenate((K, biases)).ravel()
 
         of_all, powers = fitted.fit.restated(polynomials), terms.order + 1
-        of_K = of_all.part(slice(powers * terms.lines)).widened_by([mounting] if mounting else [])
+        of_K = of_all.part(slice(powers * terms.lines)).widened_by(mounting)
         names = [forms.line_name(gyro, axis) for gyro, axis in product(spec.gyros, forms.AXES)]
         for k, name in enumerate(names):
             K = of_K.part(slice(powers * k, powers * (k + 1)))
@@ -414,7 +403,6 @@ def _fit_axes(
         run_lines,
         within_runs=run_scale is None,
         sets=tuple(sets),
-        fitted=fitted,
         bias_curves=tuple(curves[len(channels) :]),
     )
 
@@ -422,20 +410,19 @@ def _fit_axes(
 def _fit_set(
     spec: GyroTriadRecipe,
     run_lines: Lines,
-    sized_errors: Sequence[Shared] | None,
+    sized_errors: Sequence[Shared],
     runs: Sequence[TableRun],
     number: int,
     suffix: str,
 ) -> AxesSet:
     """Sensitivities of one set of runs, what follows from them, and biases F0 − K ω where ω, the
-    earth's rate about the table's axis, is known; `sized_errors` are errors of known size, None for
-    a refit that needs no uncertainty.
+    earth's rate about the table's axis, is known; `sized_errors` are errors of known size.
     """
     line_mask, count = run_lines.set_of == number, len(spec.gyros)
     vertical_dps = table_runs.vertical_rate_dps(spec)
     runs_about = np.bincount(run_lines.axis_of[line_mask])
-    errors = [*(sized_errors or ())]
-    if vertical_dps is not None and sized_errors is not None:
+    errors = [*sized_errors]
+    if vertical_dps is not None:
         errors += run_lines.run_zeros(line_mask, vertical_dps)
 
     def S_and_B(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
@@ -468,7 +455,7 @@ def _fit_set(
     model = replace(
         model,
         dof=min(line_fit.dof for line_fit in of_runs),
-        components=stated_components(*(sized_errors or ())),
+        components=stated_components(*sized_errors),
     )
     degc = float(np.mean([run.temp_degc for run in runs]))
     return AxesSet(degc, suffix, model, {figure.name: figure for figure in figures})

@@ -87,6 +87,12 @@ WITHIN = (
     ' "scale"'
 )
 
+MOUNTING = (
+    "the errors of mounting are not in u of the angles and unit vectors, and no limit on them is"
+    ' decided: state how a mounting repeats in [[errors.component]] group = "mounting", effect ='
+    ' "angle"'
+)
+
 
 def _list_holding(*flags: tuple[bool, str]) -> list[str]:
     """Sentences whose test holds. One is a remark where U holds what it says, or where it says what
@@ -122,7 +128,7 @@ def of_campaign(spec: AnyRecipe, runs: Runs, campaign: CampaignFit) -> tuple[str
     if isinstance(spec, GyroPairRecipe):
         of_fit = _of_pair(spec, runs, campaign)
     elif isinstance(spec, GyroTriadRecipe):
-        of_fit = _of_axes(spec, runs, campaign)
+        of_fit = _of_axes(spec, campaign)
     else:
         of_fit = _of_runs(spec, campaign)
     return tuple(dict.fromkeys((*of_logs, *of_fit)))
@@ -150,20 +156,13 @@ def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
         few = []
         for c in channel.mean.coefficients:
             dof = channel.mean.dof_of(c)
-            few.append(
-                (
-                    len(channel.runs) > 1 and dof < shared_errors.FEW_DOF,
-                    Remark(
-                        f"{name}: {c.name} has {dof:.2g} degrees of freedom between"
-                        f" {len(channel.runs)} runs, its interval is ±"
-                        f" {gum.coverage_factor(dof):.3g} standard uncertainties: add runs, or"
-                        f" {cure}"
-                    ),
-                )
-            )
+            interval = f"its interval is ± {gum.coverage_factor(dof):.3g} standard uncertainties"
+            text = f"{name}: {c.name} has {dof:.2g} degrees of freedom between {len(runs)} runs"
+            few_dof = len(runs) > 1 and dof < shared_errors.FEW_DOF
+            few.append((few_dof, Remark(f"{text}, {interval}: add runs, or {cure}")))
         yield from _list_holding(
             (
-                len(channel.runs) == 1 and bool(unknown),
+                len(runs) == 1 and bool(unknown),
                 Remark(
                     f"{name}: one run does not show how runs repeat; u of K and F0 holds within"
                     f" this run only: repeat it, or {cure}, effect ="
@@ -338,28 +337,24 @@ def of_directions(figures: Mapping[str, Figure], gyros: Sequence[str]) -> Iterat
         yield "the gyros do not span three axes: the compensation leaves rates out"
 
 
-def _of_axes(spec: GyroTriadRecipe, runs: Runs, campaign: CampaignFit) -> Iterator[str]:
+def _of_axes(spec: GyroTriadRecipe, campaign: CampaignFit) -> Iterator[str]:
     """Flags of runs about three axes: what changed during a run, runs that contradict the others,
     time; left-handed input axes, poorly determined scale factors, and biases that are inconsistent
     or unknown.
     """
     sets, run_lines = campaign.sets, campaign.run_lines
-    run_of_file = {run.log.file: run for group in runs.values() for run in group}
-    logged = np.isfinite([run.temp_degc for run in run_of_file.values()]).all()
-    if not logged and len(run_of_file) > len(forms.AXES):
+    logged = np.isfinite([run.temp_degc for run in run_lines.runs]).all()
+    if not logged and len(run_lines.runs) > len(forms.AXES):
         yield UNLOGGED
     yield from run_lines.flag_drifts()
-    main = np.abs(run_lines.sensitivity()).argmax(axis=1)
     # in the order of the lines, by the temperature of their sets
-    in_order = [run_of_file[file] for file in dict.fromkeys(file for file, _ in run_lines.number)]
     axis_of = run_lines.axis_of[:: len(spec.gyros)]
-    for gyro, axis in zip(spec.gyros, main, strict=True):
-        axis_runs = [run for about, run in zip(axis_of, in_order, strict=True) if about == axis]
+    for gyro, axis in zip(spec.gyros, np.abs(run_lines.sensitivity()).argmax(axis=1), strict=True):
+        axis_runs = [run_lines.runs[k] for k in np.flatnonzero(axis_of == axis)]
         name = forms.line_name(gyro, forms.AXES[axis])
         yield from of_contradicted_runs(name, axis_runs, run_lines.of_runs(axis_runs, gyro))
-    yield from of_contradicted_shares(run_lines, in_order, spec.gyros)
+    yield from of_contradicted_shares(run_lines, spec.gyros)
     yield from _of_time(run_lines, spec.gyros)
-    stated_mounting = "angle" in spec.known_errors()
     for axes_set in sets:
         for flag in of_directions(axes_set.figures, spec.gyros):
             yield f"{_place(axes_set)}{flag}"
@@ -377,11 +372,8 @@ def _of_axes(spec: GyroTriadRecipe, runs: Runs, campaign: CampaignFit) -> Iterat
         yield from of_uncertain(name, size.value, size.standard_uncertainty)
     yield from _list_holding(
         (
-            not stated_mounting and len(spec.gyros) > 1,
-            Remark(
-                "the errors of mounting are not in u of the angles and unit vectors: state how a"
-                ' mounting repeats in [[errors.component]] group = "mounting", effect = "angle"'
-            ),
+            "orthogonality error" in undecided_limits(spec, within_runs=False),
+            Remark(MOUNTING),
         ),
         (
             spec.site.latitude_deg is None,
@@ -480,11 +472,9 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
         yield Contradiction.of(smallest_difference, f"{name}: {why}")
 
 
-def of_contradicted_shares(
-    table: Lines, runs: Sequence[TableRun], gyros: Sequence[str]
-) -> Iterator[str]:
+def of_contradicted_shares(table: Lines, gyros: Sequence[str]) -> Iterator[str]:
     """Flags on logs of a triad in which gyros that lie across the axis indicate another share of
-    the rate than in the other logs about it; `runs` are in the order of the table's lines.
+    the rate than in the other logs about it.
     """
     from scipy.special import stdtrit
 
@@ -499,7 +489,7 @@ def of_contradicted_shares(
     channel = table.gyro_of * len(forms.AXES) + table.axis_of
     across_mask = ~table.own_axis_mask()
     tests = int(np.count_nonzero(across_mask))
-    for log, run in enumerate(runs):
+    for log, run in enumerate(table.runs):
         log_lines, other_lines = across_mask & (log_of == log), across_mask & (log_of != log)
         count = np.bincount(channel[other_lines], minlength=channel.max() + 1)
         # a log is held against two others or more
@@ -558,6 +548,20 @@ def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Cr
                 hint="add the runs that it needs, or take the limit out of the recipe",
             )
     return _judge(limits, LIMITS, values_of)
+
+
+def undecided_limits(spec: AnyRecipe, *, within_runs: bool) -> dict[str, str]:
+    """Criterion → why a result within its limit accepts nothing, as its U leaves something out that
+    no log shows: how scale factors repeat, or in a triad the mounting, where no component states
+    it. One beyond its limit rejects.
+    """
+    undecided: dict[str, str] = {}
+    if within_runs:
+        undecided |= dict.fromkeys(("scale-factor error", "rate error"), WITHIN)
+    if isinstance(spec, GyroTriadRecipe) and "angle" not in spec.known_errors():
+        angles = ("orthogonality error", "standard uncertainty of an angle")
+        undecided |= dict.fromkeys((*angles, "rate across the turned axis"), MOUNTING)
+    return undecided
 
 
 def judge_noise(lines: Iterable[Line], limits: LineAcceptance) -> tuple[Criterion, ...]:

@@ -57,6 +57,12 @@ def triad_names(gyros: Sequence[str]) -> tuple[list[str], list[str]]:
     return [f"S_{gyro}{axis}" for gyro in gyros for axis in AXES], [f"B_{gyro}" for gyro in gyros]
 
 
+def list_gyros(triad: Model) -> list[str]:
+    """Names of the gyros of a triad, in the order of the rows of S."""
+    rows = [c.name for c in triad.coefficients if c.name.startswith("S_")]
+    return [name[2:-1] for name in rows[:: len(AXES)]]
+
+
 def _bent(model: Model, p: Numbers, inputs: Inputs) -> Numbers:
     """F [n, 1/s] of `equation`, (1), with the terms that a model states; its coefficients stand in
     the order of the parameters.

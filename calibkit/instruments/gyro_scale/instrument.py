@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
+from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.coefficients import Coefficient, Figure, Input, StageResult
 from calibkit.errors import RecipeError
@@ -26,10 +27,10 @@ from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
 from calibkit.instruments.gyro_scale.corrections import correct, validate
 from calibkit.instruments.gyro_scale.fit import fit_campaign
 from calibkit.instruments.gyro_scale.forms import FORMS
-from calibkit.instruments.gyro_scale.published import GJB, PPM, FigureName
+from calibkit.instruments.gyro_scale.published import GJB, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe
 from calibkit.instruments.gyro_scale.table_runs import TableRun, faults, read
-from calibkit.report.overview import KeyValue, Overview, concise
+from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
 from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
@@ -81,7 +82,12 @@ def fit(
         {channel.gyro: channel.response for channel in campaign.own_channels}
     )
     figures = [figure for result in stages for figure in result.figures]
-    criteria = flags.judge_figures(figures, spec.acceptance)
+    undecided = flags.undecided_limits(spec, within_runs=campaign.within_runs)
+    criteria = tuple(
+        criterion
+        for criterion in flags.judge_figures(figures, spec.acceptance)
+        if not (criterion.passed and criterion.name in undecided)
+    )
     criteria += flags.judge_noise(straight, spec.acceptance)
     criteria += flags.judge_contradictions(campaign.flags)
     single = not (campaign.pair or campaign.sets)
@@ -143,21 +149,14 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
         figures = [f for f in scales.figures if FigureName.of(f.name)[:2] == (kind, GJB)]
         if figures:
             worst = max(figures, key=lambda figure: abs(figure.value))
-            label, unit = f"largest {name} ({GJB})", worst.unit.replace("degC", "°C")
-            largest.append(KeyValue(label, worst.value, unit, worst.standard_uncertainty))
-    facts = _in_words(largest)
+            largest.append(_key_value(f"largest {name} ({GJB})", worst))
     if campaign.pair is not None:
-        N, _, gamma, alpha = campaign.pair.coefficients
-        u_alpha = alpha.standard_uncertainty
-        error = KeyValue("orthogonality error 90° − α", 90.0 - alpha.value, "°", u_alpha)
-        ratio = KeyValue("ratio of scale factors N = K_B/K_A", N.value, "1", N.standard_uncertainty)
-        of_gamma = KeyValue("γ", gamma.value, "1", gamma.standard_uncertainty)
-        sentence = (
-            f"Angle between the input axes α = {concise(alpha.value, u_alpha)}°: {error.name} ="
-            f" {error}."
-        )
-        facts = (f"N = K_B/K_A = {ratio}; γ = {of_gamma}.", *facts)
-        return Overview(sentence, facts, (error, ratio, *largest)[:4])
+        of_pair = {result.name: result for result in campaign.pair_figures}
+        alpha, ratio = _key_value("α", of_pair["alpha_deg"]), _key_value("N", of_pair["N"])
+        error = _key_value("orthogonality error 90° − α", of_pair["orthogonality_error_deg"])
+        sentence = f"Angle between the input axes α = {alpha}: {error.name} = {error}."
+        ratios = f"N = K_B/K_A = {ratio}; γ = {_key_value('γ', of_pair['gamma'])}."
+        return Overview(sentence, (ratios, *_in_words(largest)), (error, ratio, *largest)[:4])
     scale_factors, place = [], ""
     for channel in campaign.own_channels:
         K: Figure | Coefficient
@@ -168,27 +167,26 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
             K, gyro = campaign.reference.figures[f"scale_factor.{channel.gyro}"], channel.gyro
             degc = campaign.reference.temp_degc
         place = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
-        label = f"scale factor of {gyro}{place}"
-        scale_factors.append(KeyValue(label, K.value, "counts/°", K.standard_uncertainty))
-    (in_words,) = _in_words(scale_factors)
-    if not campaign.sets:
-        first = scale_factors[0]
-        ppm = PPM * first.standard_uncertainty / abs(first.value)
-        sentence = f"{in_words.removesuffix('.')} (u {ppm:.2g} ppm)."
-        return Overview(sentence, facts, (*scale_factors, *largest)[:4])
+        scale_factors.append(_key_value(f"scale factor of {gyro}{place}", K, "counts/°"))
+    facts = (*_in_words(scale_factors), *_in_words(largest))
     errors = [
         figure
-        for name, figure in campaign.reference.figures.items()
+        for name, figure in (campaign.reference.figures.items() if campaign.sets else ())
         if name.startswith("orthogonality_error")
     ]
     if not errors:
-        return Overview(in_words, facts, tuple(scale_factors[:4]))
+        return Overview(facts[0], facts[1:], (*scale_factors, *largest)[:4])
     worst = max(errors, key=lambda figure: abs(figure.value))
     of_both = worst.name.partition(".")[2].replace("_", " and ")
-    label = f"90° − angle between the input axes of {of_both}"
-    error = KeyValue(label, worst.value, "°", worst.standard_uncertainty)
-    sentence = f"Largest departure from right angles{place}: {label} is {error}."
-    return Overview(sentence, (in_words, *facts), (error, *scale_factors)[:4])
+    error = _key_value(f"90° − angle between the input axes of {of_both}", worst)
+    sentence = f"Largest departure from right angles{place}: {error.name} is {error}."
+    return Overview(sentence, facts, (error, *scale_factors)[:4])
+
+
+def _key_value(name: str, result: Figure | Coefficient, unit: str = "") -> KeyValue:
+    """A figure or coefficient as the first screen states it."""
+    unit = unit or unit_mark(result.unit) or "1"
+    return KeyValue(name, result.value, unit, result.standard_uncertainty)
 
 
 def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:

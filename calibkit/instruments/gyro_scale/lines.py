@@ -44,6 +44,7 @@ class Lines:
     fitted : equation (1) of all held rates; each gyro in each run is a line.
     fit : K [lines], then F0 [lines], of the best straight lines over all rates, then the
         indications at rest [lines].
+    runs : in the order of the lines, each with all gyros.
     number : file and gyro → line.
     all_published : [lines], held rates without what changed during the runs, and the published
         lines.
@@ -57,67 +58,60 @@ class Lines:
     gyro_of: Integers
     axis_of: Integers
     set_of: Integers
+    runs: tuple[TableRun, ...]
     number: Mapping[tuple[str, str], int]
     all_published: tuple[Line, ...]
     in_time: tuple[tuple[int, Mask, ordering.Ordering], ...] = ()
 
     @classmethod
     def of(
-        cls, sets: Sequence[Sequence[tuple[int, TableRun]]], frozen: "Lines | None" = None
+        cls,
+        sets: Sequence[Sequence[tuple[int, TableRun]]],
+        fits: equation.Fits | None = None,
+        earlier: "Lines | None" = None,
     ) -> "Lines":
-        """Lines of sets of runs, each with the number of its axis; `frozen` are those of nearly the
-        same runs, of which sizes of errors and what changes with time are kept.
+        """Lines of sets of runs, each with the number of its axis; what changes with time is that
+        of `earlier` lines of nearly the same runs.
         """
-        columns: list[Array] = []
+        held: list[Array] = []
         lines: list[tuple[int, int, int]] = []
         number: dict[tuple[str, str], int] = {}
-        for s, runs in enumerate(sets):
-            for axis, run in runs:
-                plateaus = run.plateaus
-                for g, gyro in enumerate(run.gyros):
-                    of_line = (
-                        run.rate_dps,
-                        plateaus.indication[:, g],
-                        plateaus.temp_degc,
-                        plateaus.hours,
-                        plateaus.standard_uncertainty[:, g],
-                        np.full(run.rate_dps.size, len(lines)),
-                    )
-                    columns.append(np.column_stack(of_line))
-                    number[run.log.file, gyro] = len(lines)
-                    lines.append((g, axis, s))
+        all_runs = [(s, axis, run) for s, runs in enumerate(sets) for axis, run in runs]
+        for s, axis, run in all_runs:
+            means, rate = run.plateaus, run.rate_dps
+            for g, gyro in enumerate(run.gyros):
+                F, noise, line = means.indication, means.standard_uncertainty, len(lines)
+                columns = rate, F[:, g], means.temp_degc, means.hours, noise[:, g]
+                held.append(np.column_stack((*columns, np.full(rate.size, line))))
+                number[run.log.file, gyro] = line
+                lines.append((g, axis, s))
         gyro_of, axis_of, set_of = np.array(lines).T
         axes = int(axis_of.max()) + 1
-        rate, F, degc, hours, noise, line_of = np.concatenate(columns).T
+        rate, F, degc, hours, noise, line_of = np.concatenate(held).T
         line_of = line_of.astype(np.int64)
         channel = (gyro_of * axes + axis_of)[line_of]
         rows = equation.RateRows(rate, F, line_of, degc, hours, line_of, channel)
-        if frozen:
-            fitted = frozen.fitted.refit(rows)
-        else:
-            shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
-            terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
-            errors = [*_errors(rows, terms, axes)]
-            fitted = equation.fit(rows, terms, errors)
-        best_line, terms = equation.best_line(fitted.terms, rate), fitted.terms
+        shapes = (equation.ASYMMETRY,) * rows.shows_asymmetry
+        terms = equation.ResponseTerms(lines=len(lines), shapes=shapes)
+        errors = [*_errors(rows, terms, axes)]
+        fitted = (fits or equation.Fits()).fit("runs", rows, terms, errors)
+        terms, best_line = fitted.terms, equation.best_line(fitted.terms, rate)
 
         def K_F0_and_rest(p: Numbers) -> Numbers:  # noqa: N802 (the letters of the form)
             return np.concatenate((*best_line(p), terms.split(p)[equation.ZERO])).ravel()
 
         fit = fitted.fit.restated(K_F0_and_rest)
-        if not frozen:
-            fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
+        fit = replace(fit, bounds=np.hstack((fit.bounds, _bounds(fitted, errors))))
         steady = F - sum(_drifts(fitted.fit).values(), np.zeros(F.size))
-        published = []
-        for k in range(len(lines)):
-            of_line = line_of == k
-            published.append(Line(rate[of_line], steady[of_line], noise[of_line]))
-        run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, number, tuple(published))
+        masks = [line_of == k for k in range(len(lines))]
+        published = tuple(Line(rate[mask], steady[mask], noise[mask]) for mask in masks)
+        runs = tuple(run for *_, run in all_runs)
+        run_lines = cls(fitted, fit, gyro_of, axis_of, set_of, runs, number, published)
         if axes == 1:
             # gyros along the one axis: the fit over all runs decides of their order in time
             return run_lines
-        if frozen:
-            return replace(run_lines, in_time=frozen.in_time)
+        if earlier:
+            return replace(run_lines, in_time=earlier.in_time)
         own_axis, in_time = run_lines.own_axis_mask(), []
         for g, s in np.unique(np.column_stack((gyro_of, set_of)), axis=0).tolist():
             own_lines = own_axis & (gyro_of == g) & (set_of == s)

@@ -72,19 +72,26 @@ class RateGyro:
     noise_lsb: float
     lag_s: float
 
+    def indicate(self, rate_dps: Array, temp_degc: Array | float) -> Array:
+        """Noise-free static indication [1/s] at a rate [°/s] about the input axis, by (1)."""
+        warmer = np.asarray(temp_degc) - REFERENCE_DEGC
+        ripple = np.sin(2.0 * np.pi * rate_dps / self.ripple_period_dps)
+        bent_dps = rate_dps + self.ripple_dps * ripple + 0.5 * self.asymmetry * np.abs(rate_dps)
+        indicated_dps = bent_dps + self.bias_dps + self.bias_dps_per_degc * warmer
+        return np.asarray(self.K * (1.0 + self.K_per_degc * warmer) * indicated_dps)
+
     def best_line(
         self, table: "TurnedTable", rates_dps: Sequence[float], temp_degc: float
     ) -> tuple[float, float]:
         """Slope [1/s/(°/s)] and intercept [1/s] of the noise-free least-squares line over table
         rates.
         """
-        rates = np.asarray(rates_dps, dtype=np.float64)
+        rates = np.array(rates_dps)
         vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
         # over a whole revolution the horizontal part of the earth's rate averages to zero, to first
         # order
-        slope, intercept = np.polyfit(
-            rates, _response(self, (rates + vertical) * self.axis[2], temp_degc), 1
-        )
+        F = self.indicate((rates + vertical) * self.axis[2], temp_degc)
+        slope, intercept = np.polyfit(rates, F, 1)
         return float(slope), float(intercept)
 
     @classmethod
@@ -132,91 +139,6 @@ class TurnedTable:
     warming_s: float = 1200.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Motion:
-    """Motion of the table at k fine steps: end of step [s], nominal rate [°/s], angle [°], and step
-    length.
-    """
-
-    time_s: Array
-    rate_dps: Array
-    angle_deg: Array
-    step_s: float
-
-
-def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
-    """Noise-free static indication [1/s] of a gyro at a rate [°/s] about its input axis, by (1)."""
-    warmer = np.asarray(temp_degc) - REFERENCE_DEGC
-    ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
-    rate_with_errors = (
-        rate_dps
-        + gyro.ripple_dps * ripple
-        + 0.5 * gyro.asymmetry * np.abs(rate_dps)
-        + gyro.bias_dps
-        + gyro.bias_dps_per_degc * warmer
-    )
-    return np.asarray(
-        gyro.K * (1.0 + gyro.K_per_degc * warmer) * rate_with_errors, dtype=np.float64
-    )
-
-
-def _motion(table: TurnedTable, rates_dps: Sequence[float]) -> _Motion:
-    """Motion of the table through held rates, at rest before the first and after the last."""
-    corners, corner_rates = [0.0, 3.0], [0.0, 0.0]
-    for rate in (*rates_dps, 0.0):
-        begin = corners[-1] + abs(rate - corner_rates[-1]) / table.acceleration_dps2
-        revolution = 360.0 / abs(rate) if rate else 0.0
-        corners += [
-            begin,
-            # hold time beyond a whole revolution, for settling
-            begin + (max(table.shortest_hold_s, 6.0 + 1.02 * revolution) if rate else 3.0),
-        ]
-        corner_rates += [rate, rate]
-    step = table.interval_s / FINE
-    count = int(np.floor(corners[-1] / table.interval_s)) * FINE
-    time = np.arange(count + 1) * step
-    nominal_rate = np.asarray(np.interp(time, corners, corner_rates), dtype=np.float64)
-    nominal = np.radians(table.start_angle_deg + _integral(nominal_rate, step))
-    uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
-    angle = table.start_angle_deg + _integral(nominal_rate * (1.0 + uneven), step)
-    return _Motion(np.asarray(time, dtype=np.float64), nominal_rate, angle, step)
-
-
-def _integral(rate: Array, step: float) -> Array:
-    """Integral [k + 1] of a rate [k + 1] from its first value, by the trapezoidal rule."""
-    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
-
-
-def _input_rate(gyro: RateGyro, table: TurnedTable, motion: _Motion) -> Array:
-    """Rate about the gyro's input axis [k] [°/s] in each fine step, by (2)."""
-    middle = np.radians(0.5 * (motion.angle_deg[1:] + motion.angle_deg[:-1]))
-    latitude = np.radians(table.latitude_deg)
-    axial_dps = np.diff(motion.angle_deg) / motion.step_s + EARTH_RATE_DPS * np.sin(latitude)
-    level = EARTH_RATE_DPS * np.cos(latitude)
-    return np.asarray(
-        gyro.axis[0] * level * np.cos(middle)
-        - gyro.axis[1] * level * np.sin(middle)
-        + gyro.axis[2] * axial_dps,
-        dtype=np.float64,
-    )
-
-
-def _indication(
-    gyro: RateGyro, table: TurnedTable, motion: _Motion, temp_degc: Array, rng: np.random.Generator
-) -> Array:
-    """Indication [n] [1/s] at case temperatures [n] [°C]: whole counts in each sampling interval
-    over the interval's length.
-    """
-    from scipy.signal import lfilter
-
-    rate = _input_rate(gyro, table, motion)
-    keep = np.exp(-motion.step_s / gyro.lag_s)
-    filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
-    counted = _response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
-    noisy = counted + gyro.noise_lsb * rng.normal(0.0, 1.0, counted.size)
-    return noise.pulses(noisy, 1.0 / table.interval_s)
-
-
 def run(
     gyros: Mapping[str, RateGyro],
     table: TurnedTable,
@@ -224,21 +146,55 @@ def run(
     start_degc: float,
     rng: np.random.Generator,
 ) -> dict[str, Array]:
-    """Log columns of the table turning through held rates [°/s], with one column per gyro."""
-    motion = _motion(table, rates_dps)
-    angle = motion.angle_deg[::FINE]
-    time = motion.time_s[::FINE]
-    case = start_degc + table.warming_degc * (1.0 - np.exp(-time[1:] / table.warming_s))
-    encoder = np.round(angle + rng.normal(0.0, 2e-5, angle.size), DECIMALS["table_angle_deg"])
+    """Log columns of the table turning through held rates [°/s], at rest before the first and after
+    the last, with one column per gyro: whole counts in each sampling interval over its length.
+    """
+    from scipy.signal import lfilter
+
+    corners, corner_rates = [0.0, 3.0], [0.0, 0.0]
+    for rate in (*rates_dps, 0.0):
+        begin = corners[-1] + abs(rate - corner_rates[-1]) / table.acceleration_dps2
+        # hold time beyond a whole revolution, for settling
+        hold_s = max(table.shortest_hold_s, 6.0 + 1.02 * (360.0 / abs(rate))) if rate else 3.0
+        corners += [begin, begin + hold_s]
+        corner_rates += [rate, rate]
+    step = table.interval_s / FINE
+    count = int(np.floor(corners[-1] / table.interval_s)) * FINE
+    time = np.arange(count + 1) * step
+    nominal_dps = np.interp(time, corners, corner_rates)
+    nominal = np.radians(table.start_angle_deg + _integral(nominal_dps, step))
+    uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
+    angle_deg = table.start_angle_deg + _integral(nominal_dps * (1.0 + uneven), step)
+
+    end_s, logged_deg = time[FINE::FINE], angle_deg[::FINE]
+    case = start_degc + table.warming_degc * (1.0 - np.exp(-end_s / table.warming_s))
+    encoder = logged_deg + rng.normal(0.0, 2e-5, logged_deg.size)
     columns = {
-        "time_s": time[1:],
-        "table_rate_dps": np.diff(angle) / table.interval_s,
-        "table_angle_deg": np.remainder(encoder[1:], 360.0),
+        "time_s": end_s,
+        "table_rate_dps": np.diff(logged_deg) / table.interval_s,
+        "table_angle_deg": np.remainder(encoder.round(DECIMALS["table_angle_deg"])[1:], 360.0),
         "temp_case_degc": noise.reading(case, 0.01, 0.01, rng),
     }
-    return columns | {
-        name: _indication(gyro, table, motion, case, rng) for name, gyro in gyros.items()
-    }
+    # (2) in the middle of each fine step
+    middle = np.radians(0.5 * (angle_deg[1:] + angle_deg[:-1]))
+    latitude = np.radians(table.latitude_deg)
+    axial_dps = np.diff(angle_deg) / step + EARTH_RATE_DPS * np.sin(latitude)
+    level_dps = EARTH_RATE_DPS * np.cos(latitude)
+    for name, gyro in gyros.items():
+        u_1, u_2, u_3 = gyro.axis
+        across_dps = u_1 * level_dps * np.cos(middle) - u_2 * level_dps * np.sin(middle)
+        rate_dps = across_dps + u_3 * axial_dps
+        keep = np.exp(-step / gyro.lag_s)
+        lagging = lfilter([1.0 - keep], [1.0, -keep], rate_dps - rate_dps[0]) + rate_dps[0]
+        F = gyro.indicate(lagging, np.repeat(case, FINE)).reshape(-1, FINE).mean(axis=1)
+        noisy = F + gyro.noise_lsb * rng.normal(0.0, 1.0, F.size)
+        columns[name] = noise.pulses(noisy, 1.0 / table.interval_s)
+    return columns
+
+
+def _integral(rate: Array, step: float) -> Array:
+    """Integral [k + 1] of a rate [k + 1] from its first value, by the trapezoidal rule."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
 def turn(
@@ -265,11 +221,8 @@ def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
 def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
     """Unit vector at an angle [°] to the table axis, in a direction [°] about it."""
     tilt, azimuth = np.radians(degrees), np.radians(direction_deg)
-    return (
-        float(np.sin(tilt) * np.cos(azimuth)),
-        float(np.sin(tilt) * np.sin(azimuth)),
-        float(np.cos(tilt)),
-    )
+    x, y = np.sin(tilt) * np.cos(azimuth), np.sin(tilt) * np.sin(azimuth)
+    return float(x), float(y), float(np.cos(tilt))
 
 
 def rate_table(
@@ -351,7 +304,9 @@ def pair(
     }
     gyros = {name: RateGyro.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
     if ideal:
-        gyros = {name: linear(gyro) for name, gyro in gyros.items()}
+        for name, gyro in gyros.items():
+            straight = replace(gyro, ripple_dps=0.0, asymmetry=0.0)
+            gyros[name] = replace(straight, K_per_degc=0.0, bias_dps_per_degc=0.0)
     rates = both_ways() if rates_dps is None else tuple(rates_dps)
     stand = table or TurnedTable(start_angle_deg=rng.uniform(0.0, 360.0))
     logs: dict[str, dict[str, Array]] = {}
@@ -378,11 +333,6 @@ def pair(
         "side": "same" if gamma >= 0.0 else "opposite",
     }
     return Campaign(logs, DECIMALS, truth)
-
-
-def linear(gyro: RateGyro) -> RateGyro:
-    """The same gyro with a straight-line response and no temperature terms."""
-    return replace(gyro, K_per_degc=0.0, ripple_dps=0.0, asymmetry=0.0, bias_dps_per_degc=0.0)
 
 
 def triad(
