@@ -9,6 +9,7 @@ import pytest
 from calibkit import inspection, instruments, pipeline, plans, recipe, store
 from calibkit.certificate import conformity
 from calibkit.errors import FitError
+from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Log
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
@@ -283,6 +284,9 @@ def test_runs_repeat_and_follow_temperature(runs):
         abs(slope.value), abs=0.1
     )
     assert 0.0 < found["repeatability.GJB 2426A.gyro_x"].value < 3.0
+    # 0.6 ppm of K over 25 °C, and runs that are 3 ppm off the curve at most
+    assert found["temperature_sensitivity.GJB 2426A.gyro_x"].standard_uncertainty < 0.1
+    assert curve.residual_rms < 3e-6 * curve.coefficients[0].value
     assert {"gyro_x", "gyro_x.room_1", "gyro_x.at_-40"} <= {
         m.name for m in scales.models if m.form == "gyro-scale/1"
     }
@@ -686,7 +690,7 @@ def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, ca
             }
             log_writer(path, **(columns | noisy))
         run = fit(calibkit, "gyro_pair", folder, tmp_path / f"runs{scale}", "acceptance={}")
-        said = [flag for flag in run.document["flags"] if "a_about_a: K is known to" in flag]
+        said = [flag for flag in run.document["flags"] if "K of gyro a is known to" in flag]
         assert bool(said) is not known
 
 
@@ -972,6 +976,39 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
             ]
         )
     assert 0.9 <= np.mean(np.abs(ratios) < 1.96) <= 0.99
+
+
+def test_room_runs_on_both_sides_of_half_a_degree_are_one_temperature():
+    """Runs at 24.4 and 24.6 °C tell no third power of temperature: U of K(T) stays below 10 ppm
+    between the temperatures.
+    """
+    temperature = np.array([24.45, 24.55, 24.6, -40.0, -40.1, 60.0])
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
+    rng = np.random.default_rng(5)
+    K = 12345.6 * (1.0 + 1e-6 * rng.standard_normal(temperature.size))
+    runs = [
+        table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
+        for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
+    ]
+    (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
+    u = POLYNOMIAL.standard_uncertainty(gyro.curves[0], {"temp_case_degc": np.array([-10.0])})
+    assert u[0] < 5e-6 * 12345.6
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_temperature_sensitivity_has_the_sign_of_the_relative_change(sign):
+    """A scale factor whose size grows by 13 ppm/°C has that sensitivity, whatever its sign."""
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
+    rng = np.random.default_rng(6)
+    runs = []
+    for k, degc in enumerate((25.0, 25.1, -40.0, -10.0, 60.0)):
+        K = sign * 12345.6 * (1.0 + 13e-6 * (degc - 25.0))
+        runs.append(table_runs.fit_run(spec, one_row_log(f"run_{k}", K, degc, rng)))
+    (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
+    found = {figure.name: figure for figure in gyro.figures}
+    for standard in ("IEEE Std 952", "GJB 2426A"):
+        figure = found[f"temperature_sensitivity.{standard}.gyro_x"]
+        assert figure.value == pytest.approx(13.0, abs=0.5)
 
 
 def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):

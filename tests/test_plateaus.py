@@ -261,14 +261,6 @@ def test_a_table_that_turns_faster_than_half_a_revolution_a_sample_is_unwrapped(
     assert found.angle_rate_dps == pytest.approx(found.rate_dps, rel=1e-6)
 
 
-def test_an_angle_that_disagrees_with_the_rate_is_flagged():
-    """A rate column 50 ppm low is named with its size."""
-    log = table_log((20.0, 50.0))
-    found = averaged(log | {"table_rate_dps": log["table_rate_dps"] * (1.0 - 50e-6)})
-    assert any("+50 ppm" in flag for flag in found.flags)
-    assert not averaged(log).flags
-
-
 def test_the_stated_noise_of_the_means_covers_their_errors():
     """Over 880 plateaus of white noise 93 to 97 % of the errors are within 1.96 standard
     uncertainties.

@@ -3,6 +3,7 @@ not the fitted model.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,31 +62,39 @@ def test_files_keep_what_a_fit_needs():
     assert [len(cell.partition(".")[2]) for cell in row] == [1, 6, 4, 2, 1, 1]
 
 
+def plain(**constants):
+    """A gyro of a straight line without noise, errors of temperature or lag."""
+    gyro = gyros.RateGyro.draw(np.random.default_rng(0), noise_lsb=0.0)
+    straight = {"ripple_dps": 0.0, "asymmetry": 0.0, "K_per_degc": 0.0, "bias_dps_per_degc": 0.0}
+    return replace(gyro, **(straight | {"bias_dps": 0.0, "lag_s": 1e-3} | constants))
+
+
 def test_the_table_accelerates_holds_and_turns_whole_revolutions():
     """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
     most.
     """
-    moved = gyros._motion(gyros.TurnedTable(), (1.0, 50.0, -50.0))
-    change = np.diff(moved.rate_dps) / moved.step_s
-    assert np.abs(change).max() == pytest.approx(20.0, rel=1e-6)
+    table, rng = gyros.TurnedTable(unevenness=0.0), np.random.default_rng(0)
+    log = gyros.run({"gyro_x_lsb": plain()}, table, (1.0, 50.0, -50.0), 25.0, rng)
+    turned = log["table_rate_dps"]
+    assert np.abs(np.diff(turned)).max() / table.interval_s == pytest.approx(20.0, rel=1e-6)
     for rate in (1.0, 50.0, -50.0):
-        held = np.flatnonzero(moved.rate_dps == rate)
-        assert abs(moved.angle_deg[held[-1]] - moved.angle_deg[held[0]]) > 360.0
-    assert (moved.rate_dps[[0, -1]] == 0.0).all()
+        held = np.isclose(turned, rate, rtol=1e-9)
+        assert abs(turned[held].sum() * table.interval_s) > 360.0
+    assert turned[[0, -1]] == pytest.approx([0.0, 0.0])
 
 
 def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
     """Its rate has the amplitude of the horizontal earth rate, 12.44 °/h at 34.2°, and no mean over
     a revolution.
     """
-    table = gyros.TurnedTable(unevenness=0.0)
-    moved = gyros._motion(table, (5.0,))
-    gyro = gyros.RateGyro.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
-    rate = gyros._input_rate(gyro, table, moved) * 3600.0
+    table, rng = gyros.TurnedTable(unevenness=0.0), np.random.default_rng(0)
+    gyro = plain(axis=(1.0, 0.0, 0.0), K=1e8)
+    log = gyros.run({"gyro_x_lsb": gyro}, table, (5.0,), 25.0, rng)
+    rate = log["gyro_x_lsb"] / gyro.K * 3600.0
     level = 15.041067 * np.cos(np.radians(34.2))
     assert np.abs(rate).max() == pytest.approx(level, rel=1e-3)
-    start = int(np.flatnonzero(moved.rate_dps == 5.0)[0])
-    assert abs(rate[start : start + round(72.0 / moved.step_s)].mean()) < 0.01
+    start = int(np.flatnonzero(np.isclose(log["table_rate_dps"], 5.0, rtol=1e-9))[0])
+    assert abs(rate[start : start + round(72.0 / table.interval_s)].mean()) < 0.01
 
 
 def test_the_best_line_is_that_of_the_response_over_the_rates():
@@ -94,7 +103,8 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     gyro = gyros.RateGyro.draw(rng)
     table = gyros.TurnedTable()
     slope, _ = gyro.best_line(table, gyros.both_ways(), 25.0)
-    straight, intercept = gyros.linear(gyro).best_line(table, gyros.both_ways(), 25.0)
+    line = plain(K=gyro.K, bias_dps=gyro.bias_dps)
+    straight, intercept = line.best_line(table, gyros.both_ways(), 25.0)
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
     vertical = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
@@ -107,7 +117,7 @@ def test_the_response_is_no_polynomial_the_fit_knows():
     """
     gyro = gyros.RateGyro.draw(np.random.default_rng(2))
     rates = np.linspace(-100.0, 100.0, 401)
-    shape = gyros._response(gyro, rates, 25.0)
+    shape = gyro.indicate(rates, 25.0)
     residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)
     assert residual.std() > 0.3 * gyro.K * gyro.ripple_dps
 

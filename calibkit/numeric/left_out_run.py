@@ -21,9 +21,9 @@ which a change of unit is, which is refused.
 In 2160 sound campaigns of 6 to 12 runs of 1 ppm scatter (straight and bent K(T), sessions 20 and 50
 ppm apart, thermometers 0.1 °C off) no unit is called wrong, a run contradicts the others in 5.
 """
-SPARE, LEVEL_DEGC, EXACT = 2, 5.0, 1e-9
-"""Degrees of freedom that are left for the scatter, at least; difference of temperatures [°C] that
-are one level, at most; relative scatter of values that have none but rounding.
+SPARE, EXACT = 2, 1e-9
+"""Degrees of freedom that are left for the scatter, at least; relative scatter of values that have
+none but rounding.
 """
 
 
@@ -85,7 +85,7 @@ def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
 
 def _order(temp_degc: Array, runs: Mask) -> int:
     """Highest order that some runs carry, with degrees of freedom to spare; -1 for none."""
-    levels = 1 + int(np.count_nonzero(np.diff(np.sort(temp_degc[runs])) > LEVEL_DEGC))
+    levels = polynomial.count_levels(temp_degc[runs])
     spare = int(np.count_nonzero(runs)) - 1 - SPARE
     return max(min(polynomial.HIGHEST_ORDER, levels - 1, spare), -1)
 

@@ -298,10 +298,16 @@ def stated_components(*errors: Shared | None) -> tuple[Component, ...]:
 
 
 def curve_model(
-    name: str, unit: str, curve: Fit, terms: equation.ResponseTerms, runs: Sequence[TableRun]
+    name: str,
+    unit: str,
+    curve: Fit,
+    terms: equation.ResponseTerms,
+    runs: Sequence[TableRun],
+    of_runs: tuple[Array, Array],
 ) -> Model:
     """Polynomial of a fit in raw powers, valid over the range of all runs; its degrees of freedom
-    are the fewest at the temperatures of the runs.
+    are the fewest at the temperatures of the runs, its residual is that of what single runs gave:
+    temperatures [r] and values [r].
     """
     order = curve.parameters.size - 1
     raw, covariance = polynomial.in_raw_powers(
@@ -309,6 +315,8 @@ def curve_model(
         curve.total_covariance,
         polynomial.to_raw_powers(*terms.middle_half, order),
     )
+    run_degc, values = of_runs
+    residual = values - polynomial.powers(terms.mapped(run_degc), order) @ curve.parameters
     temp_degc = [run.temp_degc for run in runs]
     x = terms.mapped(np.linspace(min(temp_degc), max(temp_degc), 9))
     dof = curve.of(lambda p: polynomial.powers(x, order) @ p).dof
@@ -318,7 +326,7 @@ def curve_model(
         [(f"p{k}", value, f"{unit}{per[k]}") for k, value in enumerate(raw.tolist())],
         covariance,
         dof=max(int(np.min(dof)), 1),
-        residual_rms=float(curve.noise[0]),
+        residual_rms=rms(residual),
         residual_unit=unit,
         valid={forms.TEMPERATURE: table_runs.valid_ranges(runs)[forms.TEMPERATURE]},
     )

@@ -174,9 +174,11 @@ def validate(
                 continue
             for gyro in matrix.gyros:
                 quantity = sensitivities[certificate.sensitivity_name(gyro, axis if triad else "")]
-                scale_factors.append(_scale_factors(spec, run_lines, run, matrix, gyro, quantity))
-            if isinstance(spec, GyroTriadRecipe):
-                entry |= _compare_base(run, axis, matrix, table_runs.vertical_rate_dps(spec) or 0.0)
+                of_files = _scale_factor(spec, run, matrix, quantity)
+                K = run_lines.of_runs([run], gyro)
+                scale_factors.append((Value(K.value[0], K.u[0], K.dof[0]), of_files))
+            if triad:
+                entry |= _compare_base(spec, run, axis, matrix)
                 straight += run_lines.straightened({})
             else:
                 compared, line = _compare_line(spec, run_lines, run, matrix, scale_factors[-1])
@@ -210,8 +212,8 @@ def validate(
                 criteria.append(over_u(f"pair: error of {name}", error_over_u.to_object()))
         heads = ("", "frozen", "found", "difference", "unit")
         tables.append(Table("The pair again", heads, tuple(rows)))
-    of_limits = [error["after"] if triad else error for _, error in errors]
     undecided = undecided_limits(spec, within_runs=within_runs)
+    of_limits = [error["after"] if triad else error for _, error in errors]
     for criterion in judge_unseen(of_limits, spec.acceptance):
         if criterion.passed and criterion.name in undecided:
             size = f"{criterion.name} {criterion.value:.3g} {criterion.unit}"
@@ -223,16 +225,11 @@ def validate(
     return body, Summary("", tuple(tables), every_flag, tuple(criteria))
 
 
-def _scale_factors(
-    spec: AnyRecipe,
-    run_lines: Lines,
-    run: table_runs.TableRun,
-    matrix: GyroMatrix,
-    gyro: str,
-    quantity: Quantity,
-) -> tuple[Value, Value]:
-    """Scale factor of a gyro in a run, and in the files with how runs repeat and type B terms, at
-    the run's temperature, clamped to the fitted range.
+def _scale_factor(
+    spec: AnyRecipe, run: table_runs.TableRun, matrix: GyroMatrix, quantity: Quantity
+) -> Value:
+    """Scale factor of the files at the temperature of a run, clamped to the fitted range, with how
+    runs repeat and type B terms.
     """
     if matrix.over_temperature:
         require(run.log.file, run.log.frame.columns, [TEMPERATURE])
@@ -252,10 +249,8 @@ def _scale_factors(
     ]
     if matrix.curves and not repeats:
         repeats = [point.parts[0][0].residual_rms]
-    u_frozen = float(np.linalg.norm([u, max(repeats, default=0.0), u_B]))
-    of_run = run_lines.of_runs([run], gyro)
-    of_files = Value(*(np.array(number) for number in (K, u_frozen, dof)))
-    return Value(of_run.value[0], of_run.u[0], of_run.dof[0]), of_files
+    u_frozen = np.linalg.norm([u, max(repeats, default=0.0), u_B])
+    return Value(*map(np.array, (K, u_frozen, dof)))
 
 
 def _compare_line(
@@ -275,13 +270,10 @@ def _compare_line(
     before_is = "K and F0 of the mean model"
     if spec.nominal_scale_factor is not None:
         K_before, F0_before, before_is = spec.nominal_scale_factor, 0.0, "nominal scale factor"
-    rates = {
-        "before": (F - F0_before) / K_before,
-        "after": matrix.rates(F[:, None], temperature)[:, 0],
-    }
+    before, after = (F - F0_before) / K_before, matrix.rates(F[:, None], temperature)[:, 0]
     K_of_rows, F0_of_rows = matrix.at(temperature)
-    compensated = Line(line.rate_dps, rates["after"], line.noise / np.abs(K_of_rows[:, 0, 0]))
-    K_frozen = float(of_files.value)
+    compensated = Line(line.rate_dps, after, line.noise / np.abs(K_of_rows[:, 0, 0]))
+    K_frozen, u = float(of_files.value), float(np.hypot(of_run.u, of_files.u))
     entry: Entry = {
         "gyro": gyro,
         "K": line.K,
@@ -289,16 +281,14 @@ def _compare_line(
         "K_frozen": K_frozen,
         "K_frozen_standard_uncertainty": float(of_files.u),
         "scale_factor_error_ppm": (line.K / K_frozen - 1.0) * PPM,
-        "scale_factor_error_standard_uncertainty_ppm": float(np.hypot(of_run.u, of_files.u))
-        / abs(K_frozen)
-        * PPM,
+        "scale_factor_error_standard_uncertainty_ppm": u / abs(K_frozen) * PPM,
         "scale_factor_error_dof": min(float(of_files.dof), MOST_DOF),
         "zero_error_dph": (line.F0 / line.K - float(F0_of_rows.mean()) / K_frozen) * DPH_PER_DPS,
         "rate_gain": compensated.K,
         "before_is": before_is,
     }
     full_scale = float(np.max(np.abs(line.rate_dps)))
-    for stage, rate in rates.items():
+    for stage, rate in (("before", before), ("after", after)):
         error = rate - line.rate_dps
         entry[stage] = {
             "scale_factor_error_ppm": (Line(line.rate_dps, rate, line.noise).K - 1.0) * PPM,
@@ -314,7 +304,7 @@ def _compare_line(
 
 
 def _compare_base(
-    run: table_runs.TableRun, axis: str, matrix: GyroMatrix, vertical_dps: float
+    spec: AnyRecipe, run: table_runs.TableRun, axis: str, matrix: GyroMatrix
 ) -> Entry:
     """JSON object of the rates of a run along and across the turned axis; the uncompensated rates
     use each gyro alone, with its scale factor about its main axis.
@@ -325,7 +315,7 @@ def _compare_base(
     rates, uncompensated = matrix.rates(F, temperature), F - matrix.at(temperature)[1]
     uncompensated /= S[np.arange(main.size), main]
     turned, true = AXES.index(axis), np.zeros_like(rates)
-    true[:, turned] = run.rate_dps + vertical_dps
+    true[:, turned] = run.rate_dps + (table_runs.vertical_rate_dps(spec) or 0.0)
     gain = float(np.polyfit(run.rate_dps, rates[:, turned], 1)[0])
     # so far no scale factor drifts: the run is about another axis
     if not abs(gain - 1.0) < 0.1:
@@ -365,13 +355,12 @@ def _compare_pair(
         )
     frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
     assert unseen_campaign.pair is not None  # noqa: S101 (a fit of a pair has one)
-    now = {c.name: c for c in unseen_campaign.pair.coefficients}
-    for c in frozen.coefficients:
+    for now, c in zip(unseen_campaign.pair.coefficients, frozen.coefficients, strict=True):
         # terms on the ratio itself, or on α
         slopes, names = certificate.by_angle(frozen, c.name), (f"pair.{c.name}", c.name)
         u_B = type_b.combine_terms(terms, names, c.value, c.unit, slopes)
         parts = (
-            (now[c.name].standard_uncertainty, unseen_campaign.pair.dof_of(now[c.name])),
+            (now.standard_uncertainty, unseen_campaign.pair.dof_of(now)),
             (c.standard_uncertainty, frozen.dof_of(c)),
             (u_B, np.inf),
         )
@@ -381,8 +370,8 @@ def _compare_pair(
         yield {
             "name": c.name,
             "frozen": c.value,
-            "found": now[c.name].value,
-            "difference": now[c.name].value - c.value,
+            "found": now.value,
+            "difference": now.value - c.value,
             "standard_uncertainty": difference.standard_uncertainty,
             "dof": min(difference.effective_dof, MOST_DOF),
             "unit": c.unit,
@@ -393,36 +382,28 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
     """Table of unseen runs before and after compensation: rates along and across the turned axis of
     a triad, else frozen and found K and rates of each gyro.
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, entry in errors:
-        before, after = entry["before"], entry["after"]
-        gain = f"{entry['rate_gain']:.6f}"
+        before, after, gain = entry["before"], entry["after"], f"{entry['rate_gain']:.6f}"
+        along = f"{before[ALONG]:.1f}", f"{after[ALONG]:.1f}"
         if triad:
-            sizes = [f"{part[kind]:.1f}" for kind in (ALONG, ACROSS) for part in (before, after)]
-            rows.append((f"{name} about {entry['axis']}", *sizes, gain))
+            across = f"{before[ACROSS]:.1f}", f"{after[ACROSS]:.1f}"
+            rows.append((f"{name} about {entry['axis']}", *along, *across, gain))
             continue
         u = entry["scale_factor_error_standard_uncertainty_ppm"]
-        rows.append(
-            (
-                f"{name} {entry['gyro']}",
-                f"{entry['K']:.4f}",
-                f"{entry['K_frozen']:.4f}",
-                f"{before['scale_factor_error_ppm']:+.1f}",
-                f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
-                f"{before[ALONG]:.1f}",
-                f"{after[ALONG]:.1f}",
-                gain,
-            )
-        )
-    if triad:
-        title = (
-            "Compensated rates of unseen runs: largest error along and across the turned axis, ppm"
-            " of full scale"
-        )
-        return Table(title, ("", "along", "after", "across", "after", "gain"), tuple(rows))
-    heads = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
+        K_error = f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}"
+        scale = f"{entry['K']:.4f}", f"{entry['K_frozen']:.4f}"
+        K_errors = f"{before['scale_factor_error_ppm']:+.1f}", K_error
+        rows.append((f"{name} {entry['gyro']}", *scale, *K_errors, *along, gain))
+    heads: tuple[str, ...] = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
     title = (
         "Frozen coefficients on unseen runs: K error in ppm, largest rate error in ppm of full"
         " scale"
     )
+    if triad:
+        heads = ("", "along", "after", "across", "after", "gain")
+        title = (
+            "Compensated rates of unseen runs: largest error along and across the turned axis, ppm"
+            " of full scale"
+        )
     return Table(title, heads, tuple(rows))

@@ -268,8 +268,8 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
     Sizes are relative to the scale factors [channels] of the gyros about the table axes, or about
     their own axes where the error does not act along the turned one.
     """
-    ppm = np.abs(K)[rows.channel] * ONE_PPM * rows.rate_dps
-    dph = np.abs(own_K)[rows.channel] / DPH_PER_DPS
+    ppm = K[rows.channel] * ONE_PPM * rows.rate_dps
+    dph = own_K[rows.channel] / DPH_PER_DPS
     errors = [
         ("run", "scale", rows.run, ppm, "ppm"),
         ("run", "zero", rows.run, dph, "deg/h"),
@@ -370,7 +370,7 @@ def find_terms(rows: RateRows, *, varies: bool, bent: bool) -> ResponseTerms:
     Where every run turns both ways, what they have of the response is part of the best straight
     line, and what differs is an error. Runs of one direction each need the powers to share a line.
     """
-    levels = np.unique(np.round(rows.temp_degc)).size if varies else 1
+    levels = polynomial.count_levels(rows.temp_degc) if varies else 1
     order = orders.orders(rows.temp_degc.size, levels, polynomial.HIGHEST_ORDER)[-1]
     # three temperatures show a slope of K and F0
     if levels >= 3:

@@ -150,8 +150,9 @@ def _fit_over_runs(
     slope = None
     if varies:
         K, F0 = curves.part(slice(size)), curves.part(slice(size, None))
-        of_K = curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs)
-        of_F0 = curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs)
+        degc, K_r, F0_r = run_lines.over_temperature(runs, gyro)
+        of_K = curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, runs, (degc, K_r))
+        of_F0 = curve_model(forms.curve_name(name, "F0"), "1/s", F0, terms, runs, (degc, F0_r))
         channel = replace(channel, curves=(of_K, of_F0))
         # of the straight line through K(T) at the temperatures of the runs
         slope_of = np.linalg.pinv(np.column_stack((temperature, np.ones(temperature.size))))[0]
@@ -178,37 +179,31 @@ def _figures(
     temperature, K = np.array([run.temp_degc for run in channel.runs]), K_of_runs.value
     repeated_degc = temperature[repeated_mask]
     one_temperature = np.isnan(repeated_degc).any() or np.ptp(repeated_degc) <= 2.0 * ROOM_DEGC
-    # variances of K between runs and their degrees of freedom
-    scatters: list[tuple[float, float]] = []
     if len(channel.repeated) > 1 and one_temperature:
         value = published.repeatability(K[repeated_mask])
         dof = int(np.sum(repeated_mask)) - 1
         yield figure("repeatability", GJB, value, "ppm", value / float(np.sqrt(2.0 * dof)))
-        scatters.append((dof, float(np.var(K[repeated_mask], ddof=1))))
     if slope is None:
         return
     at_reference = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if at_reference.any() and not at_reference.all():
         reference_degc = spec.reference_temp_degc
         value = published.temperature_sensitivity(K, temperature, reference_degc)
+        # what runs are off the curve by, raised by Student's t for few, at least the noise in them
         curve = channel.curves[0]
-        of_curve = curve.residual_rms**2 * (1.0 + len(curve.coefficients) / curve.dof)
-        scatters.append((curve.dof, of_curve))
-        # pooled and raised by Student's t for few; runs at the reference temperature are in both:
-        # the larger count is that of independent ones
-        dofs, variances = np.array(scatters).T
-        scatter = np.sqrt(dofs @ variances / dofs.sum()) * gum.widening(float(dofs.max()))
+        free = np.sqrt(temperature.size / max(temperature.size - len(curve.coefficients), 1))
+        scatter = curve.residual_rms * free * gum.widening(curve.dof)
         # each run's error by itself: the largest slope has no derivative
         changes = [
             published.temperature_sensitivity(K + error, temperature, reference_degc) - value
-            for error in np.diag(np.hypot(K_of_runs.u, scatter))
+            for error in np.diag(np.maximum(K_of_runs.u, scatter))
         ]
         u = float(np.linalg.norm(changes))
         yield figure("temperature_sensitivity", GJB, value, "ppm/degC", u)
     assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
-    size = PPM / abs(channel.mean.value("K"))
-    u = float(slope.u) * gum.widening(float(slope.dof)) * size
-    yield figure("temperature_sensitivity", IEEE, float(slope.value) * size, "ppm/degC", u)
+    ppm = PPM / channel.mean.value("K")
+    u = float(slope.u) * gum.widening(float(slope.dof)) * abs(ppm)
+    yield figure("temperature_sensitivity", IEEE, float(slope.value) * ppm, "ppm/degC", u)
 
 
 def _fit_pair(
@@ -386,13 +381,17 @@ def _fit_axes(
 
         of_all, powers = fitted.fit.restated(polynomials), terms.order + 1
         of_K = of_all.part(slice(powers * terms.lines)).widened_by(mounting)
-        names = [forms.line_name(gyro, axis) for gyro, axis in product(spec.gyros, forms.AXES)]
-        for k, name in enumerate(names):
-            K = of_K.part(slice(powers * k, powers * (k + 1)))
-            curves.append(curve_model(forms.curve_name(name, "K"), "1/deg", K, terms, all_runs))
-        for k, gyro in enumerate(spec.gyros if vertical_dps is not None else (), terms.lines):
-            bias = of_all.part(slice(powers * k, powers * (k + 1)))
-            curves.append(curve_model(forms.curve_name(gyro, "bias"), "1/s", bias, terms, all_runs))
+        for k, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
+            K, name = of_K.part(slice(powers * k, powers * (k + 1))), forms.line_name(gyro, axis)
+            degc, K_r, _ = run_lines.over_temperature(runs[axis], gyro)
+            name = forms.curve_name(name, "K")
+            curves.append(curve_model(name, "1/deg", K, terms, all_runs, (degc, K_r)))
+        if vertical_dps is not None:
+            for k, gyro in enumerate(spec.gyros, terms.lines):
+                bias = of_all.part(slice(powers * k, powers * (k + 1)))
+                degc, K_r, F0_r = run_lines.over_temperature(all_runs, gyro)
+                of_runs, name = (degc, F0_r - vertical_dps * K_r), forms.curve_name(gyro, "bias")
+                curves.append(curve_model(name, "1/s", bias, terms, all_runs, of_runs))
     channels = []
     for index, (gyro, axis) in enumerate(product(spec.gyros, forms.AXES)):
         senses = forms.AXES[int(np.argmax(np.abs(sets[reference].misalignment(gyro))))]

@@ -14,7 +14,7 @@ about such means in all logs but that one, of all gyros and axes together, at le
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import combinations, product
+from itertools import combinations
 from typing import Any, Self
 
 import numpy as np
@@ -115,23 +115,18 @@ def list_undetermined(campaign: CampaignFit) -> list[str]:
     )
 
 
-def of_uncertain(name: str, K: float, u: float) -> Iterator[str]:
-    """Flag for a poorly determined scale factor: a run was too slow, too short or too noisy."""
-    if not u < 1e-3 * abs(K):
-        accuracy_text = f"{name}: K is known to {100.0 * u / abs(K):.2g} % only"
-        yield f"{accuracy_text}: hold faster rates, or hold them longer"
-
-
 def of_campaign(spec: AnyRecipe, runs: Runs, campaign: CampaignFit) -> tuple[str, ...]:
     """Flags of a campaign, each once: of its logs, then of what is fitted to them."""
     of_logs = [flag for group in runs.values() for run in group for flag in run.flags]
+    bent = {channel.gyro for channel in campaign.channels if channel.response}
+    of_lines = *campaign.run_lines.flag_drifts(), *campaign.run_lines.flag_uncertain(bent)
     if isinstance(spec, GyroPairRecipe):
         of_fit = _of_pair(spec, runs, campaign)
     elif isinstance(spec, GyroTriadRecipe):
         of_fit = _of_axes(spec, campaign)
     else:
         of_fit = _of_runs(spec, campaign)
-    return tuple(dict.fromkeys((*of_logs, *of_fit)))
+    return tuple(dict.fromkeys((*of_logs, *of_lines, *of_fit)))
 
 
 def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
@@ -141,13 +136,9 @@ def _of_runs(spec: RateTableRecipe, campaign: CampaignFit) -> Iterator[str]:
     stated_effects = {entry.effect for entry in spec.errors.component}
     unknown = [effect for effect in ("scale", "zero") if effect not in stated_effects]
     runs = channels[0].runs
-    yield from run_lines.flag_drifts()
     for channel in channels:
         name, gyro, repeated = channel.name, channel.gyro, channel.repeated
         K = run_lines.of_runs(runs, gyro)
-        if channel.response is None:  # a bend of the response is no noise of the line of a run
-            for run, K_of_run, u in zip(runs, K.value, K.u, strict=True):
-                yield from of_uncertain(f"{name} in {run.log.file}", K_of_run, u)
         yield from of_contradicted_runs(name, repeated, run_lines.of_runs(repeated, gyro))
         # what the runs cannot tell of their repeatability and of the response
         assert channel.mean is not None  # noqa: S101 (as of every gyro of a rate table)
@@ -254,7 +245,6 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
     runs.
     """
     run_lines, apart_degc = campaign.run_lines, temperature_difference(runs)
-    yield from run_lines.flag_drifts()
     assert campaign.gammas is not None  # noqa: S101 (as of every pair)
     yield from of_gamma(*campaign.gammas)
     limit = spec.pair.largest_temperature_coefficient_ppm_degc
@@ -289,8 +279,6 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         K = run_lines.of_runs(runs[gyro], gyro)
-        for K_of_run, u in zip(K.value, K.u, strict=True):
-            yield from of_uncertain(name, K_of_run, u)
         yield from of_contradicted_runs(name, runs[gyro], K)
 
 
@@ -338,15 +326,13 @@ def of_directions(figures: Mapping[str, Figure], gyros: Sequence[str]) -> Iterat
 
 
 def _of_axes(spec: GyroTriadRecipe, campaign: CampaignFit) -> Iterator[str]:
-    """Flags of runs about three axes: what changed during a run, runs that contradict the others,
-    time; left-handed input axes, poorly determined scale factors, and biases that are inconsistent
-    or unknown.
+    """Flags of runs about three axes: runs that contradict the others, time; left-handed input
+    axes, and biases that are inconsistent or unknown.
     """
     sets, run_lines = campaign.sets, campaign.run_lines
     logged = np.isfinite([run.temp_degc for run in run_lines.runs]).all()
     if not logged and len(run_lines.runs) > len(forms.AXES):
         yield UNLOGGED
-    yield from run_lines.flag_drifts()
     # in the order of the lines, by the temperature of their sets
     axis_of = run_lines.axis_of[:: len(spec.gyros)]
     for gyro, axis in zip(spec.gyros, np.abs(run_lines.sensitivity()).argmax(axis=1), strict=True):
@@ -366,10 +352,6 @@ def _of_axes(spec: GyroTriadRecipe, campaign: CampaignFit) -> Iterator[str]:
             "the input axes make a left-handed system: logs or signs may be exchanged",
         )
     )
-    for axes_set, gyro in product(sets, spec.gyros):
-        size = axes_set.figures[f"scale_factor.{gyro}"]
-        name = f"{_place(axes_set)}{gyro}"
-        yield from of_uncertain(name, size.value, size.standard_uncertainty)
     yield from _list_holding(
         (
             "orthogonality error" in undecided_limits(spec, within_runs=False),

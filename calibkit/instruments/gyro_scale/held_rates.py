@@ -249,7 +249,6 @@ def average(
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
     partial_count = int(np.sum(revolutions == 0))
     fate = "was fitted and taken out" if earth_known else "is not averaged out"
-    relative = float(angle_rate @ rate / (rate @ rate)) - 1.0 if rate.any() else 0.0
     flags = (
         (
             resting_count > 0,
@@ -266,10 +265,6 @@ def average(
             ),
         ),
         *noise_flags,
-        (
-            abs(relative) > 10e-6,  # by 10 ppm; not where no angle is logged
-            f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says",
-        ),
     )
     span = np.array([(part.rows.start, part.rows.stop) for part in parts], dtype=np.int64)
     return HeldMeans(

@@ -8,7 +8,7 @@ temperature during a run, which is taken out. How scale factors and zeros repeat
 and how mountings tilt, such lines do not show: that is added by its size.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,8 +30,10 @@ DRIFTS = {
     "zero drift": "its zero by {:+.2g} (°/h)/h",
 }
 """Errors that change during a run and are taken out where they are seen, and what a flag says."""
-FOLLOWS = 0.2
-"""Relative standard uncertainty of a scale factor from which a gyro does not follow the table."""
+FOLLOWS, POOR = 0.2, 1e-3
+"""Relative standard uncertainty of a scale factor from which a gyro does not follow the table, and
+from which it is known poorly.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +136,19 @@ class Lines:
                     hint="see that [columns] names the column of this gyro, and its cable",
                 )
 
+    def flag_uncertain(self, bent: Collection[str]) -> Iterator[str]:
+        """Flags on scale factors about the own axis that a run tells poorly: it was too slow, too
+        short or too noisy. The bend of a response is no noise of the line.
+        """
+        own_axis = self.own_axis_mask()
+        for (file, gyro), number in self.number.items():
+            share = self.u_K[number] / abs(self.K[number])
+            if own_axis[number] and gyro not in bent and not share < POOR:
+                yield (
+                    f"{file}: K of gyro {gyro} is known to {100.0 * share:.2g} % only: hold faster"
+                    " rates, or hold them longer"
+                )
+
     @property
     def rows(self) -> equation.RateRows:
         """Held rates."""
@@ -158,6 +173,12 @@ class Lines:
     def line(self, run: TableRun, gyro: str) -> Fit:
         """K, F0 and the indication at rest of a gyro in a run."""
         return self.fit.part(slice(self.number[run.log.file, gyro], None, self.gyro_of.size))
+
+    def over_temperature(self, runs: Sequence[TableRun], gyro: str) -> tuple[Array, Array, Array]:
+        """Temperatures, K and F0 [r] of a gyro in r runs."""
+        places = [self.number[run.log.file, gyro] for run in runs]
+        K, F0, _ = self.fit.parameters.reshape(3, -1)[:, places]
+        return np.array([run.temp_degc for run in runs]), K, F0
 
     def of_runs(self, runs: Sequence[TableRun], gyro: str) -> Value:
         """Scale factors of a gyro in r runs [r]."""
@@ -317,7 +338,10 @@ def _errors(rows: equation.RateRows, terms: equation.ResponseTerms, axes: int) -
     line_channel = np.zeros(terms.lines, dtype=np.int64)
     line_channel[rows.line] = rows.channel
     K = np.bincount(line_channel, rows.slopes) / np.bincount(line_channel)
-    own_K = np.repeat(np.linalg.norm(K.reshape(-1, axes), axis=1), axes)
+    of_gyros = K.reshape(-1, axes)
+    main_axis = np.argmax(np.abs(of_gyros), axis=1)
+    sign = np.sign(of_gyros[np.arange(len(of_gyros)), main_axis])
+    own_K = np.repeat(sign * np.linalg.norm(of_gyros, axis=1), axes)
     repeated = False
     for error in equation.shared_errors(rows, terms, K, own_K):
         repeated |= error.group == "rate"

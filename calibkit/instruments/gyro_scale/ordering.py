@@ -124,7 +124,7 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
     if ordering is None:
         return
     if ordering.half_width:
-        ppm = PPM / abs(K)
+        ppm = PPM / K
         explanation = (
             "as of a scale factor that warms up: K is that at the end of the runs"
             if ordering.decision == "time"
@@ -134,7 +134,7 @@ def flag(name: str, ordering: Ordering | None, K: float) -> Iterator[str]:
         yield (
             f"{name}: the indication changes with time since the runs began, {explanation},"
             f" {ordering.shift * ppm:+.2g} ppm off the straight line and known to"
-            f" {ordering.half_width * ppm:.2g} ppm; {cure}, after the warm-up"
+            f" {abs(ordering.half_width * ppm):.2g} ppm; {cure}, after the warm-up"
         )
     elif ordering.separable < 0.1:
         yield Remark(

@@ -13,6 +13,8 @@ from calibkit.numeric import chunks, gum
 
 HIGHEST_ORDER = 3
 """Of the polynomials over temperature that are compared."""
+ONE_LEVEL_DEGC = 5.0
+"""Temperatures that differ by no more are one: between them no power of temperature is told."""
 
 
 def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.0) -> Array:
@@ -75,6 +77,17 @@ def to_raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdoub
         matrix[: k + 1, k] = power
         power = np.convolve(power, step)
     return matrix
+
+
+def count_levels(temp_degc: Array) -> int:
+    """Number of temperatures [°C] among n, each more than `ONE_LEVEL_DEGC` above the one before:
+    a polynomial has at most one power fewer.
+    """
+    levels: list[float] = []
+    for degc in np.sort(temp_degc).tolist():
+        if not levels or degc - levels[-1] > ONE_LEVEL_DEGC:
+            levels.append(degc)
+    return len(levels)
 
 
 def space_levels(low: float, high: float, count: int) -> list[int]:
