@@ -175,7 +175,7 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
     scaled = denoise(8.0 * log, wavelet="cdf53", levels=4, threshold=threshold)
     assert np.array_equal(scaled.noise, 8.0 * found.noise)
     np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
-    assert found.levels == found.noise.size == found.thresholds.size == 4
+    assert found.noise.size == found.thresholds.size == 4
 
 
 def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
@@ -229,7 +229,7 @@ def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
     assert [_deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
     assert [_deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
     assert all(_shortest("db20", _deepest("db20", n)) <= n for n in (100, 1000, 10_000))
-    assert denoise(ramp_log(600)[1]).levels == 6
+    assert denoise(ramp_log(600)[1]).noise.size == 6
 
 
 @pytest.mark.parametrize(

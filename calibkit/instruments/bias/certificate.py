@@ -30,7 +30,7 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Model, Record
+from calibkit.coefficients import Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.at_rest import RESULT as BIAS
@@ -164,9 +164,23 @@ def _exported(basis: Stated, record: Record, equations: Sequence[Equation]) -> B
                 label = Words("drift [°/h]", "漂移 [°/h]")
                 figures.append(plot(drift, label, labels=drift.heads[:3]))
         else:
-            tables.append(list_coefficients(basis, record, model, title))
-            if model.form == forms.OVER_RATES.name:
-                tables.append(_tabulate_rates(basis, record, model))
+            # a_j at temperature rates within the fitted range
+            rates, order = ranged(model, RATE), len(model.coefficients) // 3 - 1
+            columns = []
+            for j, unit in enumerate(forms.GRADIENT_UNITS):
+                name, point = f"a{j}", polynomial(model, forms.rate_names(order)[j], RATE)
+                a_j = Quantity(name, record.stage, model.name, Words(name), unit, (rates,), point)
+                columns.append((a_j.words, a_j))
+            heading = Words(
+                f"Drift coefficients over temperature rate, {model.name}",
+                f"漂移系数随温变速率（{model.name}）",
+            )
+            points = [rate for rate in COEFFICIENT_RATES if rates.low <= rate <= rates.high]
+            points, head = points or [rates.low, rates.high], Words("r [°C/min]")
+            tables += [
+                list_coefficients(basis, record, model, title),
+                tabulate(basis, heading, columns, points, row_head=head),
+            ]
     if not record.models:
         notes.append(
             Words(
@@ -277,25 +291,6 @@ def _tabulate_drift(basis: Stated, record: Record, levels: FittedBias) -> GridTa
         note=note if levels.reference in temperatures else None,
         principal_at=temperatures[-1] if temperatures else None,
     )
-
-
-def _tabulate_rates(basis: Stated, record: Record, model: Model) -> GridTable | None:
-    """Table of a_j at temperature rates within the fitted range."""
-    rates = ranged(model, RATE)
-    points = [rate for rate in COEFFICIENT_RATES if rates.low <= rate <= rates.high]
-    order = len(model.coefficients) // 3 - 1
-    columns = []
-    for j, unit in enumerate(forms.GRADIENT_UNITS):
-        point = polynomial(model, forms.rate_names(order)[j], RATE)
-        words = Words(f"a{j}")
-        of_rate = Quantity(f"a{j}", record.stage, model.name, words, unit, (rates,), point)
-        columns.append((words, of_rate))
-    title = Words(
-        f"Drift coefficients over temperature rate, {model.name}",
-        f"漂移系数随温变速率（{model.name}）",
-    )
-    points = points or [rates.low, rates.high]
-    return tabulate(basis, title, columns, points, row_head=Words("r [°C/min]"))
 
 
 def _before_after(basis: Stated, record: Record) -> GridTable:

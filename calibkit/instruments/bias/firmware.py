@@ -394,9 +394,8 @@ def follow_bank(
     if draft.padded:
         bank = replace(bank, widths=bank.widths or WIDTHS_DEGC, warm_up=bank.warm_up or WARM_UP_S)
     middle, half = exact.span(*model.valid[CASE])
-    coldest, hottest = map(Fraction, model.valid[CASE])
-    low, high = (coldest - middle) / half, (hottest - middle) / half
-    at_rest = (min(max(Fraction(reference_degc), coldest), hottest) - middle) / half
+    low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
+    at_rest = min(max((Fraction(reference_degc) - middle) / half, low), high)
     draft.steps.append(Memory("x_before", "x", "same"))
     draft.sum("move", factor("x"), factor("x_before", -1))
     thermal_steps.bound_memory(draft, "move", thermal_steps.span_of_case(draft), fastest * h)
@@ -418,8 +417,18 @@ def follow_bank(
     static: exact.Poly = (Fraction(0),)
     for weight in reversed(numbers(model, *(f"s{k}" for k in range(1, POWERS + 1)))):
         static = exact.product(exact.add(static, (weight,)), to_z)
-    table, offset = _table(draft, model, bank, (middle, half), at_rest)
-    constant = -exact.value(static, at_rest) - offset
+    at_reference = exact.value(static, at_rest)
+
+    # the table over temperature: of each segment between knots its slope times u limited to it
+    knots = [(Fraction(knot) - middle) / half for knot in bank.knots]
+    values = numbers(model, *(f"g{k}" for k in range(1, len(knots) + 1)))
+    table: list[ChainTerm] = []
+    segments = zip(pairwise(knots), pairwise(values), strict=True)
+    for k, ((coldest, hottest), (first, last)) in enumerate(segments, start=1):
+        slope = (last - first) / (hottest - coldest)
+        draft.limit(f"segment_{k}", "u", coldest, hottest, "")
+        table += draft.polynomial(f"slope_{k}", (slope,), "", f"segment_{k}")
+        at_reference += slope * min(max(at_rest, coldest), hottest)
 
     # rates (a + c z) ρ + b z_k ρ, ρ limited to the largest fitted one on either side
     rates: list[ChainTerm] = []
@@ -437,39 +446,24 @@ def follow_bank(
         weight_of_coil = exact.scale(exact.add((a,), exact.scale(to_z, c)), largest)
         rates += draft.polynomial(f"by_rate_{k}", weight_of_coil, "u", rate)
         rates += draft.polynomial(f"by_own_{k}", exact.scale(to_z, b * largest), f"at_{k}", rate)
-    return draft.sum(
-        "drift",
-        rates,
-        table,
-        _hysteresis(draft, model, bank, (middle, half)),
-        _warm_up(draft, model, bank, h),
-        draft.polynomial("static_terms", exact.add(static, (constant,)), "u"),
-    )
 
-
-def _table(
-    draft: Draft,
-    model: Model,
-    bank: Bank,
-    span: tuple[Fraction, Fraction],
-    at_rest: Fraction,
-) -> tuple[list[ChainTerm], Fraction]:
-    """Terms of the table over temperature, one per segment between knots: slope times u limited to
-    the segment; and their sum at rest at the reference.
-    """
-    middle, half = span
-    knots = [(Fraction(knot) - middle) / half for knot in bank.knots]
-    values = numbers(model, *(f"g{k}" for k in range(1, len(knots) + 1)))
-    terms: list[ChainTerm] = []
-    offset = Fraction(0)
-    for k, ((low, high), (first, last)) in enumerate(
-        zip(pairwise(knots), pairwise(values), strict=True), start=1
-    ):
-        slope = (last - first) / (high - low)
-        draft.limit(f"segment_{k}", "u", low, high, "")
-        terms += draft.polynomial(f"slope_{k}", (slope,), "", f"segment_{k}")
-        offset += slope * min(max(at_rest, low), high)
-    return terms, offset
+    hysteresis = _hysteresis(draft, model, bank, (middle, half))
+    # the warm-up since the reset: w (1 − f), f ← f + (1 − a)(1 − f) from 0
+    warm_up: list[ChainTerm] = []
+    for k, theta in enumerate(bank.warm_up, start=1):
+        a, name = exact.exp(-h / Fraction(theta)), f"warm_{k}"
+        draft.steps.append(Memory(f"{name}_before", name, "zero"))
+        draft.sum(
+            name,
+            draft.polynomial(f"{name}_kept", (a,), "", f"{name}_before"),
+            draft.polynomial(f"{name}_grown", (1 - a,), ""),
+        )
+        thermal_steps.bound_memory(draft, name, Fraction(1), Fraction(1))
+        weight = number_or_zero(model, f"w{k}")
+        warm_up += draft.polynomial(f"{name}_weight", (weight,), "")
+        warm_up += draft.polynomial(f"{name}_faded", (-weight,), "", f"{name}_before")
+    statics = draft.polynomial("static_terms", exact.add(static, (-at_reference,)), "u")
+    return draft.sum("drift", rates, table, hysteresis, warm_up, statics)
 
 
 def _hysteresis(
@@ -499,22 +493,4 @@ def _hysteresis(
         draft.sum(distance, factor(name), factor("swing", -1))
         weight = number_or_zero(model, f"h{k}")
         terms += draft.polynomial(f"hysteresis_{k}", (weight / width,), "", distance)
-    return terms
-
-
-def _warm_up(draft: Draft, model: Model, bank: Bank, h: Fraction) -> list[ChainTerm]:
-    """Terms of the warm-up since the reset: w (1 − f), f ← f + (1 − a)(1 − f) from 0."""
-    terms: list[ChainTerm] = []
-    for k, theta in enumerate(bank.warm_up, start=1):
-        a, name = exact.exp(-h / Fraction(theta)), f"warm_{k}"
-        draft.steps.append(Memory(f"{name}_before", name, "zero"))
-        draft.sum(
-            name,
-            draft.polynomial(f"{name}_kept", (a,), "", f"{name}_before"),
-            draft.polynomial(f"{name}_grown", (1 - a,), ""),
-        )
-        thermal_steps.bound_memory(draft, name, Fraction(1), Fraction(1))
-        weight = number_or_zero(model, f"w{k}")
-        terms += draft.polynomial(f"{name}_weight", (weight,), "")
-        terms += draft.polynomial(f"{name}_faded", (-weight,), "", f"{name}_before")
     return terms

@@ -169,11 +169,10 @@ def _prepared(log: Log, recipe: FogThermalRecipe, findings: Sequence[Finding]) -
                 extension=spec.extension,
             )
             denoised = raw._replace(indication=blocks.filled(blocks.means(smooth.signal)))
-            for k in range(smooth.levels):
-                for kind, sizes in (("noise", smooth.noise), ("threshold", smooth.thresholds)):
-                    noise.append(
-                        Figure(f"{log.name}.{kind}_{k + 1}", float(sizes[k]), "deg/h", 0.0)
-                    )
+            sizes = zip(smooth.noise.tolist(), smooth.thresholds.tolist(), strict=True)
+            for level, (sigma, threshold) in enumerate(sizes, start=1):
+                noise.append(Figure(f"{log.name}.noise_{level}", sigma, "deg/h", 0.0))
+                noise.append(Figure(f"{log.name}.threshold_{level}", threshold, "deg/h", 0.0))
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     coarse = [

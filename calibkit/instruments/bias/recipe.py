@@ -136,11 +136,10 @@ class _ThermalOutput(_DriftOutput):
     rate_uncertainty: bool = False
 
 
-class _ThermalAcceptance(Table):
+class _ThermalAcceptance(BiasAcceptance):
     """Limits on each channel; a limit that is not stated is not tested."""
 
     min_reduction: NonNegative | None = None
-    max_residual_over_noise: Positive | None = None
 
 
 class ThermalRecipe(Recipe):
@@ -248,12 +247,10 @@ class _InputAxis(Table):
         return self
 
 
-class _FogAcceptance(Table):
+class _FogAcceptance(_ThermalAcceptance):
     """Acceptance limits of fits and validations; a limit that is None is not tested."""
 
-    min_reduction: NonNegative | None = None
     max_drift_rms_dph: Positive | None = None
-    max_residual_over_noise: Positive | None = None
     min_share_within_uncertainty: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     rate_gain_tolerance: Positive = 1e-3
 

@@ -16,9 +16,7 @@ has no error of its own.
 """
 
 import math
-from bisect import bisect_left
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -121,21 +119,14 @@ de-noising); at the finer levels hardly a detail is kept, so that their shifts c
 class Denoised:
     """A denoised signal [n], in its own unit, with what was taken for noise.
 
-    noise and thresholds [levels] are of the details, finest level first, in the unit of the signal;
-    the extension does not touch samples inner[0] … inner[1] − 1.
+    noise and thresholds [levels] are of the details, finest level first, in the unit of the signal.
     """
 
     signal: Array
     noise: Array
     thresholds: Array
-    inner: tuple[int, int]
-    levels: int
-
-    @property
-    def edge(self) -> Mask:
-        """Samples [n] that the extension touches."""
-        sample_number = np.arange(self.signal.size)
-        return (sample_number < self.inner[0]) | (sample_number >= self.inner[1])
+    edge: Mask
+    """Samples [n] that the extension touches."""
 
 
 def denoise(
@@ -195,10 +186,11 @@ def denoise(
                 hint=did_you_mean(name, names, f"use one of {', '.join(names)}"),
             )
     depth = _deepest(wavelet, size) if levels is None else levels
-    if not _fits(wavelet, size, depth):
+    shortest = _shortest(wavelet, depth)
+    if size < shortest:
         raise FitError(
             f"{size} samples are shorter than the filter: {wavelet} over {depth} levels"
-            f" needs {_shortest(wavelet, depth)}",
+            f" needs {shortest}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     period = 1 << depth
@@ -232,10 +224,10 @@ def denoise(
         shrunk = RULES[rule](details.pop(level), float(thresholds[level]))
         approximations = bank.synthesise(approximations, shrunk)
     # how far the filters of all levels reach from a sample, there and back
-    reach = (bank.length - 1) * (period - 1)
-    inner = min(reach, size), max(size - reach, min(reach, size))
+    reach, edge = (bank.length - 1) * (period - 1), np.ones(size, dtype=np.bool_)
+    edge[reach : max(size - reach, 0)] = False
     # a copy, as a view would keep the margins
-    return Denoised(approximations[margin : margin + size].copy(), noise, thresholds, inner, depth)
+    return Denoised(approximations[margin : margin + size].copy(), noise, thresholds, edge)
 
 
 def extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
@@ -265,26 +257,20 @@ def _average_over_shifts(unshifted: Array, bank: str, thresholds: Array, rule: R
     return values
 
 
-@lru_cache(maxsize=64)
-def _fits(wavelet: str, length: int, levels: int) -> bool:
-    """Whether the filters of all levels fit on so many samples and level 1 shows its noise. Raises
+def _shortest(wavelet: str, levels: int) -> int:
+    """Fewest samples on which the filters of all levels fit and level 1 shows its noise. Raises
     FitError for an unknown wavelet, or no levels.
     """
     if levels < 1:
         raise FitError(f"{levels} levels of a wavelet transform", hint="use one level or more")
-    clean = clean_spans(find_wavelet(wavelet), length, levels)
-    return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
+    bank, period = find_wavelet(wavelet), 1 << levels
+    clean = clean_spans(bank, 0, levels)
+    # the last sample that the first clean detail is made of, and the 16th one of level 1
+    deepest = period * clean[-1][0] + (period - 1) * bank.reads[1]
+    finest = 2 * (clean[1][0] + OWN_NOISE_FROM - 1) + bank.reads[1]
+    return max(deepest, finest) + 1
 
 
-def _shortest(wavelet: str, levels: int) -> int:
-    """Smallest number of samples that fits: by bisection, because a longer signal never has fewer
-    details that the extension leaves alone.
-    """
-    lengths = range(1 << (levels + 10))
-    return bisect_left(lengths, x=True, key=lambda length: _fits(wavelet, length, levels))
-
-
-@lru_cache(maxsize=64)
 def _deepest(wavelet: str, length: int) -> int:
     """Depth for a segment of `length` samples: 2^levels at most an eighth of it, and every filter
     fits; at least 1.
@@ -292,6 +278,6 @@ def _deepest(wavelet: str, length: int) -> int:
     On simulated ramps of 600 to 6000 s the details of longer scales are trend rather than noise.
     """
     levels = 1
-    while 16 << levels <= length and _fits(wavelet, length, levels + 1):
+    while 16 << levels <= length and _shortest(wavelet, levels + 1) <= length:
         levels += 1
     return levels

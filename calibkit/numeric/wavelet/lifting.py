@@ -153,9 +153,9 @@ def find_wavelet(name: str) -> Wavelet:
 def clean_spans(wavelet: Wavelet, length: int, levels: int) -> list[tuple[int, int]]:
     """Indices of the coefficients of each level, 0 the signal [length] itself, that no extension
     touches.
+
+    Coefficient i of level j is made of the samples p i + (p − 1) reads[0] … p i + (p − 1) reads[1],
+    p = 2^j.
     """
-    clean = [(0, length)]
-    for _ in range(levels):
-        low, high = clean[-1]
-        clean.append((-((wavelet.reads[0] - low) // 2), (high - 1 - wavelet.reads[1]) // 2 + 1))
-    return clean
+    periods, (first, last) = [1 << j for j in range(levels + 1)], wavelet.reads
+    return [(-(first * (p - 1) // p), (length - 1 - last * (p - 1)) // p + 1) for p in periods]
