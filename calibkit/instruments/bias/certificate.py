@@ -16,8 +16,6 @@ from calibkit.certificate.blocks import (
     tabulate,
 )
 from calibkit.certificate.quantities import (
-    At,
-    Point,
     Quantity,
     QuantityInput,
     coefficient,
@@ -266,21 +264,17 @@ def _tabulate_drift(basis: Stated, record: Record, levels: FittedBias) -> GridTa
                 principal=False,
             )
 
-        def between(operating_point: At) -> Point:
-            return less(levels.bias(operating_point), levels.bias({**operating_point, RATE: -rate}))
-
+        heating, cooling = on_ramp(rate), on_ramp(-rate)
         difference = replace(
-            on_ramp(rate),
+            heating,
             name=f"hysteresis_{rate:g}",
             words=Words("hysteresis", "滞回"),
-            point=between,
-            beyond=lambda operating_point: (
-                levels.beyond(operating_point) or levels.beyond({**operating_point, RATE: -rate})
-            ),
+            point=lambda at: less(levels.bias(at), levels.bias({**at, RATE: -rate})),
+            beyond=lambda at: levels.beyond(at) or levels.beyond({**at, RATE: -rate}),
         )
         columns += [
-            (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), on_ramp(rate)),
-            (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), on_ramp(-rate)),
+            (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), heating),
+            (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), cooling),
             (Words("heating − cooling", "升温 − 降温"), difference),
         ]
     return tabulate(

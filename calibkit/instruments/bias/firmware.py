@@ -255,51 +255,30 @@ def _follow_levels(spec: FogThermalRecipe | ThermalRecipe, models: Sequence[Mode
 
 
 def _follow_increments(spec: FogThermalRecipe, models: Sequence[Model]) -> Chain:
-    """Chain of the published scheme: the drift of a gyro by its increments on either side."""
+    """Chain of the published scheme: D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side (heating or cooling)
+    by the inputs of the previous update.
+    """
     if spec.drift.compensation == "one_step":
         raise OutputError(
             "compensation 'one_step' removes the true rate (rate gain 0)",
             hint="fit with drift.compensation = 'recursive'",
         )
     draft = Draft(padded=spec.export.layout == "padded")
-    _output_drift(draft, _recursive(draft, models, spec.segments.slope_window_s), models)
-    interval_s = float(models[0].value("interval"))
-    drift = draft.chain([model.form for model in models], RECURSIVE, interval_s=interval_s)
-    rate = max(thermal_steps.largest(model, RATE) for model in models)
-    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
-    return replace(drift, trials=_thermal_history(drift))
-
-
-def _output_drift(draft: Draft, source: str, models: Sequence[Model]) -> None:
-    """The drift of a gyro, and the ranges that its models were fitted in."""
-    meaning = "drift, to be subtracted from the indication"
-    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
-    for model in models:
-        owner = WHOSE.get(model.form, f"{model.name} side")
-        for column, (low, high) in model.valid.items():
-            unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
-            draft.ranges.append(f"{column} of the {owner} {exact.limits_text(low, high)} {unit}")
-
-
-def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> str:
-    """Name of the drift D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side (heating or cooling) by the
-    inputs of the previous update.
-    """
     cases = [model.valid[CASE] for model in models]
     middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
     reach = (middle - 2 * half, middle + 2 * half)
     draft.input(CASE, "degC", thermal_steps.CASE_MEANING, reach, "TEMP_CLAMPED")
     draft.input(thermal_steps.AIR, "degC", thermal_steps.AIR_MEANING, reach, "AIR_CLAMPED")
-    fastest = 4 * max(thermal_steps.largest(model, RATE) for model in models)
-    window = f"by least squares over the {slope_window_s:g} s before the end of the interval"
-    derived = f"slope of {thermal_steps.AIR} {window}"
+    rate = max(thermal_steps.largest(model, RATE) for model in models)
+    window_s = spec.segments.slope_window_s
+    window = f"by least squares over the {window_s:g} s before the end of the interval"
     # the sides clamp it and set the flag
     draft.input(
         AIR_RATE,
         "degC/min",
         f"rate of the air, slope {window}",
-        (-fastest, fastest),
-        derived=derived,
+        (-4 * rate, 4 * rate),
+        derived=f"slope of {thermal_steps.AIR} {window}",
     )
     draft.sum("apart", factor(CASE), factor(thermal_steps.AIR, -1))
     sides, largest = [], Fraction(0)
@@ -349,7 +328,22 @@ def _recursive(draft: Draft, models: Sequence[Model], slope_window_s: float) -> 
     draft.sum("total", factor("increment_before"), factor("drift_before"))
     draft.limit("drift", "total", -longest, longest, "DRIFT_LIMITED")
     draft.limits |= {"drift_before": longest, "increment_before": largest}
-    return "drift"
+    _output_drift(draft, "drift", models)
+    interval_s = float(models[0].value("interval"))
+    drift = draft.chain([model.form for model in models], RECURSIVE, interval_s=interval_s)
+    drift = pace.keep_time(drift, CASE, rate, spec.largest_gap_s())
+    return replace(drift, trials=_thermal_history(drift))
+
+
+def _output_drift(draft: Draft, source: str, models: Sequence[Model]) -> None:
+    """The drift of a gyro, and the ranges that its models were fitted in."""
+    meaning = "drift, to be subtracted from the indication"
+    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
+    for model in models:
+        owner = WHOSE.get(model.form, f"{model.name} side")
+        for column, (low, high) in model.valid.items():
+            unit = "degC" if column in (CASE, GRADIENT) else "degC/min"
+            draft.ranges.append(f"{column} of the {owner} {exact.limits_text(low, high)} {unit}")
 
 
 def _thermal_history(chain: Chain) -> Trials:
