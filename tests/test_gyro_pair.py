@@ -7,10 +7,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibkit.certificate.fit_tables import UNNAMED
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.errors import FitError
 from calibkit.fit.value import Value
 from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
+    certificate,
+    coefficient_files,
     fit,
     flags,
     lines,
@@ -19,6 +24,7 @@ from calibkit.instruments.gyro_scale import (
     table_runs,
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
+from calibkit.recipe.type_b import TypeB
 from conftest import AUTHORITIES
 from known_fit import known_fit
 
@@ -208,6 +214,22 @@ def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(see
         )
         assert (gamma.value >= 0.0) == (logs.truth["side"] == "same") or alpha_deg == 90.0
         assert abs(N.value / logs.truth["N"] - 1.0) < 5e-6
+
+
+def test_the_interval_of_an_angle_near_zero_holds_what_the_laboratory_states():
+    """Parallel gyros whose angle a type B term leaves 0.5° open: the certificate's interval begins
+    at 0° and ends half a degree above α at least.
+    """
+    logs = simulated.pair(5, alpha_deg=0.1, ideal=True)
+    runs = {axis: (run_of(logs.logs[f"table_axis_{axis}.csv"], axis),) for axis in "ab"}
+    stages = coefficient_files.list_results(fit.fit_campaign(SPEC, runs), SPEC)
+    records = {stage.file: stage.as_record(UNNAMED, "") for stage in stages}
+    term = TypeB(name="axes", quantity="alpha_deg", unit="deg", standard_uncertainty=0.5)
+    _, block = certificate.blocks(Stated(records, TypeBTerms((term,)), (), 25.0))
+    (alpha,) = (one for one in block.tables[0].results if one.name.en == "angle between the axes")
+    low, high = alpha.interval
+    assert low == 0.0
+    assert high > alpha.value + 0.5
 
 
 def pair_of(gamma, gamma_from_a):

@@ -472,6 +472,16 @@ def roots_of(s, u, temperature, **options):
     return scale_fit.fit_over_temperature(solution, temperature, **options)
 
 
+def test_stations_of_one_room_are_one_temperature():
+    """Roots at 24.4 and 24.6 °C and at 60 °C tell no square of temperature: between them s is known
+    as well as the roots are.
+    """
+    temperature = np.array([24.4, 24.45, 24.6, 24.6, 60.0, 60.1, 60.2])
+    noise = 1e-4 * np.random.default_rng(3).standard_normal(temperature.size)
+    over = roots_of(1.0 + noise, 1e-4, temperature)
+    assert prior_at(over, 42.0).standard_uncertainty[0] < 5e-4
+
+
 @pytest.mark.parametrize(("spread", "separable"), [(0.0, False), (0.3, True), (1.0, True)])
 def test_a_turn_is_measured_where_stations_separate_it_from_the_polynomial(spread, separable):
     """24 stations: in one fixture noise alone is left of the

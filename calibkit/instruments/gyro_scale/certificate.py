@@ -390,8 +390,9 @@ def _state_pair(basis: Stated, record: Record) -> Block:
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
         if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
-            # first-order u(α) diverges at 0° and 180°
+            # first-order u(α) diverges at 0° and 180°; the ends of γ know of no type B terms
             low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
+            low, high = min(low, max(alpha.value - U, 0.0)), max(high, min(alpha.value + U, 180.0))
             alpha = replace(alpha, interval=(low, high))
     error = figures["orthogonality_error_deg"]
     words, slopes = (

@@ -272,8 +272,7 @@ def fit_over_temperature(
     # 2. Orders averaged, each with the turn and the scatter of logs and stations.
     tried_orders: Sequence[int] = [order or 0]
     if order is None:
-        levels_degc = np.unique(np.round(degc)).size
-        tried_orders = orders(degc.size, levels_degc, HIGHEST_ORDER)
+        tried_orders = orders(degc.size, polynomial.count_levels(degc), HIGHEST_ORDER)
     highest = tried_orders[-1]
     measurable = turn is not None and degc.size - highest - 2 >= SPARE
     separable = measurable and _separates_turn(roots, highest)
