@@ -36,7 +36,6 @@ STOPS = [
     "instruments.fitted_recipe",
     "instruments.bias.fog_thermal.correct",
     "instruments.bias.forms.read_thermal",
-    "instruments.bias.ramps.find_unusable",
     "instruments.bias.compensate.compensate_log",
     "instruments.bias.ramps.block_means",
 ]

@@ -11,8 +11,10 @@ from calibkit.check.content import (
     find_out_of_range,
     find_too_few_rows,
     find_unordered_times,
+    find_unusable,
     finding_at_row,
     flag_bridged_gaps,
+    in_stages,
 )
 
 __all__ = [
@@ -25,8 +27,10 @@ __all__ = [
     "find_out_of_range",
     "find_too_few_rows",
     "find_unordered_times",
+    "find_unusable",
     "finding_at_row",
     "flag_bridged_gaps",
+    "in_stages",
     "magnitude",
     "series",
     "thermometers",

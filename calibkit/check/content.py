@@ -2,8 +2,10 @@
 plausible values.
 """
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import ParamSpec
 
 import numpy as np
 
@@ -19,6 +21,41 @@ COLDEST_DEGC, HOTTEST_DEGC = -100.0, 250.0
 """Temperatures that no chamber of this field leaves."""
 _FEWEST_COPIED = 3
 """Rows in sequence that, all alike others, are hardly alike by chance."""
+P = ParamSpec("P")
+
+
+def in_stages(stages: Callable[P, Iterator[list[Finding]]]) -> Callable[P, list[Finding]]:
+    """Findings of stages that a function yields one after the other: nothing is looked for behind
+    one that refuses the log.
+    """
+
+    @functools.wraps(stages)
+    def find(*args: P.args, **kwargs: P.kwargs) -> list[Finding]:
+        findings: list[Finding] = []
+        for stage in stages(*args, **kwargs):
+            findings += stage
+            if any(finding.refused for finding in findings):
+                break
+        return findings
+
+    return find
+
+
+@in_stages
+def find_unusable(
+    log: Log, min_rows: int, columns: Sequence[str] | None = None
+) -> Iterator[list[Finding]]:
+    """Yield findings of a log over time of an instrument at rest, for a correction of its columns
+    (absent: all that it has); it may have gaps.
+    """
+    columns = list(log.frame.columns) if columns is None else columns
+    yield [*find_too_few_rows(log, min_rows), *find_missing_values(log, columns)]
+    temperatures = [name for name in columns if name.startswith("temp_")]
+    findings = [*find_unordered_times(log), *find_implausible_temperatures(log, temperatures)]
+    for name in columns:
+        if name.endswith("_dph"):
+            findings += find_implausible_rates(log, name)
+    yield findings
 
 
 def finding_at_row(

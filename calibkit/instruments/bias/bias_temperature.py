@@ -52,7 +52,7 @@ from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from calibkit.certificate.results import Block
@@ -76,30 +76,25 @@ def read(
     return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))
 
 
-def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
-    """What is wrong with a log."""
-    findings = [
-        *checks.find_too_few_rows(log, spec.polynomials.min_rows),
+@checks.in_stages
+def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> Iterator[list[Finding]]:
+    """Yield what is wrong with a log."""
+    table, timed = spec.polynomials, "time_s" in log.frame.columns
+    yield [
+        *checks.find_too_few_rows(log, table.min_rows),
         *checks.find_missing_values(log, list(log.frame.columns)),
     ]
-    if any(finding.refused for finding in findings):
-        return findings
-    timed = "time_s" in log.frame.columns
+    findings = []
     if timed:
-        findings += checks.find_unordered_times(log)
-        findings += checks.find_gaps(log, spec.polynomials.max_gap_s)
-    findings += checks.find_constant_columns(log, [spec.polynomials.abscissa])
-    if any(finding.refused for finding in findings):
-        return findings
-    for column in spec.still_columns():
-        findings += checks.series.check_indication(log, column, units.column_unit(column))
-    if timed and units.column_unit(spec.polynomials.abscissa) == "degC":
-        findings += checks.thermometers.check_steps(log, spec.polynomials.abscissa)
-        findings += checks.thermometers.find_lost_sign(log, spec.polynomials.abscissa)
-    return [
-        *findings,
-        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
-    ]
+        findings = [*checks.find_unordered_times(log), *checks.find_gaps(log, table.max_gap_s)]
+    yield [*findings, *checks.find_constant_columns(log, [table.abscissa])]
+    findings = []
+    for channel in spec.still_columns():
+        findings += checks.series.check_indication(log, channel, units.column_unit(channel))
+    if timed and units.column_unit(table.abscissa) == "degC":
+        findings += checks.thermometers.check_steps(log, table.abscissa)
+        findings += checks.thermometers.find_lost_sign(log, table.abscissa)
+    yield [*findings, *checks.magnitude.find_compensated_names(log, spec, spec.still_columns())]
 
 
 def faults(spec: BiasTemperatureRecipe, log: Log) -> Examined:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
-from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
+from calibkit.check import copies, find_unusable, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, StageResult, at_least, at_most, over_stated_u
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, refuse, values
@@ -266,7 +266,7 @@ def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -
     """Compensate every row of a log; the indication keeps its unit and sign in the log."""
     model = compensate.DriftModel.read(records, spec)
     log = ingest.read_log(spec, data, data.name, model.columns)
-    refuse(ramps.find_unusable(log))
+    refuse(find_unusable(log, 3))
     output, flags = compensate.compensate_log(log, model, spec)
     gyro = values(log.frame, "gyro_dph")
     drift = gyro - output
@@ -291,7 +291,7 @@ def validate(
     figures_of_run = records[forms.FILE].figures
     compensated, entries = [], []
     for log in logs:
-        refuse(ramps.find_unusable(log))
+        refuse(find_unusable(log, 3))
         _, blocks = ramps.block_means(log, spec, rated=bool(model.polynomials))
         log_figures = compensate.LogFigures.summarize(log.name, blocks, model)
         compensated.append(log_figures)

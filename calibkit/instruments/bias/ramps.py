@@ -4,7 +4,7 @@ Soaks and ramps are those of the causal slope of the chamber air (`numeric.segme
 recipe states them; the indication is denoised by wavelets over the whole log.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,59 +62,33 @@ class PreparedLog:
     flags: tuple[str, ...]
 
 
-def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Findings of a log for a fit, which a refused one prevents."""
-    findings = find_unusable(log, recipe.checks.min_rows)
-    if any(finding.refused for finding in findings):
-        return findings
-    case, air = "temp_case_degc", "temp_env_degc"
-    findings += [
+@check.in_stages
+def find_faults(log: Log, recipe: FogThermalRecipe) -> Iterator[list[Finding]]:
+    """Yield findings of a log for a fit, which a refused one prevents."""
+    (case, air), gyro = TEMPERATURES, "gyro_dph"
+    yield check.find_unusable(log, recipe.checks.min_rows, COLUMNS)
+    yield [
         *check.find_gaps(log, recipe.checks.max_gap_s),
-        *check.find_constant_columns(log, [case, air, "gyro_dph"]),
+        *check.find_constant_columns(log, [case, air, gyro]),
     ]
-    if any(finding.refused for finding in findings):
-        return findings
-    stated_rate_findings = []
-    stated_rate = recipe.drift.rates_degc_min.get(log.name)
+    stated_rate, of_stated_rate = recipe.drift.rates_degc_min.get(log.name), []
     if stated_rate is not None:
         rates = [part.rate for part in _find_segments(log, recipe)[0] if part.kind == "ramp"]
         if rates:
             fastest = max(rates, key=abs)
-            stated_rate_findings = check.thermometers.check_stated_rate(
-                log, air, stated_rate, fastest
-            )
-    return [
-        *findings,
+            of_stated_rate = check.thermometers.check_stated_rate(log, air, stated_rate, fastest)
+    yield [
         *check.magnitude.check_time_unit(log, air, "the chamber air"),
         *check.thermometers.find_lost_sign(log, case),
         *check.thermometers.check_pair(log, case, air),
-        *(
-            step_finding
-            for column in (case, air)
-            for step_finding in check.thermometers.check_steps(log, column)
-        ),
-        *stated_rate_findings,
-        *check.magnitude.check_gyro_unit(log, "gyro_dph"),
-        *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),
+        *check.thermometers.check_steps(log, case),
+        *check.thermometers.check_steps(log, air),
+        *of_stated_rate,
+        *check.magnitude.check_gyro_unit(log, gyro),
+        *check.magnitude.find_compensated_names(log, recipe, [gyro]),
         *check.series.check_case_and_air(log, case, air),
         *check.series.find_turn_back(log, case),
-        *check.series.check_indication(log, "gyro_dph", "deg/h"),
-    ]
-
-
-def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
-    """Findings of a log for compensation, which may be at rest and may have gaps."""
-    columns = [column for column in COLUMNS if column in log.frame.columns]
-    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, columns)]
-    if any(finding.refused for finding in early):
-        return early
-    return [
-        *early,
-        *check.find_unordered_times(log),
-        *check.find_implausible_temperatures(
-            log, [name for name in columns if name in TEMPERATURES]
-        ),
-        *check.find_implausible_rates(log, "gyro_dph"),
+        *check.series.check_indication(log, gyro, "deg/h"),
     ]
 
 

@@ -53,7 +53,7 @@ from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.arrays import Array
@@ -79,38 +79,21 @@ def read(spec: ThermalRecipe, data: Path, file: str, reader: LogReader = ingest.
     return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 
 
-def _find_unusable(spec: ThermalRecipe, log: Log, min_rows: int) -> list[Finding]:
-    """What is wrong with a log whose clock was mended, for compensation."""
+@checks.in_stages
+def _find_faults(spec: ThermalRecipe, log: Log) -> Iterator[list[Finding]]:
+    """Yield what is wrong with a log whose clock was mended, for a fit."""
+    case, channels = power_ons.CASE, spec.thermal.channels
+    yield checks.find_unusable(log, spec.thermal.min_rows)
+    yield checks.find_constant_columns(log, [case, *channels])
     findings = [
-        *checks.find_too_few_rows(log, min_rows),
-        *checks.find_missing_values(log, list(log.frame.columns)),
+        *checks.series.check_temperature(log, case),
+        *checks.thermometers.find_lost_sign(log, case),
     ]
-    if any(finding.refused for finding in findings):
-        return findings
-    findings += checks.find_unordered_times(log)
-    findings += checks.find_implausible_temperatures(log, [power_ons.CASE])
-    for name in spec.thermal.channels:
-        if name.endswith("_dph"):
-            findings += checks.find_implausible_rates(log, name)
-    return findings
-
-
-def _find_faults(spec: ThermalRecipe, log: Log) -> list[Finding]:
-    """What is wrong with a log whose clock was mended, for a fit."""
-    findings = _find_unusable(spec, log, spec.thermal.min_rows)
-    if any(finding.refused for finding in findings):
-        return findings
-    findings += checks.find_constant_columns(log, [power_ons.CASE, *spec.thermal.channels])
-    if any(finding.refused for finding in findings):
-        return findings
-    findings += checks.series.check_temperature(log, power_ons.CASE)
-    findings += checks.thermometers.find_lost_sign(log, power_ons.CASE)
-    for column in spec.still_columns():
-        findings += checks.series.check_indication(log, column, units.column_unit(column))
+    for channel in channels:
+        findings += checks.series.check_indication(log, channel, units.column_unit(channel))
     # an instrument that is left alone may warm as slowly as it likes
-    findings += checks.magnitude.check_time_unit(log, power_ons.CASE, "the case", slowest=0.0)
-    findings += checks.magnitude.find_compensated_names(log, spec, spec.still_columns())
-    return findings
+    findings += checks.magnitude.check_time_unit(log, case, "the case", slowest=0.0)
+    yield [*findings, *checks.magnitude.find_compensated_names(log, spec, channels)]
 
 
 def faults(spec: ThermalRecipe, log: Log) -> Examined:
@@ -180,7 +163,7 @@ def correct(spec: ThermalRecipe, records: Mapping[str, Record], data: Path) -> A
     models = compensate.read_models(records, spec)
     log = read(spec, data.parent, data.name)
     mended = power_ons.mend_clock(log, spec.thermal)
-    refuse(_find_unusable(spec, mended, 1))
+    refuse(checks.find_unusable(mended, 1))
     columns, added, flags = compensate.compensate_channels(mended, log, models, spec)
     return write_back.rewrite_log(spec, data, log, columns, added), flags
 
@@ -194,7 +177,7 @@ def validate(
     models, entries = compensate.read_models(records, spec), []
     for log in logs:
         mended = power_ons.mend_clock(log, spec.thermal)
-        refuse(_find_unusable(spec, mended, 3))
+        refuse(checks.find_unusable(mended, 3))
         entries.append(compensate.channel_entry(mended, log, models, spec))
     title = "Rms about the turn-on biases, and 100 s means within U and noise (95 % expected)"
     return {"logs": entries}, tables.validation_summary(
