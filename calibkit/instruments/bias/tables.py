@@ -67,9 +67,9 @@ def tabulate_tested(export: Export) -> Table:
     published scheme is listed.
     """
     exported = {errors.name for errors in export.errors}
-    rows = []
+    rows, noise = [], export.left_out_noise
     for errors in export.tested:
-        left = split_noise(errors.errors).at_most(export.left_out_noise)
+        left = split_noise(errors.errors).at_most(noise)
         rows.append(
             (
                 errors.name,

@@ -58,39 +58,31 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     half of the time it lies on the boundary.
     """
     rotated = rotation.rows(np.column_stack([np.ones(indication.size), design, indication]))
-    parts = [(rotation.flicker[rows], rotated[rows]) for rows, _ in rotation.parts]
-    restricted_fits = [_restricted(parts, float(level) ** 2 / rotation.typical) for level in LEVELS]
-    likelihood = np.array([value for value, _ in restricted_fits])
-    share = np.exp(-0.5 * (likelihood - likelihood.min())) * np.gradient(LEVELS)
+    levels, size = len(LEVELS), rotated.shape[1]
+    # moments of design and indication about the level of each log, and (2) without its last term
+    total, deviance = np.zeros((levels, size - 1, size - 1)), np.zeros(levels)
+    for rows, _ in rotation.parts:
+        spread = 1.0 + (LEVELS**2 / rotation.typical)[:, None] * rotation.flicker[rows]
+        products = rotated[rows, :, None] * rotated[rows, None, :]
+        moment = (1.0 / spread) @ products.reshape(len(products), -1)
+        moment = moment.reshape(levels, size, size)
+        total += moment[:, 1:, 1:] - moment[:, 1:, :1] * moment[:, :1, 1:] / moment[:, :1, :1]
+        deviance += np.sum(np.log(spread), axis=1) + np.log(moment[:, 0, 0])
+    squares = np.diagonal(total, axis1=1, axis2=2)[:, :-1]
+    length = np.sqrt(np.where(squares > 0.0, squares, 1.0))
+    unit = length[:, :, None] * length[:, None, :]
+    gram, vectors = np.linalg.eigh(total[:, :-1, :-1] / unit)
+    gram = np.maximum(gram, DEPENDENT_EIGENVALUE)
+    right = np.einsum("lij,li->lj", vectors, total[:, :-1, -1] / length)
+    left = total[:, -1, -1] - np.sum(right**2 / gram, axis=1)
+    dof = max(len(rotated) - len(rotation.parts) - size + 2, 1)
+    white = np.maximum(left, np.finfo(float).tiny) / dof
+    deviance += np.sum(np.log(gram), axis=1) + 2.0 * np.sum(np.log(length), axis=1)
+    deviance += dof * np.log(white)
+    share = np.exp(-0.5 * (deviance - deviance.min())) * np.gradient(LEVELS)
     share /= share.sum()
-    white = np.array([variance for _, variance in restricted_fits])
     square = share @ (LEVELS**2 * white)
     return BlockNoise(float(share @ white), float(np.sqrt(square / rotation.typical)))
-
-
-def _restricted(rotated_logs: Sequence[tuple[Array, Array]], ratio: float) -> tuple[float, float]:
-    """(2) at a ratio ρ, and the white variance that maximises it, of logs that are turned: λ [m] of
-    each, and its rows [m, 1 + k + 1] of a level, of the design and of the indication.
-    """
-    size = rotated_logs[0][1].shape[1] - 1
-    total = np.zeros((size, size))
-    determinant, rows = 0.0, 0
-    for eigenvalues, rotated in rotated_logs:
-        spread = 1.0 + ratio * eigenvalues
-        moment = (rotated / spread[:, None]).T @ rotated
-        total += moment[1:, 1:] - np.outer(moment[0, 1:], moment[0, 1:]) / moment[0, 0]
-        determinant += float(np.sum(np.log(spread)) + np.log(moment[0, 0]))
-        rows += spread.size - 1
-    length = np.sqrt(np.maximum(np.diag(total)[:-1], 0.0))
-    length = np.where(length > 0.0, length, 1.0)
-    gram_values, vectors = np.linalg.eigh(total[:-1, :-1] / np.outer(length, length))
-    gram_values = np.maximum(gram_values, DEPENDENT_EIGENVALUE)
-    turned_right = vectors.T @ (total[:-1, -1] / length)
-    square = float(total[-1, -1] - np.sum(turned_right**2 / gram_values))
-    dof = max(rows - size + 1, 1)
-    variance = max(square, np.finfo(float).tiny) / dof
-    determinant += float(np.sum(np.log(gram_values)) + 2.0 * np.sum(np.log(length)))
-    return determinant + dof * float(np.log(variance)), variance
 
 
 def covariance_of(estimator: Array, design: Array, indication: Array) -> Array:
@@ -316,6 +308,8 @@ class WhitenedRows:
 
     def means(self, values: Array) -> Array:
         """Means [m, k] over the groups of values [n, k] of all blocks."""
+        if self.starts.size == self.blocks.size:
+            return values[self.blocks]
         sums = np.add.reduceat(values[self.blocks], self.starts, axis=0)
         return sums / np.diff(np.append(self.starts, self.blocks.size))[:, None]
 
