@@ -221,7 +221,7 @@ def test_derivatives_are_those_of_differences():
         moved = published.Components(*(np.array([v]) for v in inputs[:4]), parts.covariance)
         degrees = np.degrees(inputs[4])
         found = published.attitude(moved.accel_x, moved.accel_y)
-        root = published.scale_roots(moved.gyro_x, moved.gyro_y, found, degrees).plus
+        root, _, _ = published.scale_roots(moved.gyro_x, moved.gyro_y, found, degrees)
         fixed = root if s is None else np.array([s])
         psi = published.azimuth(
             moved.accel_x, moved.accel_y, fixed * moved.gyro_x, fixed * moved.gyro_y, degrees

@@ -30,10 +30,11 @@ def extremes_of_present(values: Array) -> tuple[float, float]:
 
 
 def block_means(values: Array, rows: int) -> Array:
-    """Means [n // rows] of consecutive blocks of so many rows of values [n]; NaN where a block has
-    one.
+    """Means [n // rows, …] of consecutive blocks of so many rows of values [n, …]; NaN where a
+    block has one.
     """
-    return np.asarray(values[: values.size // rows * rows].reshape(-1, rows).mean(axis=1))
+    whole = values[: len(values) // rows * rows]
+    return np.asarray(whole.reshape(-1, rows, *values.shape[1:]).mean(axis=1))
 
 
 def find_runs(mask: Mask) -> Integers:

@@ -137,19 +137,8 @@ def average_dwells(columns: Array, intervals: Integers) -> tuple[Array, Array]:
         error = centred.std(axis=0, ddof=1) / np.sqrt(stop - start)
         if stop - start >= 4 * BATCHES:
             # the larger of independent rows' and of batch means'
-            of_batches = batch_means(centred, BATCHES).std(axis=0, ddof=1) / BATCHES**0.5
-            error = np.maximum(error, of_batches)
+            batches = chunks.block_means(centred, (stop - start) // BATCHES)[:BATCHES]
+            error = np.maximum(error, batches.std(axis=0, ddof=1) / BATCHES**0.5)
         means.append(mean)
         errors.append(error)
     return np.array(means), np.array(errors)
-
-
-def batch_means(rows: Array, batches: int) -> Array:
-    """Means [batches, c] of consecutive batches of rows [k, c] that are as long as can be; the rest
-    is left out. Empty for fewer rows than batches.
-    """
-    length = len(rows) // batches
-    if not length:
-        return np.zeros((0, rows.shape[1]))
-    batched = rows[: batches * length].reshape(batches, length, -1)
-    return np.asarray(batched.mean(axis=1), dtype=np.float64)

@@ -3,10 +3,9 @@ of the deviations over averaging time with the noise terms, and of the indicatio
 JSON of a validation.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -15,24 +14,18 @@ from calibkit.certificate.words import unit_mark
 from calibkit.coefficients import Criterion, StageResult, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import share_unit
+from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_noise import certificate
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, list_figures
 from calibkit.instruments.gyro_noise.forms import read_name
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
 from calibkit.numeric.noise.confidence import TYPES
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
+from calibkit.sensitivities import Sensitivity
 from calibkit.units import known
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.axes import Axes
-
-    from calibkit.instruments import Fitted
-    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
-    from calibkit.sensitivities import Sensitivity
 
 
 def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
@@ -147,64 +140,56 @@ class NoiseReport:
         }
 
 
-def _deviations(ax: Axes, noise: NoiseFigures, unit: str) -> None:
-    """Allan and wavelet deviation with their limits over averaging time, and what each noise term
-    makes alone.
-    """
-    curves = ((noise.curve, "o", INK, INK), (noise.wavelet, "s", ALERT, "none"))
-    for curve, mark, colour, face in curves:
-        ax.errorbar(
-            curve.tau_s,
-            curve.deviation,
-            np.stack([curve.deviation - curve.lower, curve.upper - curve.deviation]),
-            fmt=mark,
-            ms=4,
-            mfc=face,
-            capsize=3,
-            color=colour,
-            label=f"{curve.estimator} deviation",
-        )
-    # the exponent α of the noise type that the limits of each Allan deviation assume
-    for tau_s, upper, kind in zip(
-        noise.curve.tau_s, noise.curve.upper, noise.curve.noise, strict=True
-    ):
-        exponent = 2 - TYPES.index(kind)
-        ax.annotate(f"{exponent}", (tau_s, upper), (0, 3), textcoords="offset points", ha="center")
-    tau, labels = noise.curve.tau_s, []
-    ax.plot(tau, noise.terms.model, color=GOOD, label="noise terms together")
-    laws = {law.name: law for law in noise.sensor.laws}
-    for term in noise.terms.terms:
-        law = laws[term.name]
-        of_term = term.value / law.scale * tau ** (law.exponent / 2.0)
-        ax.plot(tau, of_term, color=MUTED, ls="--", lw=0.8)
-        labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    lowest_limit = min(float(np.min(curve.lower)) for curve, *_ in curves)
-    highest_limit = max(float(np.max(curve.upper)) for curve, *_ in curves)
-    ax.set_ylim(0.3 * lowest_limit, 3.0 * highest_limit)
-    ax.set(
-        xlabel="averaging time τ [s]",
-        ylabel=f"deviation [{unit}]",
-        title=f"dashed: noise terms that are observable: {', '.join(labels) or 'none'}",
-    )
-    ax.legend(loc="best")
-    ax.grid(visible=True, which="both", color=RAW, alpha=0.3, lw=0.4)
-
-
 def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
-    """Figures and summary of a fit: of each record deviations and terms above, the rate over time
-    below.
+    """Figures and summary of a fit: of each record above Allan and wavelet deviation with their
+    limits over averaging time and what each noise term makes alone, below the indication over time.
     """
     pages = []
     for noise in fitted.drawing.records:
-        unit = unit_mark(noise.sensor.unit)
-        figure, axes = page(2, 1, title=f"{title}: noise of {noise.name}", height=8.5)
-        _deviations(axes[0], noise, unit)
+        unit, tau = unit_mark(noise.sensor.unit), noise.curve.tau_s
+        figure, (above, below) = page(2, 1, title=f"{title}: noise of {noise.name}", height=8.5)
+        curves = ((noise.curve, "o", INK, INK), (noise.wavelet, "s", ALERT, "none"))
+        for curve, mark, colour, face in curves:
+            above.errorbar(
+                curve.tau_s,
+                curve.deviation,
+                np.stack([curve.deviation - curve.lower, curve.upper - curve.deviation]),
+                fmt=mark,
+                ms=4,
+                mfc=face,
+                capsize=3,
+                color=colour,
+                label=f"{curve.estimator} deviation",
+            )
+        # the exponent α of the noise type that the limits of each Allan deviation assume
+        tops = zip(tau, noise.curve.upper, strict=True)
+        for top, kind in zip(tops, noise.curve.noise, strict=True):
+            exponent = f"{2 - TYPES.index(kind)}"
+            above.annotate(exponent, top, (0, 3), textcoords="offset points", ha="center")
+        above.plot(tau, noise.terms.model, color=GOOD, label="noise terms together")
+        laws, labels = {law.name: law for law in noise.sensor.laws}, []
+        for term in noise.terms.terms:
+            law = laws[term.name]
+            of_term = term.value / law.scale * tau ** (law.exponent / 2.0)
+            above.plot(tau, of_term, color=MUTED, ls="--", lw=0.8)
+            labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")
+        above.set(
+            xscale="log",
+            yscale="log",
+            ylim=(
+                0.3 * min(float(np.min(curve.lower)) for curve, *_ in curves),
+                3.0 * max(float(np.max(curve.upper)) for curve, *_ in curves),
+            ),
+            xlabel="averaging time τ [s]",
+            ylabel=f"deviation [{unit}]",
+            title=f"dashed: noise terms that are observable: {', '.join(labels) or 'none'}",
+        )
+        above.legend(loc="best")
+        above.grid(visible=True, which="both", color=RAW, alpha=0.3, lw=0.4)
         block_s = noise.block * noise.curve.interval_s
         hours = (np.arange(noise.block_means.size) + 0.5) * (block_s / SECONDS_PER_HOUR)
-        axes[1].plot(hours, noise.block_means, color=DENOISED, lw=0.8)
-        axes[1].set(
+        below.plot(hours, noise.block_means, color=DENOISED, lw=0.8)
+        below.set(
             xlabel="time [h]",
             ylabel=f"indication [{unit}]",
             title=f"means of {block_s:g} s; gaps are left open",

@@ -4,18 +4,11 @@ recorder that lost some rows.
     y = ω_e sin α + bias + N + B + K noise, rounded to whole pulses                   at 1 Hz
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
-
 import numpy as np
 
 from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_HOUR
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LATITUDE_DEG = 34.2
 DECIMALS = {"gyro_dph": 3}
@@ -52,7 +45,7 @@ def campaign(seed: int, *, hours: float = 6.0) -> Campaign:
     start, length = int(rng.integers(count // 4, count // 2)), int(rng.integers(*GAP_S))
     recorded = np.ones(count, dtype=bool)
     recorded[start : start + length] = False
-    columns: dict[str, NDArray[Any]] = {
+    columns = {
         "time_s": np.arange(count, dtype=np.int64)[recorded],
         "gyro_dph": indication[recorded],
     }

@@ -22,7 +22,7 @@ from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
-from calibkit.numeric import chunks, dispersion, dwells
+from calibkit.numeric import chunks, dispersion
 from calibkit.numeric.dispersion import mad_sigma
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
@@ -426,10 +426,10 @@ def _variance(
         variance = np.sum(noise**2, axis=0) / max(len(noise) - 1, 1)
         weights = part.weights
         variances.append(variance * (np.sum(weights**2) / np.sum(weights) ** 2))
-        blocks = dwells.batch_means(noise, BLOCKS)
-        if not len(blocks):
-            continue
         length = len(noise) // BLOCKS
+        if not length:
+            continue
+        blocks = chunks.block_means(noise, length)[:BLOCKS]
         # shorter blocks do not tell of autocorrelation
         if length >= 4:
             tiny = np.finfo(np.float64).tiny

@@ -5,7 +5,7 @@ their inputs and on a certificate.
 from collections.abc import Mapping
 from dataclasses import replace
 
-from calibkit.certificate.blocks import list_coefficients, make_block, plot, tabulate
+from calibkit.certificate.blocks import lay_out_models
 from calibkit.certificate.quantities import (
     At,
     Point,
@@ -14,10 +14,9 @@ from calibkit.certificate.quantities import (
     of_figure,
     polynomial,
     ranged,
-    state,
 )
-from calibkit.certificate.results import Block, Equation, ListTable
-from calibkit.certificate.stated import Stated, range_words, residual_words
+from calibkit.certificate.results import Block, Equation
+from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
@@ -79,38 +78,11 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
     record = basis.records.get(FILE)
     if record is None:
         return ()
-    models = record.models
-    scales = [scale(record, model) for model in models]
-    coefficients = [
-        list_coefficients(
-            *(basis, record, model),
-            Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
-            [scale],
-        )
-        for model, scale in zip(models, scales, strict=True)
+    values = [scale(record, model) for model in record.models]
+    values += [
+        of_figure(record, figure, FIGURES[figure.name])
+        for figure in record.figures
+        if figure.name in FIGURES
     ]
-    over_temperature = None
-    if any(scale.inputs for scale in scales[:1]):
-        columns = [
-            (Words(f"s, gyro {scale.model}", f"s，{scale.model} 陀螺"), scale) for scale in scales
-        ]
-        title = Words("In-situ scale factor s over temperature", "原位标度因数 s 随温度")
-        over_temperature = tabulate(basis, title, columns)
-    figures = []
-    if over_temperature is not None:
-        unit_scales = [1.0] * len(scales)
-        figures.append(plot(over_temperature, Words("s − 1 [ppm]"), origins=unit_scales, scale=1e6))
-    stations = ListTable(
-        Words("Stations", "测站"),
-        tuple(
-            state(basis, of_figure(record, figure, FIGURES[figure.name]), {})
-            for figure in record.figures
-            if figure.name in FIGURES
-        ),
-    )
-    notes = [residual_words(model) for model in models]
-    for model in models[:1]:
-        notes += [range_words(model), *basis.left_out(model)]
     title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
-    tables = (*coefficients, over_temperature, stations)
-    return (make_block(record, title, (SCALE,), tables, figures, notes),)
+    return (lay_out_models(basis, record, title, (SCALE,), values),)

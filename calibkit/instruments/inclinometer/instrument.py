@@ -139,7 +139,7 @@ def _make_result(
     and stations used, azimuth errors before and after correction; flags of noises and scatters
     that are large, or estimated from too few degrees of freedom.
     """
-    figures, of_scatter, of_few_dof, of_fits = [], [], [], []
+    figures, flags = list[Figure](), [*notes]
     for axis, scale in fits.items():
         # more scatter of s than the readings explain: the latitude that would explain it, if the
         # stations agree on one, or other causes
@@ -155,7 +155,7 @@ def _make_result(
                 else f"the stations fit a latitude of {stated_deg - error_deg:.2f}° ± {u_deg:.2f}°,"
                 f" site.latitude_deg says {stated_deg:g}°"
             )
-            of_scatter.append(
+            flags.append(
                 f"{axis}: s scatters by {scale.model.scatter:.1e} beyond its readings, which are"
                 f" good for {expected:.1e} ({scale.model.scatter / expected:.1f} times): {reason}"
             )
@@ -170,15 +170,15 @@ def _make_result(
             Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0),
         ]
         if noise.dof < FEW:
-            of_few_dof.append(
+            flags.append(
                 f"{axis}: the noise of a reading is known from {noise.dof} degrees of freedom:"
                 " state stations.gyro_noise_dph and stations.accel_noise_g"
             )
         if scale.dof < FEW:
-            of_few_dof.append(
+            flags.append(
                 f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
             )
-        of_fits += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
+        flags += [type(flag)(f"{axis}: {flag}") for flag in scale.flags]
     refused = int(solved.refused.sum())
     figures += [
         Figure("stations_used", float(solved.refused.size - refused), "1", 0.0),
@@ -200,7 +200,7 @@ def _make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         tuple(figures),
-        (*notes, *of_scatter, *of_few_dof, *of_fits, *_flag_stations(stations, solved)),
+        (*flags, *_flag_stations(stations, solved)),
         tuple(site),
     )
 

@@ -82,16 +82,6 @@ class Attitude:
     """Whether √(g_x² + g_y²) exceeded g and was clamped to it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Roots:
-    """Both roots of the in-situ scale factor s of n stations (step D)."""
-
-    plus: Array
-    minus: Array
-    clamped: Mask
-    """Whether a negative discriminant was clamped to zero."""
-
-
 def nearest_position(position_deg: Array) -> Integers:
     """Index [r] of the nearest position (0°, 90°, 180°, 270°) to each rotation [r] [°]."""
     from_edge = np.remainder(position_deg + 45.0, 360.0)
@@ -111,9 +101,11 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
     )
 
 
-def scale_roots(gyro_x: Array, gyro_y: Array, tilt: Attitude, latitude_deg: ArrayLike) -> Roots:
-    """Both roots of (s A − sin α sin θ)² + s² B² cos²θ = cos²α cos²θ (step D); NaN where no rate is
-    seen.
+def scale_roots(
+    gyro_x: Array, gyro_y: Array, tilt: Attitude, latitude_deg: ArrayLike
+) -> tuple[Array, Array, Mask]:
+    """The + root and the − root of (s A − sin α sin θ)² + s² B² cos²θ = cos²α cos²θ (step D), NaN
+    where no rate is seen, and whether a negative discriminant was clamped to zero.
 
     gyro_x, gyro_y : [n] [°/h]; latitude_deg : α [°], one or [n].
     """
@@ -130,7 +122,7 @@ def scale_roots(gyro_x: Array, gyro_y: Array, tilt: Attitude, latitude_deg: Arra
     half = cosine * np.sqrt(np.where(clamped, 0.0, discriminant))
     rotates = np.real(divisor) > 0.0
     safe = np.where(rotates, divisor, np.nan)
-    return Roots((middle + half) / safe, (middle - half) / safe, clamped)
+    return (middle + half) / safe, (middle - half) / safe, clamped
 
 
 def azimuth(

@@ -1,8 +1,6 @@
 """Recipe of a four-position inclinometer: stations, root of s, s(T), limits."""
 
-from __future__ import annotations
-
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -39,7 +37,7 @@ class _StationSpec(Table):
     settle_s: NonNegative = 2.0
 
     @model_validator(mode="after")
-    def _ramp_by_least_squares(self) -> _StationSpec:
+    def _ramp_by_least_squares(self) -> Self:
         if self.gyro_ramp and self.method != "least_squares":
             raise ValueError("gyro_ramp = true needs method = 'least_squares'")
         return self
@@ -83,7 +81,7 @@ class _ScaleSpec(Table):
     largest: Positive = 1.25
 
     @model_validator(mode="after")
-    def _ordered(self) -> _ScaleSpec:
+    def _ordered(self) -> Self:
         if self.largest <= self.smallest:
             raise ValueError(
                 f"largest = {self.largest:g} is not above smallest = {self.smallest:g}"

@@ -166,8 +166,8 @@ def seek_north(inputs: Numbers, plus: Mask, weight: Array) -> Numbers:
     """
     accel_x, accel_y, gyro_x, gyro_y, latitude, rest = inputs
     attitude = published.attitude(accel_x, accel_y)
-    roots = published.scale_roots(gyro_x, gyro_y, attitude, latitude * 180.0 / np.pi)
-    root = np.where(plus, roots.plus, roots.minus)
+    s_plus, s_minus, _ = published.scale_roots(gyro_x, gyro_y, attitude, latitude * 180.0 / np.pi)
+    root = np.where(plus, s_plus, s_minus)
     # a root that is not used may be no number
     s = np.where(weight > 0.0, weight * root, 0.0) + rest
     psi = published.azimuth(accel_x, accel_y, s * gyro_x, s * gyro_y, latitude * 180.0 / np.pi)
@@ -221,8 +221,8 @@ def estimate_roots(
     """
     latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
     attitude = published.attitude(parts.accel_x, parts.accel_y)
-    roots = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude)
-    s = np.column_stack((roots.plus, roots.minus))
+    *both, clamped = published.scale_roots(parts.gyro_x, parts.gyro_y, attitude, latitude)
+    s = np.column_stack(both)
     slopes, off_heading = np.empty((*s.shape, 5)), np.full(s.shape, np.inf)
     for k in range(2):
         is_plus, whole = np.full(len(s), k == 0), np.ones(len(s))
@@ -233,7 +233,7 @@ def estimate_roots(
     by_component = slopes[:, :, :4]
     variance = np.einsum("nki,nij,nkj->nk", by_component, parts.covariance, by_component)
     uncertainty = np.sqrt(variance)
-    uncertainty[~np.isfinite(uncertainty) | roots.clamped[:, None]] = np.inf
+    uncertainty[~np.isfinite(uncertainty) | clamped[:, None]] = np.inf
     half_difference = np.abs(s[:, :1] - s[:, 1:]) / 2.0
     separate = half_difference > limits.separation * uncertainty
     usable = (s > 0.0) & (uncertainty <= limits.s_uncertainty) & separate
@@ -281,7 +281,7 @@ def estimate_roots(
         text or (first[0] if first else "") for text, first in zip(before, reasons, strict=True)
     ]
     return BothRoots(
-        *(parts, latitude, attitude, roots.clamped, s, uncertainty, slopes),
+        *(parts, latitude, attitude, clamped, s, uncertainty, slopes),
         *(by_heading, usable, tuple(status)),
     )
 

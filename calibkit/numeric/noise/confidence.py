@@ -74,11 +74,8 @@ def _lag_one_type(means: Array) -> Noise:
     of −0.2 to a random walk.
     """
     present = ~np.isnan(means)
-    place = np.arange(means.size, dtype=np.float64)
-    place -= place.mean(where=present)
-    level = means - means.mean(where=present)
-    slope = np.sum(place * level, where=present) / np.sum(place**2, where=present)
-    level -= slope * place
+    place = np.arange(means.size) - (means.size - 1) / 2.0
+    level = means - np.polyval(np.polyfit(place[present], means[present], 1), place)
     order, differenced = _fraction(level), 0
     if order >= 0.25:
         order, differenced = _fraction(np.diff(level)), 1
@@ -91,13 +88,10 @@ def _fraction(series: Array) -> float:
     autocorrelation r; 1/2 where nothing is left or nothing varies.
     """
     product, square = series[1:] * series[:-1], series**2
-    present_products, present = ~np.isnan(product), ~np.isnan(square)
-    correlation = 1.0
-    if present_products.any() and square.sum(where=present) > 0.0:
-        share = product.size / series.size
-        correlation = share * float(
-            product.mean(where=present_products) / square.mean(where=present)
-        )
+    if np.isnan(product).all() or not np.nansum(square) > 0.0:
+        return 0.5
+    share = product.size / series.size
+    correlation = share * float(np.nanmean(product) / np.nanmean(square))
     return correlation / (1.0 + correlation)
 
 
