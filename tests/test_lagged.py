@@ -259,7 +259,7 @@ def test_a_lag_known_to_a_third_only_is_named_with_the_terms_it_is_one_with():
     model = fit_lagged(campaign(noise=0.2))
     assert not model.flags
     assert model.remarks == (
-        "tau_inner is 185 s with a relative standard uncertainty of 0.6: hardly determined",
+        "tau_inner is 180 s with a relative standard uncertainty of 0.6: hardly determined",
     )
     assert model.entangled == ("tau_inner", "s_rate", "s_grad", "s_grad2")
 

@@ -489,6 +489,19 @@ def test_noise_is_told_into_white_and_flicker():
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
 
 
+def test_a_term_that_does_not_vary_along_the_logs_changes_no_noise():
+    """About the level of each log it is rounding alone."""
+    rng = np.random.default_rng(4)
+    log, place = np.repeat(np.arange(4), 300), np.tile(np.arange(300), 4)
+    turned = flicker.Turned.of_logs(log, place, np.ones(1200))
+    slope, seen = np.tile(np.arange(300.0) / 300.0, 4), 10.0 + rng.normal(0.0, 0.2, 1200)
+    constant = 1.0 - rng.integers(0, 2, (1200, 2)) * 1e-15
+    alone = pooled_fit.estimate_noise(turned, slope[:, None], seen)
+    beside = pooled_fit.estimate_noise(turned, np.column_stack([slope, constant]), seen)
+    assert beside.white_variance == pytest.approx(alone.white_variance, rel=1e-9)
+    assert beside.flicker == pytest.approx(alone.flicker, rel=1e-9)
+
+
 # hysteresis
 
 

@@ -61,21 +61,26 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     levels, size = len(LEVELS), rotated.shape[1]
     # moments of design and indication about the level of each log, and (2) without its last term
     total, deviance = np.zeros((levels, size - 1, size - 1)), np.zeros(levels)
+    whole = np.zeros_like(total)
     for rows, _ in rotation.parts:
         spread = 1.0 + (LEVELS**2 / rotation.typical)[:, None] * rotation.flicker[rows]
         products = rotated[rows, :, None] * rotated[rows, None, :]
         moment = (1.0 / spread) @ products.reshape(len(products), -1)
         moment = moment.reshape(levels, size, size)
+        whole += moment[:, 1:, 1:]
         total += moment[:, 1:, 1:] - moment[:, 1:, :1] * moment[:, :1, 1:] / moment[:, :1, :1]
         deviance += np.sum(np.log(spread), axis=1) + np.log(moment[:, 0, 0])
-    squares = np.diagonal(total, axis1=1, axis2=2)[:, :-1]
-    length = np.sqrt(np.where(squares > 0.0, squares, 1.0))
-    unit = length[:, :, None] * length[:, None, :]
-    gram, vectors = np.linalg.eigh(total[:, :-1, :-1] / unit)
+    # a column that is constant in each log is rounding alone about their levels
+    squares, with_level = (np.diagonal(m, axis1=1, axis2=2)[:, :-1] for m in (total, whole))
+    varies = squares > DEPENDENT_EIGENVALUE * with_level
+    length = np.sqrt(np.where(varies, squares, 1.0))
+    to_unit = varies / length
+    unit = to_unit[:, :, None] * to_unit[:, None, :]
+    gram, vectors = np.linalg.eigh(total[:, :-1, :-1] * unit)
     gram = np.maximum(gram, DEPENDENT_EIGENVALUE)
-    right = np.einsum("lij,li->lj", vectors, total[:, :-1, -1] / length)
+    right = np.einsum("lij,li->lj", vectors, total[:, :-1, -1] * to_unit)
     left = total[:, -1, -1] - np.sum(right**2 / gram, axis=1)
-    dof = max(len(rotated) - len(rotation.parts) - size + 2, 1)
+    dof = max(len(rotated) - len(rotation.parts) - int(varies[0].sum()), 1)
     white = np.maximum(left, np.finfo(float).tiny) / dof
     deviance += np.sum(np.log(gram), axis=1) + 2.0 * np.sum(np.log(length), axis=1)
     deviance += dof * np.log(white)
