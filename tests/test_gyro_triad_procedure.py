@@ -268,6 +268,17 @@ def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path
 
 
 @pytest.mark.usefixtures("undrawn")
+def test_scale_factors_over_temperature_need_no_latitude(calibkit, campaign, tmp_path):
+    """Without a latitude the biases are not known, and K(T) is: results hold from −40 to 60 °C."""
+    found = evaluation.RunResults.read(fit(calibkit, campaign[0], tmp_path / "runs"))
+    by_name = {quantity.name: quantity for quantity in found.quantities}
+    for gyro in "xyz":
+        (degc,) = by_name[f"K_{gyro}_about_{gyro}"].inputs
+        assert degc.low < -39.0
+        assert degc.high > 59.0
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_limits_on_angles_reject_a_base(calibkit, tmp_path, log_writer):
     """Axes 1.6° from orthogonal fail a limit of 1°: exit 1, and the run says by how much."""
     (tmp_path / "logs").mkdir()

@@ -154,7 +154,6 @@ def validate(
     triad = isinstance(spec, GyroTriadRecipe)
     runs: dict[str, tuple[table_runs.TableRun, ...]] = {}
     entries: list[Entry] = []
-    errors: list[tuple[str, Entry]] = []
     straight: list[Line] = []
     criteria: list[Criterion] = []
     flags: list[str] = []
@@ -165,10 +164,9 @@ def validate(
         runs[axis] = (*runs.get(axis, ()), run)
         flags += [*run.flags, *run_lines.flag_drifts()]
         entry: Entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
-        entries.append(entry)
+        entries.append(entry if triad else entry | {"gyros": []})
         # K of the run, and of the files at its temperature
         scale_factors: list[tuple[Value, Value]] = []
-        of_gyros: list[Entry] = []
         for matrix in matrices:
             if not isinstance(spec, GyroTriadRecipe) and spec.own_axis(matrix.gyros[0]) != axis:
                 continue
@@ -178,17 +176,14 @@ def validate(
                 K = run_lines.of_runs([run], gyro)
                 scale_factors.append((Value(K.value[0], K.u[0], K.dof[0]), of_files))
             if triad:
-                entry |= _compare_base(spec, run, axis, matrix)
+                entries[-1] |= _compare_base(spec, run, axis, matrix)
                 straight += run_lines.straightened({})
             else:
                 compared, line = _compare_line(spec, run_lines, run, matrix, scale_factors[-1])
-                of_gyros.append(compared)
+                entries[-1]["gyros"].append(compared)
                 straight.append(line)
             if np.isfinite(run.temp_degc):
                 flags += flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
-        if not triad:
-            entry["gyros"] = of_gyros
-        errors += [(log.file, error) for error in ([entry] if triad else of_gyros)]
         if not within_runs:  # else nothing tells how scale factors repeat
             error = np.array([K.value - frozen.value for K, frozen in scale_factors])
             variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
@@ -196,6 +191,7 @@ def validate(
             error_over_u = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
             criteria.append(over_u(f"{log.file}: rms error of K", error_over_u.to_object()))
     body: Entry = {"logs": entries}
+    errors = [(log["name"], error) for log in entries for error in log.get("gyros", [log])]
     tables = [_tabulate_errors(errors, triad=triad)]
     of_pair: tuple[str, ...] = ()
     if isinstance(spec, GyroPairRecipe) and len(runs) > 1:

@@ -119,7 +119,11 @@ def of_campaign(spec: AnyRecipe, runs: Runs, campaign: CampaignFit) -> tuple[str
     """Flags of a campaign, each once: of its logs, then of what is fitted to them."""
     of_logs = [flag for group in runs.values() for run in group for flag in run.flags]
     bent = {channel.gyro for channel in campaign.channels if channel.response}
-    of_lines = *campaign.run_lines.flag_drifts(), *campaign.run_lines.flag_uncertain(bent)
+    run_lines = campaign.run_lines
+    of_lines = [*run_lines.flag_drifts(), *run_lines.flag_uncertain(bent)]
+    for gyro, lines, decided in run_lines.in_time:
+        name, K = forms.line_name(spec.gyros[gyro]), float(run_lines.K[lines].mean())
+        of_lines += ordering.flag(name, decided, K)
     if isinstance(spec, GyroPairRecipe):
         of_fit = _of_pair(spec, runs, campaign)
     elif isinstance(spec, GyroTriadRecipe):
@@ -275,18 +279,10 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
             f" {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
-    yield from _of_time(run_lines, "ab")
     for gyro in "ab":
         name = forms.line_name(gyro, gyro)
         K = run_lines.of_runs(runs[gyro], gyro)
         yield from of_contradicted_runs(name, runs[gyro], K)
-
-
-def _of_time(run_lines: Lines, gyros: Sequence[str]) -> Iterator[str]:
-    """Flags of scale factors that change with time since the runs began."""
-    for gyro, lines, decided in run_lines.in_time:
-        K = run_lines.K[lines].mean()
-        yield from ordering.flag(forms.line_name(gyros[gyro]), decided, K)
 
 
 def require_own_axes(sets: Sequence[AxesSet], gyros: Sequence[str]) -> None:
@@ -340,7 +336,6 @@ def _of_axes(spec: GyroTriadRecipe, campaign: CampaignFit) -> Iterator[str]:
         name = forms.line_name(gyro, forms.AXES[axis])
         yield from of_contradicted_runs(name, axis_runs, run_lines.of_runs(axis_runs, gyro))
     yield from of_contradicted_shares(run_lines, spec.gyros)
-    yield from _of_time(run_lines, spec.gyros)
     for axes_set in sets:
         for flag in of_directions(axes_set.figures, spec.gyros):
             yield f"{_place(axes_set)}{flag}"
@@ -460,34 +455,36 @@ def of_contradicted_shares(table: Lines, gyros: Sequence[str]) -> Iterator[str]:
     """
     from scipy.special import stdtrit
 
-    # scale factor [lines] of each gyro about its own axis at the temperature of each line
-    size = np.empty(table.K.size)
-    for number in np.unique(table.set_of):
-        set_mask = table.set_of == number
-        s = table.sensitivity(set_mask)
-        size[set_mask] = np.linalg.norm(s, axis=1)[table.gyro_of[set_mask]]
-    share, noise = table.K / size, table.u_K / size
-    log_of = np.arange(share.size) // len(gyros)
-    channel = table.gyro_of * len(forms.AXES) + table.axis_of
-    across_mask = ~table.own_axis_mask()
-    tests = int(np.count_nonzero(across_mask))
+    count = len(gyros)
+    about, sets = table.axis_of[::count], table.set_of[::count]
+    own_axis = np.argmax(np.abs(table.sensitivity()), axis=1)
+    # [runs, g], |s| at the temperature of each run
+    of_sets = [table.sensitivity(table.set_of == number) for number in np.unique(sets)]
+    size = np.linalg.norm(of_sets, axis=2)[sets]
+    K_of_runs, u_K = table.K.reshape(-1, count), table.u_K.reshape(-1, count)
+    share, noise = K_of_runs / size, u_K / size
+    across = own_axis != about[:, None]
+    tests = int(np.count_nonzero(across))
     for log, run in enumerate(table.runs):
-        log_lines, other_lines = across_mask & (log_of == log), across_mask & (log_of != log)
-        count = np.bincount(channel[other_lines], minlength=channel.max() + 1)
+        others = np.arange(about.size) != log
+        peers, lying = others & (about == about[log]), across[log]
         # a log is held against two others or more
-        if not log_lines.any() or count[channel[log_lines]].min() < 2:
+        if not lying.any() or np.count_nonzero(peers) < 2:
             continue
-        total = np.bincount(channel[other_lines], share[other_lines], count.size)
-        mean = total / np.maximum(count, 1)
-        dof = int(np.count_nonzero(other_lines) - np.count_nonzero(count))
-        scatter = float(np.sum((share - mean[channel])[other_lines] ** 2)) / dof
-        variance = max(scatter, float(np.mean(noise[other_lines] ** 2)))
+        square, dof = 0.0, 0
+        for axis in np.unique(about[others]):
+            off_mean = share[np.ix_(others & (about == axis), own_axis != axis)]
+            off_mean = off_mean - off_mean.mean(axis=0)
+            square += float(np.sum(off_mean**2))
+            dof += off_mean.size - off_mean.shape[1]
+        variance = max(square / dof, float(np.mean(noise[others][across[others]] ** 2)))
         # the largest |e| of (1) by chance in so many tests
         t = float(stdtrit(dof, 1.0 - CHANCE / (2.0 * tests)))
-        limit = t * np.sqrt(variance * (1.0 + 1.0 / count[channel[log_lines]])) * size[log_lines]
-        K, expected = table.K[log_lines], (mean[channel] * size)[log_lines]
-        names = [gyros[g] for g in table.gyro_of[log_lines].tolist()]
-        place = f"{run.log.file}: about {forms.AXES[table.axis_of[log_lines][0]]}"
+        spread = t * np.sqrt(variance * (1.0 + 1.0 / np.count_nonzero(peers)))
+        K, of_log = K_of_runs[log, lying], size[log, lying]
+        expected, limit = share[peers][:, lying].mean(axis=0) * of_log, spread * of_log
+        names = [gyros[g] for g in np.flatnonzero(lying).tolist()]
+        place = f"{run.log.file}: about {forms.AXES[about[log]]}"
         contradicting = np.flatnonzero(np.abs(K - expected) > limit)
         relative = np.abs(K / expected - 1.0)
         if contradicting.size > 1 and np.all(
@@ -509,7 +506,7 @@ def of_contradicted_shares(table: Lines, gyros: Sequence[str]) -> Iterator[str]:
                 f"{place} either gyro {names[k]} contradicts the other logs, or its axis turns that"
                 f" much with temperature: its {values}; repeat the log"
             )
-            yield Contradiction.of((K[k] - expected[k]) / size[log_lines][k], text)
+            yield Contradiction.of((K[k] - expected[k]) / of_log[k], text)
 
 
 def judge_figures(figures: Sequence[Figure], limits: LineAcceptance) -> tuple[Criterion, ...]:

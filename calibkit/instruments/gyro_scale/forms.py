@@ -274,7 +274,8 @@ def read_matrices(spec: AnyRecipe, records: Mapping[str, Record]) -> tuple[GyroM
         coefficients = {c.name for c in model.coefficients}
         names = [*sensitivities, *(name for name in biases if name in coefficients)]
         curves = [curve_name(line_name(gyro, axis), "K") for gyro in spec.gyros for axis in AXES]
-        curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
+        if len(names) > len(sensitivities):  # the latitude is known
+            curves += [curve_name(gyro, "bias") for gyro in spec.gyros]
         outputs = tuple(f"rate_{axis}_dps" for axis in AXES)
         return (GyroMatrix(spec.gyros, outputs, model, tuple(names), over_temperature(curves)),)
     matrices = []
