@@ -140,7 +140,8 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         unit = next(iter(curve.values())).unit
         table = GridTable(
             Words(
-                f"Deviation over averaging time, {of_record}", f"随平均时间的偏差（{of_record}）"
+                f"Deviation over averaging time with {100.0 * probability:g} % limits, {of_record}",
+                f"随平均时间的偏差及 {100.0 * probability:g} % 置信限（{of_record}）",
             ),
             TAU,
             tuple(DEVIATIONS[kind] for kind in kinds),

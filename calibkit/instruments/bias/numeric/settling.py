@@ -8,7 +8,6 @@ settled once w_j is below the noise of a mean over ten blocks.
 """
 
 import numpy as np
-from scipy.special import chdtrc
 
 from calibkit.numeric.thermal.fits import level_basis
 from calibkit.numeric.thermal.left_out import FIGURE_BLOCKS
@@ -25,6 +24,8 @@ def find_settling(stacked: Stack) -> list[tuple[float, float]]:
     """Seconds that each power-on takes to settle, and by how much the bias does so, in its unit;
     zeros where none is seen.
     """
+    from scipy.special import chdtrc  # slow to import: logs can be read meanwhile
+
     none = [(0.0, 0.0)] * len(stacked.logs)
     basis = level_basis(stacked)
     terms = basis.design(np.zeros(0))[:, 1:]
