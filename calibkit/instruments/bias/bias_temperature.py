@@ -39,7 +39,7 @@ from calibkit.instruments.bias.blocks import (
 )
 from calibkit.instruments.bias.figures import BiasCurve
 from calibkit.instruments.bias.forms import POLYNOMIALS
-from calibkit.instruments.bias.quantities import reference_of
+from calibkit.instruments.bias.quantities import FittedBias
 from calibkit.instruments.bias.recipe import Bias, BiasTemperatureRecipe, Polynomials
 from calibkit.numeric import chunks, dispersion, gum
 from calibkit.numeric.flicker import Turned
@@ -336,7 +336,7 @@ def compensate(
         model = record.model(entry.indication)
         abscissa = spec.polynomials.abscissa
         low, high = model.valid[abscissa]
-        reference = reference_of(model, spec.reference_temp_degc)
+        reference = FittedBias(model, spec.reference_temp_degc).reference
         x, y = values(log.frame, abscissa), values(log.frame, entry.indication)
         zero = POLYNOMIAL.evaluate(model, {abscissa: np.array([reference])})
         bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x, low, high)})

@@ -98,65 +98,67 @@ def read_models(records: Mapping[str, Record], spec: ThermalRecipe) -> dict[str,
     return {name: record.model(name) for name in spec.thermal.channels}
 
 
-def follow_bias(
-    log: Log, raw: Log, model: Model, spec: ThermalRecipe
-) -> tuple[list[tuple[PowerOn, evaluate.Along]], list[str]]:
-    """Bias of one channel, zero at the reference temperature, along each power-on of a log, of
-    which `raw` is as it was read, at the model interval, or at the log's own where that is longer:
-    with its uncertainty by coefficients, model error, ranges and the type B terms of thermometer
-    and channel. Also flags of temperatures and rates outside the fitted ranges, with the share of
-    the log, and notes on the power-ons.
+def follow_biases(
+    log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
+) -> tuple[list[PowerOn], dict[str, list[evaluate.Along]], tuple[str, ...]]:
+    """Power-ons of a log, of which `raw` is as it was read, at the model interval, or at the log's
+    own where that is longer; the bias of each channel along each of them, zero at the reference
+    temperature, with its uncertainty by coefficients, model error, ranges and the type B terms of
+    thermometer and channel; flags of temperatures and rates outside the fitted ranges, with the
+    share of the log, and notes on the power-ons.
     """
-    # whose form is one of terms
-    fitted, name = cast("ThermalModel", forms.read_thermal(model)), model.name
-    interval_s = max(model.value("interval"), float(np.ceil(log.steps.usual - 1e-6)))
-    biases, evaluations, flags = [], [], []
-    for power_on in power_ons.find_power_ons([log], [raw], spec.thermal, interval_s):
-        blocks = power_on.of_channel(name)
+    intervals_s = [model.value("interval") for model in models.values()]
+    interval_s = max(*intervals_s, float(np.ceil(log.steps.usual - 1e-6)))
+    of_log = power_ons.find_power_ons([log], [raw], spec.thermal, interval_s)
+    biases: dict[str, list[evaluate.Along]] = {name: [] for name in models}
+    flags: list[str] = []
+    for name, model in models.items():
+        fitted, evaluations = cast("ThermalModel", forms.read_thermal(model)), []
+        for power_on in of_log:
+            blocks = power_on.of_channel(name)
 
-        def warmer_by(step: float, blocks: ThermalLog = blocks) -> Evaluation:
-            warmer_blocks = replace(blocks, case=blocks.case + step, env=blocks.env + step)
-            return evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
+            def warmer_by(
+                step: float, fitted: ThermalModel = fitted, blocks: ThermalLog = blocks
+            ) -> Evaluation:
+                warmer_blocks = replace(blocks, case=blocks.case + step, env=blocks.env + step)
+                return evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
 
-        case = {power_ons.CASE: lambda step: warmer_by(step).drift}
-        effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
-        evaluation = warmer_by(0.0)
-        evaluations.append(evaluation)
-        biases.append((power_on, evaluate.combine_along(fitted, evaluation, effects)))
-    if any(fitted.coefficients[1:]):  # a constant holds everywhere
-        masks = {
-            "temperature outside the fitted range": [e.temperature_clamped for e in evaluations],
-            "temperature rate outside the fitted range": [
-                e.rate_clamped | e.gradient_clamped for e in evaluations
-            ],
-            "temperature changes in a direction that was not fitted": [
-                e.unmeasured for e in evaluations
-            ],
-        }
-        flags = flag_outside(
-            f"{log.file}: {name}", {text: np.concatenate(mask) for text, mask in masks.items()}
-        )
-    flags += [
-        f"{log.file}: {name}: the model does not hold the warm-up in the first"
-        f" {parameter.value / SECONDS_PER_MINUTE:.0f} min after power-on"
-        for parameter in model.parameters
-        if parameter.name == forms.SETTLES
-    ]
-    return biases, [*flags, *(note for power_on, _ in biases for note in power_on.notes)]
+            case = {power_ons.CASE: lambda step, bias=warmer_by: bias(step).drift}
+            effects = type_b.effects_along(spec.type_b, name, blocks.time.size, case)
+            evaluations.append(warmer_by(0.0))
+            biases[name].append(evaluate.combine_along(fitted, evaluations[-1], effects))
+        if any(fitted.coefficients[1:]):  # a constant holds everywhere
+            outside = {
+                "temperature outside the fitted range": np.concatenate(
+                    [e.temperature_clamped for e in evaluations]
+                ),
+                "temperature rate outside the fitted range": np.concatenate(
+                    [e.rate_clamped | e.gradient_clamped for e in evaluations]
+                ),
+                "temperature changes in a direction that was not fitted": np.concatenate(
+                    [e.unmeasured for e in evaluations]
+                ),
+            }
+            flags += flag_outside(f"{log.file}: {name}", outside)
+        flags += [
+            f"{log.file}: {name}: the model does not hold the warm-up in the first"
+            f" {parameter.value / SECONDS_PER_MINUTE:.0f} min after power-on"
+            for parameter in model.parameters
+            if parameter.name == forms.SETTLES
+        ]
+        flags += [note for power_on in of_log for note in power_on.notes]
+    return of_log, biases, tuple(dict.fromkeys(flags))
 
 
 def compensate_channels(
     log: Log, raw: Log, models: Mapping[str, Model], spec: ThermalRecipe
 ) -> tuple[dict[str, Array], dict[str, Array], tuple[str, ...]]:
     """Compensated channels [rows] of a log, columns that the recipe adds, and flags."""
-    columns, added = {}, {}
-    flags: list[str] = []
-    time = values(log.frame, "time_s")
-    for name, model in models.items():
-        biases, channel_flags = follow_bias(log, raw, model, spec)
-        flags += channel_flags
+    columns, added, time = {}, {}, values(log.frame, "time_s")
+    of_log, biases, flags = follow_biases(log, raw, models, spec)
+    for name, of_channel in biases.items():
         bias, standard = np.empty((2, time.size))
-        for power_on, along in biases:
+        for power_on, along in zip(of_log, of_channel, strict=True):
             for first, stop, begins in power_on.spans:
                 instants = begins + (time[first:stop] - time[first])
                 bias[first:stop] = np.interp(instants, power_on.blocks.time, along.drift)
@@ -167,7 +169,7 @@ def compensate_channels(
             added[f"{stem}_drift_{unit}"] = bias
         if spec.output.rate_uncertainty:
             added[f"{stem}_standard_uncertainty_{unit}"] = standard
-    return columns, added, tuple(dict.fromkeys(flags))
+    return columns, added, flags
 
 
 def channel_entry(
@@ -177,19 +179,17 @@ def channel_entry(
     and how the errors of 100 s means compare with their uncertainty.
     """
     entries = []
-    flags: list[str] = []
+    of_log, biases, flags = follow_biases(log, raw, models, spec)
     for name, model in models.items():
-        biases, channel_flags = follow_bias(log, raw, model, spec)
-        flags += channel_flags
-        logged = [power_on.indications[name] for power_on, _ in biases]
-        left = [y - along.drift for y, (_, along) in zip(logged, biases, strict=True)]
+        logged = [power_on.indications[name] for power_on in of_log]
+        left = [y - along.drift for y, along in zip(logged, biases[name], strict=True)]
         before, after = (
             rms(np.concatenate([y - y.mean() for y in parts])) for parts in (logged, left)
         )
         longest = int(np.argmax([y.size for y in left]))
         compared, _, _ = compare_means(
             left[longest],
-            biases[longest][1],
+            biases[name][longest],
             forms.read_thermal(model).noise,
             blocks_per_figure(model.value("interval")),
         )
@@ -206,7 +206,7 @@ def channel_entry(
         "sha256": log.sha256,
         "rows": log.rows,
         "channels": entries,
-        "flags": list(dict.fromkeys(flags)),
+        "flags": list(flags),
     }
 
 

@@ -41,15 +41,6 @@ COIL_FORMS = (forms.LAGGED.name, forms.BANK.name)
 """Forms whose ranges are those of the coil, which lags behind the case."""
 
 
-def reference_of(model: Model, reference_degc: float) -> float:
-    """Abscissa at which the drift of a channel is zero: the reference temperature clamped to the
-    fitted range, of an abscissa in another unit the middle of the range.
-    """
-    column, (low, high) = next(iter(model.valid.items()))
-    reference = reference_degc if column.endswith("_degc") else (low + high) / 2.0
-    return float(np.clip(reference, low, high))
-
-
 @dataclass(frozen=True, slots=True)
 class FittedBias:
     """Bias of one channel, its turn-on bias included, by a model of any form, and the temperature
@@ -61,8 +52,12 @@ class FittedBias:
 
     @property
     def reference(self) -> float:
-        """Reference, clamped to the fitted range."""
-        return reference_of(self.model, self.reference_degc)
+        """Abscissa at which the drift is zero: the reference temperature clamped to the fitted
+        range, of an abscissa in another unit the middle of the range.
+        """
+        column, (low, high) = next(iter(self.model.valid.items()))
+        reference = self.reference_degc if column.endswith("_degc") else (low + high) / 2.0
+        return float(np.clip(reference, low, high))
 
     @property
     def inputs(self) -> tuple[QuantityInput, ...]:
