@@ -4,7 +4,7 @@ drift_rate.json.
     ω_k - ω_(k-1) = a_0(r) + a_1(r) G_(k-1) + a_2(r) G²_(k-1),   a_j(r) = Σ_m c_jm r^m
 
 is the published scheme (`published`): a_j of each ramp go into drift.json, polynomials a_j(r) of a
-side (heating or cooling), of the order that is best on left-out rates, are one family of models.
+side (heating or cooling), of an order that left-out rates choose, are one family of models.
 Models on levels (`numeric.choice`) are the other. Each family has its share √(Σ s_compensated/Σ
 s_raw) of the raw drift on the ramps or rates that were left out of its fit, s the mean squares of
 100 s means; that of the smaller share is exported. Turn-on biases that differ between cooling and
@@ -34,6 +34,7 @@ from calibkit.numeric.thermal.left_out import (
     LeftOutErrors,
     blocks_per_figure,
     means_of_groups,
+    simplest,
     split_noise,
 )
 
@@ -162,7 +163,10 @@ def left_out_rates(
         all_rates = published.fit_over_rates(ramps, order, side)
         fitted = np.array([np.mean(compensated(all_rates, log) ** 2) for log in logs])
         name = f"gradient_rate {side}, order {order}"
-        tested.append(LeftOutRates(name, tuple(errors), raw, side=side, order=order, fitted=fitted))
+        of_order = LeftOutRates(
+            name, tuple(errors), raw, parameters=order, side=side, order=order, fitted=fitted
+        )
+        tested.append(of_order)
     return tested
 
 
@@ -191,7 +195,8 @@ def choose_sides(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
 
 def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideChoice:
     """Polynomials of one side: those of the recipe's order whatever left-out rates show, with flags
-    of what is missing or worse; else of the best order that was tested, if one helps.
+    of what is missing or worse; else of the simplest order that is as good as the best, if any
+    helps.
     """
     fits, logs = [item.fit for item in members], [item.with_soaks() for item in members]
     tested = left_out_rates(fits, logs, side, blocks_per_figure(spec.interval_s))
@@ -210,10 +215,9 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
             if result.order == spec.order and not result.helps
         ]
         return SideChoice(side, tuple(tested), polynomial, tuple(flags))
-    helping = (result for result in tested if result.helps)
-    best = min(helping, key=lambda result: result.pooled, default=None)
-    if best is not None:
-        polynomial = published.fit_over_rates(fits, best.order, side)
+    helping = [order for order, result in enumerate(tested) if result.helps]
+    if helping:
+        polynomial = published.fit_over_rates(fits, simplest(tested, helping), side)
         return SideChoice(side, tuple(tested), polynomial, ())
     reason = "one temperature rate only, so that no rate can be left out to test the model"
     if tested:
