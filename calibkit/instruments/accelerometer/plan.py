@@ -131,12 +131,18 @@ class TriadBench(Bench):
         return super().errors_of_run(records)[0], rms(noises) if noises else None
 
     def rows_of_logs(self, logs: Sequence[Log]) -> DwellSet:
-        """Dwells of a triad without an error, in the attitudes of the logs."""
-        dwells = triad_dwells.collect_dwells(logs, self.spec)
-        indication = np.round(dwells.reference, DECIMALS)
-        return replace(
-            dwells, indication=indication, noise=np.full_like(indication, self.device.noise)
-        )
+        """Dwells of a triad without an error, in the attitudes of the logs; of lengths, with the
+        noise that positions show and at the reference temperature.
+        """
+        dwells, noise = triad_dwells.collect_dwells(logs, self.spec), self.device.noise
+        indication, degc = np.round(dwells.reference, DECIMALS), dwells.temperature
+        if self.lengths:
+            indication = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
+            degc = np.full(len(indication), self.spec.reference_temp_degc)
+            if np.all(dwells.noise > 0.0):  # of a log with a row for each dwell no noise is known
+                noise = rms(dwells.noise)
+        of_each = np.full_like(indication, noise)
+        return replace(dwells, indication=indication, noise=of_each, temperature=degc)
 
     def equation(self, dwells: DwellSet) -> tuple[Residual, list[Shared], Array]:
         """Residual of the fit of the dwells, errors that they share, with the sizes that are
@@ -306,17 +312,6 @@ class HandBench(TriadBench):
                 f"--attitudes {task.attitudes}: attitudes that are unknown are those of a hand",
                 hint="leave it out, or name a fixture with its own spots in the equipment file",
             )
-
-    def rows_of_logs(self, logs: Sequence[Log]) -> DwellSet:
-        """Positions with the noise that they show, at the reference temperature."""
-        dwells = triad_dwells.collect_dwells(logs, self.spec)
-        # of a log with a row for each dwell no noise is known
-        known = bool(np.all(dwells.noise > 0.0))
-        noise = rms(dwells.noise) if known else self.device.noise
-        indication = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
-        degc = np.full(len(indication), self.spec.reference_temp_degc)
-        of_each = np.full_like(indication, noise)
-        return replace(dwells, indication=indication, noise=of_each, temperature=degc)
 
 
 def prepare_plan(spec: AccelerometerRecipe, task: Task) -> TriadBench:

@@ -35,13 +35,14 @@ SECOND_ORDER = "sensor", "second order"
 DRIFT = "session", "drift"
 SET_UP = "fixture", "set-up"
 TILT = "table", "tilt"
+ECCENTRICITY = "table", "eccentricity"
 SETTLING = "soak", "settling"
 UNITS = {
     ZERO: "g",
     INDEX: "rad",
     SET_UP: "rad",
     TILT: "rad",
-    ("table", "eccentricity"): "rad",
+    ECCENTRICITY: "rad",
     ("soak", "scale"): "1",
     SETTLING: "g",
     ("attitude", "memory"): "1",
@@ -105,27 +106,22 @@ def state_errors(
     one along gravity of a length.
     """
     count, per_dwell, _ = directions.shape
-    soak, all_dwells = number_soaks(dwells.temperature, dwells.log), np.zeros(count, dtype=np.int64)
-    one_soak = soak.max() == 0
+    soak, session = number_soaks(dwells.temperature, dwells.log), np.zeros(count, dtype=np.int64)
+    lengths, one_soak = per_dwell == 1, soak.max() == 0
+    attitude = session if lengths else number_attitudes(gravity)
     # several logs have no common start
     timed = dwells.log.max() == 0 and np.isfinite(dwells.time).all() and not one_soak
+
+    # 1. Derivatives [n, 3, k] of the corrected vector by the k errors of a level.
     axes = np.broadcast_to(np.eye(3), (count, 3, 3))
     by_scale = axes * gravity[:, None, :]
-    # (group, effect), levels, and derivatives [n, 3, k] of the corrected vector by the errors
-    candidates = [(ZERO, soak, axes)]
-    if per_dwell == 3:  # of lengths, attitudes are unknown
-        theta, phi = np.radians(dwells.inclination), np.radians(dwells.toolface)
-        (up, sideways), attitude = angle_slopes(theta, phi), number_attitudes(gravity)
-        by_angles, by_toolface = np.stack([up, sideways], axis=2), sideways * np.sin(theta)[:, None]
-        if 2 * (attitude.max() + 1) <= count:  # else it is noise
-            candidates.append((INDEX, attitude, by_angles))
-        by_set_up = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
-        candidates += [(SET_UP, all_dwells, by_set_up), (TILT, all_dwells, by_angles)]
-        # an encoder that is off its axis reads wrong by a sine over the turn
-        eccentric = [up * f(theta)[:, None] for f in (np.sin, np.cos)]
-        eccentric += [by_toolface * f(phi)[:, None] for f in (np.sin, np.cos)]
-        candidates.append((("table", "eccentricity"), all_dwells, np.stack(eccentric, axis=2)))
-    candidates.append((("soak", "scale"), soak, by_scale))
+    theta, phi = np.radians(dwells.inclination), np.radians(dwells.toolface)
+    up, sideways = angle_slopes(theta, phi)
+    by_angles, by_toolface = np.stack([up, sideways], axis=2), sideways * np.sin(theta)[:, None]
+    by_set_up = np.swapaxes(np.cross(np.eye(3), gravity[:, None, :]), 1, 2)
+    # an encoder that is off its axis reads wrong by a sine over the turn
+    eccentric = [up * f(theta)[:, None] for f in (np.sin, np.cos)]
+    eccentric += [by_toolface * f(phi)[:, None] for f in (np.sin, np.cos)]
     seconds = dwells.time if timed else UNTIMED_DWELL_S * np.arange(count)
     begin = np.full(int(soak.max()) + 1, np.inf)
     np.minimum.at(begin, soak, seconds)
@@ -133,17 +129,34 @@ def state_errors(
     by_settling = np.einsum("nij,nk->nijk", axes, settling).reshape(count, 3, -1)
     gravity_before = np.roll(gravity, 1, axis=0)
     gravity_before[np.diff(dwells.log, prepend=-1) != 0] = 0.0  # at the start of a log
-    candidates += [
-        (SETTLING, all_dwells, by_settling),
-        (("attitude", "memory"), all_dwells, axes * gravity_before[:, None, :]),
-        (SECOND_ORDER, all_dwells, by_scale * gravity[:, None, :]),
-    ]
-    if timed:
-        hours = (seconds - seconds.mean()) / SECONDS_PER_HOUR
-        candidates.append((DRIFT, all_dwells, axes * hours[:, None, None]))
+    hours = (seconds - seconds.mean()) / SECONDS_PER_HOUR
+
+    # 2. Every error that dwells can share: what has a level of its own, and its derivatives.
+    errors = {
+        ZERO: (soak, axes),
+        INDEX: (attitude, by_angles),
+        SET_UP: (session, by_set_up),
+        TILT: (session, by_angles),
+        ECCENTRICITY: (session, np.stack(eccentric, axis=2)),
+        ("soak", "scale"): (soak, by_scale),
+        SETTLING: (session, by_settling),
+        ("attitude", "memory"): (session, axes * gravity_before[:, None, :]),
+        SECOND_ORDER: (session, by_scale * gravity[:, None, :]),
+        DRIFT: (session, axes * hours[:, None, None]),
+    }
+
+    # 3. Without those that these dwells cannot show (of lengths attitudes are unknown, and the
+    # index error of attitudes that hardly repeat is noise), and what the recipe makes a parameter.
     triad = spec.affine
-    parameters = {TILT: triad.tilt, SECOND_ORDER: triad.second_order, SET_UP: triad.fixture}
-    errors = [
+    absent = {
+        INDEX: lengths or 2 * (attitude.max() + 1) > count,
+        SET_UP: lengths or (triad.enabled and triad.fixture),
+        TILT: lengths or (triad.enabled and triad.tilt),
+        ECCENTRICITY: lengths,
+        SECOND_ORDER: triad.enabled and triad.second_order,
+        DRIFT: not timed,
+    }
+    candidates = [
         Shared(
             group=name[0],
             effect=name[1],
@@ -153,15 +166,15 @@ def state_errors(
             largest=LARGEST[UNITS[name]],
             optional=name not in (ZERO, INDEX),
         )
-        for name, level, slopes in candidates
-        if not (triad.enabled and parameters.get(name))
+        for name, (level, slopes) in errors.items()
+        if not absent.get(name)
     ]
     # no dwell tells a set-up from axes that are turned together; a few wrong dwells at the begin of
     # a single soak look as if its zero settled
     indistinct = {SET_UP, SETTLING} if one_soak else {SET_UP}
     return [
         error
-        for error in state_sizes(spec.errors, errors)
+        for error in state_sizes(spec.errors, candidates)
         if (error.group, error.effect) not in indistinct or error.size is not None
     ]
 

@@ -84,6 +84,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
     low, high = dwells.valid[TEMPERATURE]
     middle, half = (low + high) / 2.0, (high - low) / 2.0 or 1.0
     t = (dwells.temperature - middle) / half
+    reference_degc = spec.reference_temp_degc if spec.affine.enabled else dwells.temperature.mean()
     equation = partial(residual, dwells=dwells, terms=terms, t=t, lengths=lengths)
     noise, used = dwells.relative_noise(lengths=lengths), np.ones(len(t) * per_dwell, dtype=bool)
 
@@ -138,10 +139,6 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         leave_out=loss == "robust",
     )
 
-    reference_degc = float(dwells.temperature.mean())
-    if spec.affine.enabled:
-        reference_degc = float(np.clip(spec.reference_temp_degc, low, high))
-
     # 3. Errors that are in U alone.
     by_scale = (directions * gravity[:, None, :]).reshape(-1, 3)
     bounds, flags = shared_errors.bounded_errors(fit, candidates, by_scale, per_dwell)
@@ -156,7 +153,7 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         fit=fit.bounded_by(bounds),
         middle=middle,
         half=half,
-        reference_degc=reference_degc,
+        reference_degc=float(np.clip(reference_degc, low, high)),
         residuals=residuals,
         suspects=tuple(out[worst_first].tolist()),
         bounds=bounds,
