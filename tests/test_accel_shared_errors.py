@@ -346,6 +346,19 @@ def test_a_drift_is_in_the_u_of_unseen_dwells_by_their_hours(hours, off_g, accep
     assert errors.judge_uncertainty("a", unseen, correction).passed == accepted
 
 
+def test_u_of_unseen_dwells_is_as_large_as_errors_of_the_attitude_make_theirs():
+    """Faces set up wrong by 0.05° in the fit and in the log: a turn leaves the component along
+    gravity as it is, so that u of all three axes alike would be a fifth too large.
+    """
+    spec, ratios = recipe(loss="least_squares", k={"enabled": False}), []
+    for seed in range(8):
+        correction = Correction((fit_triad(dwells(seed, index=0.05), spec).affine,))
+        unseen = dwells(100 + seed, index=0.05)
+        errors = DwellErrors.compare(unseen, spec, correction)
+        ratios.append(errors.judge_uncertainty("a", unseen, correction).value)
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.1)
+
+
 def test_a_drift_is_not_added_to_dwells_without_time():
     """How much of 10 µg/h dwells have that tell no time is not known: refused."""
     _, fitted = with_drift()

@@ -19,6 +19,7 @@ PPM_ROUNDING = 1e-8
 
 
 JUDGED_ANEW = {
+    "accelerometer": r"validate /acceptance/0/value",
     "inclinometer": r"validate /(acceptance/0/value|logs/0/(worse_than_uncorrected_over_u|"
     r"stations/\d+/azimuth_standard_uncertainty_deg))",
     release.PAIR: r"validate /(pair/\d/(standard_uncertainty|dof)|acceptance/[0-3]/.*|"
@@ -36,7 +37,8 @@ criteria by them, with residuals about the line of a run; drifts of unseen warm-
 judged along the rows that are corrected; U of a bias at 0 °C among the coefficients, which was
 smaller than that of the same bias in the table; u of azimuths, where each gyro's turn counts with
 its own derivative, no longer the larger of both with the larger; U of sensitivities across, which
-holds the angles between the table axes.
+holds the angles between the table axes; errors of unseen dwells over u, which has an error of the
+attitude at right angles to gravity alone.
 """
 
 

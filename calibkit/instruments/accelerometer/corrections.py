@@ -103,6 +103,8 @@ class Correction:
                             hint="log time_s",
                         )
                     size *= (time - time.mean()) / SECONDS_PER_HOUR
+                if part.unit == "rad":  # gravity moves at right angles to itself
+                    size *= np.sqrt(np.clip(1.0 - indication[:, axis] ** 2, 0.0, None))
                 if part.group == "attitude":  # which a log seldom repeats
                     independent[:, axis] += size**2
                 else:

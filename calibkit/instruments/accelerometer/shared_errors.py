@@ -179,21 +179,6 @@ def state_errors(
     ]
 
 
-def separable(candidates: Sequence[Shared], jacobian: Array) -> list[Shared]:
-    """Errors that a fit may take: of optional ones those of which parameters with derivatives
-    [n, p] leave enough; else chance makes them large, and the parameters wrong by as much.
-    """
-    Q, _ = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))
-    separated = []
-    for error in candidates:
-        if error.optional:
-            Z = error.design(np.arange(len(Q)))
-            if np.sum((Z - Q @ (Q.T @ Z)) ** 2) <= SEEN**2 * np.sum(Z**2):
-                continue
-        separated.append(error)
-    return separated
-
-
 def angle_slopes(inclination: Array, toolface: Array) -> tuple[Array, Array]:
     """Unit vectors [n, 3] in which gravity moves with inclination, and at right angles to it."""
     sine, cosine = np.sin(toolface), np.cos(toolface)

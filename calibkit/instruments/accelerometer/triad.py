@@ -131,9 +131,19 @@ def solve_triad(dwells: DwellSet, terms: Terms, spec: AccelerometerRecipe, *, lo
         gravity = terms.corrected(first.parameters, dwells.indication, t)
         directions = (gravity / length(gravity)[:, None])[:, None, :]
     candidates = shared_errors.state_errors(dwells, gravity, directions, spec)
+    # Of optional errors those are offered of which the parameters leave enough; chance makes the
+    # others large, and the parameters wrong by as much.
+    Q, _ = np.linalg.qr(first.jacobian / np.linalg.norm(first.jacobian, axis=0))
+    offered = []
+    for error in candidates:
+        if error.optional:
+            Z = error.design(np.arange(len(Q)))
+            if np.sum((Z - Q @ (Q.T @ Z)) ** 2) <= shared_errors.SEEN**2 * np.sum(Z**2):
+                continue
+        offered.append(error)
     fit = solve_from(
         first.parameters,
-        shared_errors.separable(candidates, first.jacobian),
+        offered,
         channel=np.tile(np.arange(per_dwell), len(t)),
         used=used,
         leave_out=loss == "robust",
