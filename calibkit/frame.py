@@ -339,8 +339,12 @@ def share_unit(columns: Iterable[str], stated_units: Iterable[str]) -> dict[str,
     return dict.fromkeys(columns, units.pop()) if len(units) == 1 else {}
 
 
-def values(frame: pd.DataFrame, column: str) -> Array:
-    """One column as a float64 array [n], in the unit that its name states."""
+def values(frame: pd.DataFrame, column: str, otherwise: float | None = None) -> Array:
+    """One column as a float64 array [n], in the unit that its name states; where the frame has none
+    and one is given, a constant.
+    """
+    if otherwise is not None and column not in frame.columns:
+        return np.full(len(frame), otherwise)
     return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.frame import Log, values
 from calibkit.numeric import attitude
@@ -32,7 +31,12 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
         # Dwells and held rates in words, as far as the log tells them from others: how often each
         # is planned, and how many rows are at it. What is not logged differs from nothing.
         times, logged = Counter[str](), dict[str, int]()
-        case_degc, has_attitudes = _column(log, "temp_case_degc"), "inclination_deg" in log.frame
+        case_degc, table_rate_dps, tilt_deg, roll_deg = (
+            values(log.frame, column, np.nan)
+            for column in ("temp_case_degc", "table_rate_dps", "inclination_deg", "toolface_deg")
+        )
+        turned_deg = roll_deg + values(log.frame, "position_deg", 0.0)
+        direction = attitude.gravity_vector(tilt_deg, turned_deg)
         for action in planned:
             near = ~(np.abs(case_degc - action.set_degc) > NEAR_DEGC)
             if action.action == "ramp":
@@ -40,14 +44,12 @@ def find_differences(schedule: Schedule, read: Callable[[str], Log | None]) -> I
                 continue
             if action.action == "rate":
                 rate = action.table_rate_dps
-                near &= np.abs(_column(log, "table_rate_dps") - rate) <= 0.02 * abs(rate)
+                near &= np.abs(table_rate_dps - rate) <= 0.02 * abs(rate)
                 words = f"rate {rate:+g} °/s at"
-            elif action.action == "dwell" and has_attitudes:
+            elif action.action == "dwell" and "inclination_deg" in log.frame:
                 tilt, roll = action.inclination_deg, action.toolface_deg
-                logged_roll = _column(log, "toolface_deg") + _column(log, "position_deg", 0.0)
-                direction = attitude.gravity_vector(_column(log, "inclination_deg"), logged_roll)
-                held = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
-                near &= direction @ held >= np.cos(np.radians(1.0))
+                planned_direction = attitude.gravity_vector(np.array([tilt]), np.array([roll]))[0]
+                near &= direction @ planned_direction >= np.cos(np.radians(1.0))
                 words = f"dwell at inclination {tilt:g}°, toolface {roll:g}°,"
             elif action.action == "dwell":
                 words = "dwell at"
@@ -69,10 +71,10 @@ def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
     """A ramp that ends elsewhere, or has another rate; of a case, which lags the chamber, the end
     alone.
     """
-    time, degc = _column(log, "time_s"), _column(log, "temp_env_degc")
+    time, degc = values(log.frame, "time_s", np.nan), values(log.frame, "temp_env_degc", np.nan)
     lags = not np.isfinite(degc).any()
     if lags:
-        degc = _column(log, "temp_case_degc")
+        degc = values(log.frame, "temp_case_degc", np.nan)
     if not np.isfinite(degc).any():
         return
     end = float(np.nanmax(degc) if action.ramp_degc_per_min > 0.0 else np.nanmin(degc))
@@ -87,10 +89,3 @@ def _compare_ramp(log: Log, action: Action) -> Iterator[str]:
         rate = (degc[last] - degc[first]) / minutes if last > first else 0.0
         if not abs(rate / action.ramp_degc_per_min - 1.0) <= 0.2:
             yield f"{planned}; its rate is {rate:+.3g} °C/min"
-
-
-def _column(log: Log, name: str, otherwise: float = np.nan) -> Array:
-    """A column of a log; a constant where it has none."""
-    if name not in log.frame.columns:
-        return np.full(len(log.frame), otherwise)
-    return np.asarray(values(log.frame, name), dtype=np.float64)

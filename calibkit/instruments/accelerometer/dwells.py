@@ -121,20 +121,15 @@ def collect_dwells(logs: Iterable[Log], spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
-    """A column of a log [n], or a constant where the log does not have it."""
-    if column not in log.frame.columns:
-        return np.broadcast_to(otherwise, len(log.frame))
-    return log.frame[column].to_numpy(dtype=np.float64)
-
-
 def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers]:
     """Dwells of a log, and first and end row [n, 2] of each: a row each, or stretches at rest of a
     continuous log, cut at gaps, and divided into pieces where the recipe states piece_s.
     """
     notes: tuple[str, ...] = tuple(f"{log.file}: {note}" for note in log.notes)
-    inclination, toolface, time = (optional_column(log, name) for name in (*ATTITUDE, "time_s"))
-    temperature = optional_column(log, TEMPERATURE, UNSTATED_DEGC)
+    inclination, toolface, time = (
+        values(log.frame, name, np.nan) for name in (*ATTITUDE, "time_s")
+    )
+    temperature = values(log.frame, TEMPERATURE, UNSTATED_DEGC)
     logged = log.frame[[*COMPONENTS]].to_numpy(dtype=np.float64)
     indication = attitude.gravity_positive(logged, spec.reference.convention)
     columns = np.column_stack([indication, temperature])

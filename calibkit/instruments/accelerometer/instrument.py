@@ -9,7 +9,7 @@ import numpy as np
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Input
 from calibkit.errors import FitError, RecipeError
-from calibkit.frame import refuse, require
+from calibkit.frame import refuse, require, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.arrays import Array
     from calibkit.coefficients import Record, StageResult
     from calibkit.frame import Log
     from calibkit.ingest.logs import LogReader
@@ -183,12 +182,9 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
     refuse(triad_dwells.find_faults(log, lengths))
     correction = corrections.find_correction(spec.compensation, records.values())
     low, high = correction.models[0].valid[forms.TEMPERATURE]
-    if forms.TEMPERATURE not in log.frame.columns:
-        if high - low > 0.0:
-            require(log.file, log.frame.columns, [forms.TEMPERATURE])
-        temperature: Array = np.broadcast_to(low, len(log.frame))
-    else:
-        temperature = triad_dwells.optional_column(log, forms.TEMPERATURE)
+    if high > low:  # else temperature changes nothing
+        require(log.file, log.frame.columns, [forms.TEMPERATURE])
+    temperature = values(log.frame, forms.TEMPERATURE, low)
     logged = log.frame[[*forms.COMPONENTS]].to_numpy(dtype=np.float64)
     indication = attitude.gravity_positive(logged, spec.reference.convention)
     vector = correction(indication, temperature)
