@@ -132,10 +132,10 @@ def other_run(seed: int, latitude: float, theta: tuple[float, float]) -> Campaig
     pairs = tuple(simulate.draw(rng, gyro_noise_dph=0.01, ideal=False) for _ in range(2))
     tool = simulate.Tool(pairs)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-    attitudes = simulate.Attitudes.draw(36, theta, rng)
+    attitudes = simulate.draw_attitudes(36, theta, rng)
     temperature = rng.uniform(25.0, 115.0, 36)
     columns, _ = tool.stations(attitudes, latitude, temperature, rng)
-    truth = {"stations": {"azimuth_deg": attitudes.azimuth_deg.tolist()}}
+    truth = {"stations": {"azimuth_deg": attitudes[:, 2].tolist()}}
     return Campaign({"stations.csv": columns}, simulate.DECIMALS, truth)
 
 
@@ -169,19 +169,15 @@ def over_noise(
     """
     rng = np.random.default_rng(0)
     pair = simulate.draw(rng, gyro_noise_dph=0.01, ideal=False)
-    attitudes = simulate.Attitudes.draw(stations, theta, rng)
-    repeated = simulate.Attitudes(
-        *(np.repeat(getattr(attitudes, f), draws) for f in simulate.Attitudes.__slots__)
-    )
+    attitudes = simulate.draw_attitudes(stations, theta, rng)
+    repeated = np.repeat(attitudes, draws, axis=0)
     temperature = np.full(stations * draws, 60.0)
     columns, _ = simulate.Tool((pair, pair)).stations(repeated, latitude, temperature, rng)
     parts = components(Campaign({"stations.csv": columns}, {}, {}), "x")
     prior = root_choice.ScalePrior(np.ones(temperature.size), np.full(temperature.size, 0.01))
     found = root_choice.solve(root_choice.estimate_roots(parts, latitude), prior)
     error, plain = (
-        np.sqrt(
-            np.nanmean(wrapped(angle - repeated.azimuth_deg).reshape(stations, draws) ** 2, axis=1)
-        )
+        np.sqrt(np.nanmean(wrapped(angle - repeated[:, 2]).reshape(stations, draws) ** 2, axis=1))
         for angle in (found.azimuth_deg, found.uncorrected_deg)
     )
     stated = np.sqrt(np.nanmean(found.pair_covariance[:, 3, 3].reshape(stations, draws), axis=1))

@@ -601,7 +601,7 @@ def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, comm
             rng.uniform(0.0, 360.0),
         )
         truth.append(psi)
-        attitude = simulator.Attitudes(*(np.full(6, v) for v in (theta, phi, psi)))
+        attitude = np.full((6, 3), (theta, phi, psi))
         latitude = np.radians(34.2)
         gravity = simulator.rotated(attitude, np.array([0.0, 0.0, 1.0]))
         rate = simulator.rotated(

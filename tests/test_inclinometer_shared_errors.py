@@ -263,7 +263,7 @@ def test_validate_rejects_and_says_what_turns_the_azimuths(tmp_path, calibkit, l
 def in_one_fixture(seed):
     """Log of 24 stations of one attitude over 20 to 120 °C, s = 1 + 1e-5 T."""
     rng, count = np.random.default_rng(seed), 24
-    attitudes = simulate.Attitudes(*(np.full(count, deg) for deg in (30.0, 20.0, 60.0)))
+    attitudes = np.full((count, 3), (30.0, 20.0, 60.0))
     gravity = simulate.rotated(attitudes, np.array([0.0, 0.0, 1.0]))
     rate = simulate.rotated(attitudes, earth.north_east_down(34.2))
     degc, turned = np.linspace(20.0, 120.0, count), np.tile(simulate.POSITIONS_DEG, (count, 1))

@@ -168,7 +168,7 @@ def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
 
 def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():
     """At 45° of inclination and an azimuth of 90°, by the derivatives of the station's solution."""
-    attitude = simulate.Attitudes(*(np.array([angle]) for angle in (45.0, 0.0, 90.0)))
+    attitude = np.array([[45.0, 0.0, 90.0]])
     gravity = simulate.rotated(attitude, np.array([0.0, 0.0, 1.0])).T
     rate = simulate.rotated(attitude, earth.north_east_down(34.2)).T
     parts = Components(*gravity[:2], *rate[:2], np.zeros((1, 4, 4)))

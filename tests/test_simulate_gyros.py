@@ -142,7 +142,7 @@ def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():
     rng = np.random.default_rng(3)
     pair = simulate.draw(rng, gyro_noise_dph=0.01, ideal=True)
     count = 400
-    attitudes = simulate.Attitudes(np.full(count, 30.0), np.full(count, 40.0), np.full(count, 70.0))
+    attitudes = np.full((count, 3), (30.0, 40.0, 70.0))
     tool = simulate.Tool((pair, pair), index_deg=0.0)
     columns, scales = tool.stations(attitudes, 34.2, np.full(count, 60.0), rng)
     assert (scales == pair["s"]).all()
@@ -164,7 +164,7 @@ def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_poly
     pair = simulate.draw(np.random.default_rng(1), gyro_noise_dph=0.01, ideal=False)
     temperature = np.linspace(20.0, 150.0, 400)
     rng = np.random.default_rng(0)
-    attitudes = simulate.Attitudes.draw(400, (5.0, 50.0), rng)
+    attitudes = simulate.draw_attitudes(400, (5.0, 50.0), rng)
     s = simulate.Tool((pair, pair)).stations(attitudes, 34.2, temperature, rng)[1][:, 0]
     left = s - np.polynomial.Polynomial.fit(temperature, s, 3)(temperature)
     assert left.std() > 1.2 * pair["s_repeat"]

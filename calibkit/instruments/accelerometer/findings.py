@@ -1,9 +1,16 @@
 """What is wrong, or doubtful, about the dwells of a triad and the fit to them: remarks, flags, and
 criteria that fail whatever the recipe accepts.
+
+    F = [Σ n_g (r̄_g - r̄)²/(G - 1)] / [Σ (r - r̄_g)²/(n - G)]      one-way analysis of variance
+
+Of n residuals r in G groups (soaks, attitudes), n_g each: lack of fit where F is beyond chance.
 """
+
+from collections.abc import Mapping
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.coefficients import Criterion, at_most
 from calibkit.frame import Remark
 from calibkit.instruments.accelerometer import published
@@ -17,7 +24,6 @@ from calibkit.instruments.accelerometer.shared_errors import (
     number_soaks,
 )
 from calibkit.instruments.accelerometer.triad import Triad
-from calibkit.numeric import lack_of_fit
 from calibkit.recipe.shared_errors import warn_of_few_levels
 
 POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
@@ -32,6 +38,8 @@ OUTSTANDING = 6.0
 """Error of an attitude or a soak, over the median of all, above which it is flagged; the largest of
 50 normal ones is 3 times the median.
 """
+CHANCE = 0.001
+"""Probability with which any grouping of faultless residuals is called a lack of fit."""
 FEW_DOF = 5
 """Degrees of freedom below which the residuals are too few to judge the uncertainty."""
 
@@ -165,10 +173,49 @@ def judge_unexplained(triad: Triad, dwells: DwellSet) -> tuple[Criterion, ...]:
     k = float(stdtrit(float(np.median(fit.dof_along(np.eye(len(terms.names))))), 0.975))
     expanded = k * float(np.sqrt(np.mean(variance)))
     failed = []
-    for misfit in lack_of_fit.find(-fit.noise_residual, labels):
-        if abs(misfit.size) > expanded:
-            group, component = divmod(misfit.level, per_dwell)
+    for grouping, label, size in find_lack_of_fit(-fit.noise_residual, labels):
+        if abs(size) > expanded:
+            group, component = divmod(label, per_dwell)
             direction = f"along {AXES[component]}" if per_dwell == 3 else "of the length"
-            name = f"unexplained residual, {misfit.group} {1 + group}, {direction}"
-            failed.append(at_most(name, abs(misfit.size), expanded, "g"))
+            name = f"unexplained residual, {grouping} {1 + group}, {direction}"
+            failed.append(at_most(name, abs(size), expanded, "g"))
     return tuple(failed)
+
+
+def find_lack_of_fit(
+    residuals: Array, groupings: Mapping[str, Integers]
+) -> list[tuple[str, int, float]]:
+    """Groupings of residuals [n] whose means differ, the most significant first, each with the
+    label and the mean [unit of the residuals] of its group with the largest mean.
+
+    An F test against the scatter within groups, with Holm's correction for several tests (1979).
+    `groupings` are labels [n] by name, −1 for a row that belongs to no group. Residuals of a fit
+    differ less than errors do, so that the test is on the safe side.
+    """
+    from scipy.special import fdtrc
+
+    tested = []
+    for name, labels in groupings.items():
+        rows = labels >= 0
+        label, level, count = np.unique(labels[rows], return_inverse=True, return_counts=True)
+        spare = int(rows.sum()) - count.size
+        if count.size < 2 or spare < 1:
+            continue
+        values = residuals[rows]
+        mean = np.bincount(level, values) / count
+        variance_within = float(np.sum((values - mean[level]) ** 2)) / spare
+        variance_between = float(np.sum(count * (mean - values.mean()) ** 2)) / (count.size - 1)
+        if variance_within > 0.0:
+            chance = float(fdtrc(count.size - 1, spare, variance_between / variance_within))
+        else:
+            chance = 1.0 if variance_between == 0.0 else 0.0
+        # the group of the largest mean beyond what its noise explains
+        worst = int(np.argmax(np.abs(mean) * np.sqrt(count)))
+        tested.append((chance, (name, int(label[worst]), float(mean[worst]))))
+    tested.sort(key=lambda of_grouping: of_grouping[0])
+    significant = []
+    for number, (chance, lack_of_fit) in enumerate(tested):
+        if chance * (len(tested) - number) > CHANCE:
+            break
+        significant.append(lack_of_fit)
+    return significant

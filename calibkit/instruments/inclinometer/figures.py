@@ -12,12 +12,10 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import at_most
 from calibkit.instruments import Fitted
-from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import AngleErrors, SolvedStations
-from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
@@ -43,7 +41,7 @@ UNTESTED = (
 )
 
 
-def tabulate_stations(stations: Stations, solved: SolvedStations) -> Table:
+def tabulate_stations(solved: SolvedStations) -> Table:
     """Table of the azimuth before and after correction, a row for each station."""
     angles = solved.errors
 
@@ -52,7 +50,7 @@ def tabulate_stations(stations: Stations, solved: SolvedStations) -> Table:
 
     U = [f"{COVERAGE * u:#.2g}" for u in angles.standard_uncertainty.tolist()]
     columns = {
-        "station": stations.names,
+        "station": solved.stations.names,
         "incl. [°]": fixed(solved.combined.inclination_deg),
         "toolface [°]": fixed(solved.combined.toolface_deg),
         "azimuth s=1 [°]": fixed(solved.combined.uncorrected_deg),
@@ -83,14 +81,13 @@ def tabulate_errors(angles: AngleErrors, title: str) -> Table:
 
 def summarize(
     fits: Mapping[Sensor, ScaleFit],
-    stations: Stations,
     solved: SolvedStations,
     flags: tuple[str, ...],
     spec: InclinometerRecipe,
     results: Sequence[Table],
 ) -> Summary:
     """Summary of a fit, as the console shows it, with the tables of its results at the end."""
-    table, count, angles = tabulate_stations(stations, solved), len(stations.names), solved.errors
+    table, count, angles = tabulate_stations(solved), solved.refused.size, solved.errors
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
         table = replace(table, title=title, rows=table.rows[:SHOWN])
@@ -105,7 +102,7 @@ def summarize(
     for axis, scale in fits.items():
         u = solved.solutions[axis].s_root_uncertainty[scale.used]
         if limits.max_residual_over_noise is not None and u.min() > COMPUTED:
-            of_model = scale.model.prior(np.nan_to_num(stations.temperature)).s
+            of_model = scale.model.prior(np.nan_to_num(solved.stations.temperature)).s
             left = (solved.solutions[axis].s_root - of_model)[scale.used]
             name = f"gyro {axis}: residual over noise"
             criteria += (at_most(name, rms(left / u), limits.max_residual_over_noise, "1"),)
@@ -149,26 +146,16 @@ class SeekingReport:
     """What the figures show: s(T) of each gyro, and the stations that were solved."""
 
     fits: Mapping[Sensor, ScaleFit]
-    stations: Stations
-    seen: SolvedStations
-    latitude_deg: float
-
-    @property
-    def c(self) -> Array:
-        """C = cos α cos θ + sin α sin θ cos ψ [n] of the stations, by latitude α, inclination θ and
-        azimuth ψ: near zero, s is badly determined.
-        """
-        inclination, azimuth = self.seen.combined.inclination_deg, self.seen.combined.azimuth_deg
-        return published.root_label(np.radians(inclination), np.radians(azimuth), self.latitude_deg)
+    solved: SolvedStations
 
     def residuals(self) -> dict[str, Any]:
         """Columns of a tidy table, one row per station: azimuth less the reference azimuth, NaN
         where there is none, over C.
         """
-        errors = self.seen.errors
+        errors = self.solved.errors
         return {
-            "station": list(self.stations.names),
-            "c": self.c,
+            "station": list(self.solved.stations.names),
+            "c": self.solved.c,
             "residual_before_deg": errors.before,
             "residual_deg": errors.after,
             "standard_uncertainty_deg": errors.standard_uncertainty,
@@ -179,9 +166,9 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     """Azimuth error before and after correction against C, which shows the verdict, or without a
     reference azimuth what s changes; s(T) of each gyro; and the summary with all stations.
     """
-    report, count = fitted.drawing, len(fitted.drawing.fits)
-    errors, combined, C = report.seen.errors, report.seen.combined, report.c
-    table = tabulate_stations(report.stations, report.seen)
+    fits, solved = fitted.drawing.fits, fitted.drawing.solved
+    errors, combined, C, count = solved.errors, solved.combined, solved.c, len(fits)
+    table = tabulate_stations(solved)
     full_summary = replace(fitted.summary, tables=(table, *fitted.summary.tables[1:]))
     against_c = f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ"
     azimuth, (ax,) = page(1, 1, title=against_c, height=4.4)
@@ -206,8 +193,8 @@ def draw(title: str, fitted: Fitted[SeekingReport]) -> Drawn:
     )
     # s(T) of each gyro with its uncertainty band, over the roots; against the station's number
     # where there are no temperatures
-    for scale_axes, axis in zip(axes, report.fits, strict=True):
-        fit, pair, stations = report.fits[axis], report.seen.solutions[axis], report.stations
+    for scale_axes, axis in zip(axes, fits, strict=True):
+        fit, pair, stations = fits[axis], solved.solutions[axis], solved.stations
         valid, count = fit.model.valid, len(stations.names)
         x = np.arange(1.0, count + 1.0) if valid is None else stations.temperature
         grid = np.linspace(1.0, float(count), 2) if valid is None else np.linspace(*valid, 101)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
 from calibkit.coefficients import Condition, Figure, Input, Record, StageResult, at_most
@@ -39,7 +40,6 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import ROOT_DISAGREES
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
-from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.left_out import LeftOut
 from calibkit.report.summary import Summary
 from calibkit.report.table import number_or_none
@@ -110,8 +110,8 @@ def fit(
     fits, solved = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in findings if finding.flagged]
-    result = _make_result(fits, stations, solved, notes, spec)
-    influences = _find_sensitivities(fits, stations, spec.on_site())
+    result = _make_result(fits, solved, notes, spec)
+    influences = _find_sensitivities(fits, stations.temperature, spec.on_site())
     result_tables = tabulate_fit([result], spec, influences, certificate.blocks)
     left_out = []
     for axis, status in stations.status.items():
@@ -121,8 +121,8 @@ def fit(
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        figures.summarize(fits, stations, solved, result.flags, spec, result_tables),
-        figures.SeekingReport(fits, stations, solved, spec.site.latitude_deg),
+        figures.summarize(fits, solved, result.flags, spec, result_tables),
+        figures.SeekingReport(fits, solved),
         sensitivities=influences,
         left_out=tuple(left_out),
     )
@@ -130,7 +130,6 @@ def fit(
 
 def _make_result(
     fits: Mapping[Sensor, ScaleFit],
-    stations: Stations,
     solved: SolvedStations,
     notes: Iterable[str],
     spec: InclinometerRecipe,
@@ -200,13 +199,13 @@ def _make_result(
         "inclinometer_scale",
         tuple(scale.write(axis) for axis, scale in fits.items()),
         tuple(figures),
-        (*flags, *_flag_stations(stations, solved)),
+        (*flags, *_flag_stations(solved)),
         tuple(site),
     )
 
 
 def _find_sensitivities(
-    fits: Mapping[Sensor, ScaleFit], stations: Stations, spec: InclinometerRecipe
+    fits: Mapping[Sensor, ScaleFit], temp_degc: Array, spec: InclinometerRecipe
 ) -> tuple[Sensitivity, ...]:
     """How s(T) of every gyro moves with errors of the latitude, the thermometer and the gyros, the
     weights of the fit held. A turn of all positions alike moves no root.
@@ -215,7 +214,7 @@ def _find_sensitivities(
         InputError("latitude_deg", "offset", LATITUDE_STEP_DEG),
         *(InputError(f"gyro_{axis}_dph", "scale", SHARE) for axis in spec.axes),
     ]
-    known_degc = stations.temperature[np.isfinite(stations.temperature)]
+    known_degc = temp_degc[np.isfinite(temp_degc)]
     if known_degc.size:
         errors += of_thermometer(TEMPERATURE, float(known_degc.min()), float(known_degc.max()))
     sensitivities = []
@@ -238,10 +237,10 @@ def _find_sensitivities(
     return tuple(sensitivities)
 
 
-def _flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...]:
+def _flag_stations(solved: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, refused stations first; stations with the same flag share a line."""
     # stations where a root differs significantly from its prior, or is impossible
-    contradicted = np.zeros(len(stations.names), dtype=np.bool_)
+    contradicted = np.zeros(solved.refused.size, dtype=np.bool_)
     for axis, pair in solved.solutions.items():
         prior = solved.priors[axis]
         limit = ROOT_DISAGREES * np.hypot(pair.s_root_uncertainty, prior.standard_uncertainty)
@@ -251,7 +250,9 @@ def _flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...
     if 2 * count > contradicted.size:
         lines.append(f"{count} of {contradicted.size} stations contradict s(T): {WRONG}")
     combined, texts = solved.combined, list[tuple[str, str]]()
-    for name, reason, flags in zip(stations.names, combined.status, combined.flags, strict=True):
+    for name, reason, flags in zip(
+        solved.stations.names, combined.status, combined.flags, strict=True
+    ):
         texts += [(name, flag) for flag in ([f"{REFUSED}{reason}"] if reason else flags)]
     texts.sort(key=lambda text: not text[1].startswith(REFUSED))
     stations_of_flag: dict[str, list[str]] = {}
@@ -266,7 +267,7 @@ def _flag_stations(stations: Stations, solved: SolvedStations) -> tuple[str, ...
 
 def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
-) -> tuple[Stations, SolvedStations, tuple[str, ...]]:
+) -> tuple[SolvedStations, tuple[str, ...]]:
     """Stations of a log with one row per position, solved with a run's s(T), and their flags."""
     if FILE not in records:
         raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
@@ -291,7 +292,7 @@ def _seek(
                 f"{log.file}: temperature clamped to {low:.1f} to {high:.1f} °C at {outside} of"
                 f" {degc.size} stations"
             )
-    return stations, solved, (*flags, *_flag_stations(stations, solved))
+    return solved, (*flags, *_flag_stations(solved))
 
 
 def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
@@ -305,7 +306,8 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
     refuse(inclinometer_stations.find_unusable(log, spec))
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
-    stations, solved, flags = _seek(spec, records, dwelt.log)
+    solved, flags = _seek(spec, records, dwelt.log)
+    stations = solved.stations
     columns = {}
     for axis, solution in solved.solutions.items():
         # a station without a result is corrected by the s(T) of the calibration
@@ -345,7 +347,7 @@ def validate(
     for log in logs:
         file = log.file
         (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
-        stations, solved, station_flags = _seek(spec, records, admitted)
+        solved, station_flags = _seek(spec, records, admitted)
         angles = solved.errors
         if not angles.known.any():
             raise FrameError(
@@ -354,7 +356,7 @@ def validate(
             )
         u = angles.standard_uncertainty
         worse = ((np.abs(angles.after) - np.abs(angles.before)) / u)[angles.known]
-        columns = zip(stations.names, angles.before, angles.after, u, strict=True)
+        columns = zip(solved.stations.names, angles.before, angles.after, u, strict=True)
         entries.append(
             {
                 "name": file,

@@ -99,7 +99,7 @@ class StationBench(Bench):
         """
         # components of a tool without errors
         tilt, azimuth = self.places.T
-        attitudes, by_dwell_s = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth), {}
+        attitudes, by_dwell_s = np.column_stack([tilt, np.zeros_like(tilt), azimuth]), {}
         earth_rate = earth.north_east_down(self.spec.site.latitude_deg)
         accel_x, accel_y, _ = simulated.rotated(attitudes, np.array([0.0, 0.0, 1.0])).T
         gyro_x, gyro_y, _ = simulated.rotated(attitudes, earth_rate).T
@@ -260,7 +260,7 @@ def simulate_plan(
             (dwell.inclination_deg, dwell.azimuth_deg, dwell.set_degc) for dwell in actions[::4]
         ]
         tilt, azimuth, set_degc = np.array(spots).T
-        attitudes = simulated.Attitudes(tilt, np.zeros_like(tilt), azimuth)
+        attitudes = np.column_stack([tilt, np.zeros_like(tilt), azimuth])
         soak = np.unique(set_degc, return_inverse=True)[1]
         degc = np.round(set_degc + rng.normal(0.0, 0.1, tilt.size)[soak], 2)
         x, y = (pair | {"s": pair["s"] + rng.normal(0.0, device.size(*OF_LOG))} for pair in pairs)
@@ -271,7 +271,8 @@ def simulate_plan(
         for axis in "xy":
             log[f"accel_{axis}_g"] = sign * log[f"accel_{axis}_g"]
         if name.startswith(WITHHELD):
-            log |= {angle: np.repeat(getattr(attitudes, angle), 4) for angle in simulated.REFERENCE}
+            columns_deg = np.repeat(attitudes, 4, axis=0).T
+            log |= dict(zip(simulated.REFERENCE, columns_deg, strict=True))
         logs[name] = log
     truth = {
         axis: {

@@ -3,7 +3,6 @@ temperature and biases that drift in time.
 """
 
 from dataclasses import asdict, dataclass
-from typing import Self
 
 import numpy as np
 
@@ -41,13 +40,13 @@ class Tool:
 
     def stations(
         self,
-        attitudes: "Attitudes",
+        attitudes: Array,
         latitude_deg: float,
         temp_degc: Array,
         rng: np.random.Generator,
     ) -> tuple[dict[str, Array | Integers], Array]:
-        """Log columns of n stations, four rows per station, and the true scale factors of both
-        pairs [n, 2].
+        """Log columns of n stations of attitudes [n, 3, °], four rows per station, and the true
+        scale factors of both pairs [n, 2].
         """
         gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
         rate = rotated(attitudes, earth.north_east_down(latitude_deg))
@@ -85,26 +84,15 @@ class Tool:
         return columns, scales
 
 
-@dataclass(frozen=True, slots=True)
-class Attitudes:
-    """True attitude of n stations [°]."""
-
-    inclination_deg: Array
-    toolface_deg: Array
-    azimuth_deg: Array
-
-    @classmethod
-    def draw(
-        cls, count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
-    ) -> Self:
-        """Draw the attitudes of n stations: inclination uniform over a range [°], toolface and
-        azimuth uniform over the circle.
-        """
-        return cls(
-            rng.uniform(*inclination_deg, count),
-            rng.uniform(-180.0, 180.0, count),
-            rng.uniform(0.0, 360.0, count),
-        )
+def draw_attitudes(
+    count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
+) -> Array:
+    """True attitudes [n, 3] of stations [°], columns of `REFERENCE`: inclination uniform over a
+    range [°], toolface and azimuth uniform over the circle.
+    """
+    inclination = rng.uniform(*inclination_deg, count)
+    toolface = rng.uniform(-180.0, 180.0, count)
+    return np.column_stack([inclination, toolface, rng.uniform(0.0, 360.0, count)])
 
 
 def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> Pair:
@@ -136,12 +124,9 @@ def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> Pai
     }
 
 
-def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
-    """Vector [3] in the axes of the tool at n stations [n, 3]: R_z(φ) R_y(θ) R_z(ψ), passive."""
-    theta, phi, psi = (
-        np.radians(angle)
-        for angle in (attitudes.inclination_deg, attitudes.toolface_deg, attitudes.azimuth_deg)
-    )
+def rotated(attitudes: Array, north_east_down: Array) -> Array:
+    """Vector [3] in the axes of the tool at attitudes [n, 3, °]: R_z(φ) R_y(θ) R_z(ψ), passive."""
+    theta, phi, psi = np.radians(attitudes).T
     north, east, down = north_east_down
     x = north * np.cos(psi) + east * np.sin(psi)
     y = east * np.cos(psi) - north * np.sin(psi)
@@ -197,11 +182,11 @@ def campaign(
     # the withheld stations are measured on another day, where the reference attitude is known
     days = {"": rng, "withheld/": np.random.default_rng(np.random.SeedSequence([seed, 1]))}
     for folder, day_rng in days.items():
-        attitudes = Attitudes.draw(count, inclination_deg, day_rng)
+        attitudes = draw_attitudes(count, inclination_deg, day_rng)
         degc = np.linspace(*temperature_degc, count) + day_rng.normal(0.0, 1.0, count)
         temperature = np.round(degc, 2)
         columns, scales = tool.stations(attitudes, latitude_deg, temperature, day_rng)
-        angles = {name: getattr(attitudes, name) for name in REFERENCE}
+        angles = dict(zip(REFERENCE, attitudes.T, strict=True))
         truths[folder] = {
             "station": np.arange(1, count + 1).tolist(),
             **{name: angle.tolist() for name, angle in angles.items()},

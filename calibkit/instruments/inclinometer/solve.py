@@ -16,7 +16,7 @@ from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.unseen import unseen
-from calibkit.instruments.inclinometer import root_choice, scale_fit
+from calibkit.instruments.inclinometer import published, root_choice, scale_fit
 from calibkit.instruments.inclinometer.forms import MOUNTING, ScaleModel
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -135,10 +135,13 @@ class AngleErrors:
 class SolvedStations:
     """Solutions of n stations by each sensor pair that is read, and combined."""
 
+    stations: Stations
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, ScalePrior]
     combined: Combined
     errors: AngleErrors
+    c: Array
+    """C [n], near zero where s is badly determined (`published.root_label`)."""
 
     @property
     def refused(self) -> Mask:
@@ -383,4 +386,7 @@ def _solve_stations(
         stated=np.sqrt(without_turn + (stated_deg * np.fmax.reduce(counted)) ** 2),
         by_turn=np.fmax.reduce(by_turn),
     )
-    return SolvedStations(solutions, priors, replace(combined, covariance=covariance), errors)
+    theta, psi = np.radians([combined.inclination_deg, combined.azimuth_deg])
+    c = published.root_label(theta, psi, spec.site.latitude_deg)
+    with_mounting = replace(combined, covariance=covariance)
+    return SolvedStations(stations, solutions, priors, with_mounting, errors, c)
