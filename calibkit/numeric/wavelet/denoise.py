@@ -128,6 +128,11 @@ class Denoised:
     edge: Mask
     """Samples [n] that the extension touches."""
 
+    @property
+    def levels(self) -> int:
+        """Levels of the transform."""
+        return len(self.noise)
+
 
 def denoise(
     signal: ArrayLike,
