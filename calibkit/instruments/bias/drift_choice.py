@@ -367,6 +367,29 @@ def decide(
     return Export(model, tested, exported_errors, tuple(flags), tuple(untested))
 
 
+def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
+    """Model of the rate itself, chosen on left-out ramps; none where the published scheme alone is
+    asked for.
+    """
+    if alone(spec):
+        return ThermalChoice((), (), None, None, "")
+    candidates = [entry for entry in choice.CANDIDATES if spec.model in ("auto", entry.form)]
+    blocks = [log.thermal for log in logs]
+    return choice.choose(blocks, candidates, figure_blocks=blocks_per_figure(spec.interval_s))
+
+
+def flag_worse(export: Export, logs: Sequence[LogFigures]) -> list[str]:
+    """Flags of logs that are worse with a drift term that no rate was left to test, as of an order
+    that the recipe pins.
+    """
+    return [
+        f"{log.name}: drift of {log.before:.3g} deg/h before compensation, {log.after:.3g} deg/h"
+        " after, expected less: the exported drift term was tested on no left-out ramp"
+        for log in logs
+        if export.model.exported and not export.errors and log.after > WORSE * log.before
+    ]
+
+
 def share_of_raw(errors: Sequence[LeftOutErrors]) -> float:
     """Share of the raw drift that is left on what was left out."""
     left = sum(float(np.sum(entry.squares)) for entry in errors)

@@ -32,10 +32,8 @@ from calibkit.instruments.bias import (
     sensitivities,
     tables,
 )
-from calibkit.instruments.bias.numeric import choice
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.thermal.left_out import WORSE, blocks_per_figure
 from calibkit.recipe import type_b
 from calibkit.report.summary import Summary
 
@@ -47,6 +45,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import LogReader
     from calibkit.ingest.recipe_text import RecipeChoice
     from calibkit.ingest.write_back import Applied
+    from calibkit.report.table import Table
 
 Recipe = FogThermalRecipe
 KEY_FIGURES = (
@@ -61,106 +60,106 @@ faults = ramps.examine
 def fit(
     spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.DriftReport]:
-    """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
+    """Fit the drift coefficients of every ramp, their polynomials over temperature rate and the
+    models of the rate itself, and export what leaves least of the drift of left-out ramps.
+    """
     logs, comparisons = _prepare(spec, data, progress(files, "reading and denoising"))
-    # the published scheme: a0, a1, a2 of every ramp, then polynomials a_j(r) of a side
     fitted, undetermined = drift_choice.fit_ramps(logs, spec.drift)
-    choices = drift_choice.choose_sides([] if undetermined else fitted, spec.drift)
-    # models on levels, chosen on ramps left out; none if the published scheme alone is asked for
-    levels = choice.ThermalChoice((), (), None, None, "")
-    if not drift_choice.alone(spec.drift):
-        levels = choice.choose(
-            [log.thermal for log in logs],
-            [
-                candidate
-                for candidate in choice.CANDIDATES
-                if spec.drift.model in ("auto", candidate.form)
-            ],
-            figure_blocks=blocks_per_figure(spec.drift.interval_s),
-        )
-    # what leaves least of the drift of left-out ramps is exported, if that helps at all
-    export = drift_choice.widen_by_turn_on(drift_choice.decide(choices, levels, spec), logs)
+    sides = drift_choice.choose_sides([] if undetermined else fitted, spec.drift)
+    levels = drift_choice.choose_on_levels(logs, spec.drift)
+    export = drift_choice.widen_by_turn_on(drift_choice.decide(sides, levels, spec), logs)
     model = export.model
     compensated = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in logs]
-    one_way = drift_choice.flag_one_way(logs, model)
     rest = at_rest.state_bias(model, logs, spec)
-    # an order that the recipe pins may be one that no rate is left to test
-    worse = [
-        f"{log.name}: drift of {log.before:.3g} deg/h before compensation, {log.after:.3g} deg/h"
-        " after, expected less: the exported drift term was tested on no left-out ramp"
-        for log in compensated
-        if model.exported and not export.errors and log.after > WORSE * log.before
-    ]
+    interval_s = spec.drift.interval_s
+    drift = StageResult(
+        "drift",
+        models=tuple(forms.write_ramp(item.ramp.name, item.fit, interval_s) for item in fitted),
+        flags=(*(flag for log in logs for flag in log.flags), *undetermined),
+    )
     exported = export.result(compensated, spec)
     exported = replace(
         exported,
         figures=(*exported.figures, *rest.figures),
         conditions=at_rest.conditions(spec),
-        flags=(*exported.flags, *worse, *rest.flags),
+        flags=(*exported.flags, *drift_choice.flag_worse(export, compensated), *rest.flags),
     )
-    drift = StageResult(
-        "drift",
-        models=tuple(
-            forms.write_ramp(item.ramp.name, item.fit, spec.drift.interval_s) for item in fitted
+    one_way = drift_choice.flag_one_way(logs, model)
+    flags = [*drift.flags, *exported.flags, *_flag_idle(spec), *one_way, *comparisons]
+    influences = (*sensitivities.find(exported), *sensitivities.find_of_ramps(fitted, spec.drift))
+    along_logs = compensate.state_along_logs(model, logs, spec.type_b)
+    noise = tuple(figure for log in logs for figure in log.noise)
+    denoised = StageResult("denoise", figures=noise, flags=() if noise else ("denoising is off",))
+    return Fitted(
+        (denoised, drift, exported),
+        tuple(log.source for log in logs),
+        Summary(
+            spec.title,
+            (
+                *_tabulate(logs, export, rest, spec),
+                *tabulate_fit([exported, drift], spec, influences, certificate.blocks),
+            ),
+            tuple(dict.fromkeys(flags)),
+            _judge_fit(spec, export, compensated),
+            overview=tables.summarize_fit(logs, compensated, export, along_logs, rest.at_rest),
         ),
-        flags=(*(flag for log in logs for flag in log.flags), *undetermined),
+        figures.DriftReport(
+            model.interval_s,
+            tuple(logs),
+            tuple(compensated),
+            tuple(item.fit for item in fitted),
+            tuple(side.polynomial for side in sides if side.polynomial is not None),
+            bool(model.polynomials),
+            tuple(rest.hysteresis),
+        ),
+        (*along_logs, *rest.uncertainty),
+        (*export.untested, *one_way),
+        model.exported,
+        sensitivities=influences,
     )
-    # what is taken off is uncertain by so much, and the fitted logs are within it
-    drift_uncertainties = compensate.state_along_logs(model, logs, spec.type_b)
+
+
+def _tabulate(
+    logs: Sequence[ramps.PreparedLog],
+    export: drift_choice.Export,
+    rest: at_rest.StatedBias,
+    spec: FogThermalRecipe,
+) -> list[Table]:
+    """Tables of what tested models leave, and of fitted logs within what is stated of them."""
     covered = {
-        log.name: compensate.check_coverage(model, log.raw, spec.type_b, rest.figures)
+        log.name: compensate.check_coverage(export.model, log.raw, spec.type_b, rest.figures)
         for log in logs
     }
-    influences = (
-        *sensitivities.find(exported),
-        *sensitivities.find_of_ramps(fitted, spec.drift),
-    )
+    return [tables.tabulate_tested(export), *tables.coverage_tables(covered, "fitted")]
+
+
+def _flag_idle(spec: FogThermalRecipe) -> list[str]:
+    """Flag of type B terms that change nothing."""
     idle = [
         term.name
         for term in spec.type_b
         if not type_b.enters(term, compensate.RESULT, compensate.THERMOMETERS)
     ]
     unused = f"type B terms that do not enter the compensated rate: {', '.join(idle)}"
-    flags = [*drift.flags, *exported.flags, *([unused] if idle else []), *one_way, *comparisons]
-    # the reduction of the drift: on left-out ramps, on the fitted ones where none was left out
+    return [unused] if idle else []
+
+
+def _judge_fit(
+    spec: FogThermalRecipe,
+    export: drift_choice.Export,
+    compensated: Sequence[compensate.LogFigures],
+) -> tuple[Criterion, ...]:
+    """Criteria of a fit: the drift is reduced on left-out ramps, or on the fitted ones where none
+    was left out.
+    """
     name, reduction = "drift reduction on withheld ramps", 1.0
     if export.errors:
         reduction = 1.0 / drift_choice.share_of_raw(export.errors)
-    elif model.exported:
+    elif export.model.exported:
         name = "drift reduction on the fitted ramps alone"
         reduction = drift_reduction(compensated)
     left_out = [(errors.pooled, export.left_out_noise) for errors in export.errors]
-    summary = Summary(
-        spec.title,
-        (
-            tables.tabulate_tested(export),
-            *tables.coverage_tables(covered, "fitted"),
-            *tabulate_fit([exported, drift], spec, influences, certificate.blocks),
-        ),
-        tuple(dict.fromkeys(flags)),
-        judge(spec, model, compensated, (name, reduction), over_noise=left_out),
-        overview=tables.summarize_fit(logs, compensated, export, drift_uncertainties, rest.at_rest),
-    )
-    noise = tuple(figure for log in logs for figure in log.noise)
-    denoised = StageResult("denoise", figures=noise, flags=() if noise else ("denoising is off",))
-    return Fitted(
-        (denoised, drift, exported),
-        tuple(log.source for log in logs),
-        summary,
-        figures.DriftReport(
-            model.interval_s,
-            tuple(logs),
-            tuple(compensated),
-            tuple(item.fit for item in fitted),
-            tuple(side.polynomial for side in choices if side.polynomial is not None),
-            bool(model.polynomials),
-            tuple(rest.hysteresis),
-        ),
-        (*drift_uncertainties, *rest.uncertainty),
-        (*export.untested, *one_way),
-        model.exported,
-        sensitivities=influences,
-    )
+    return judge(spec, export.model, compensated, (name, reduction), over_noise=left_out)
 
 
 def _prepare(
