@@ -7,7 +7,6 @@ temperature, RSS and ν those of their fit (deleted residual; Cook & Weisberg 19
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -27,20 +26,11 @@ none but rounding.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class LeftOutRun:
-    """A run that the others contradict."""
-
-    run: int
-    departure: float
-    """Its value less that of the others at its temperature [unit of the values]."""
-    certain: bool
-    """Whether the rest carries as high an order as all runs do: else a bend would explain it."""
-
-
-def find(temp_degc: Array, values: Array, u: Array) -> Iterator[LeftOutRun]:
+def find(temp_degc: Array, values: Array, u: Array) -> Iterator[tuple[int, float, bool]]:
     """Runs whose value [n] with the standard uncertainty [n] of its noise contradicts the others
-    over temperature [n, °C], each left out in turn.
+    over temperature [n, °C], each left out in turn: number of the run, its value less that of the
+    others at its temperature [unit of the values], and whether the rest carries as high an order as
+    all runs do: else a bend would explain it.
     """
     from scipy.special import fdtrc
 
@@ -57,7 +47,7 @@ def find(temp_degc: Array, values: Array, u: Array) -> Iterator[LeftOutRun]:
         )
         departure = float(values[run] - design[run] @ coefficients)
         if fdtrc(1, dof, departure**2 / (variance * (1.0 + leverage))) < CHANCE / values.size:
-            yield LeftOutRun(run, departure, order == highest)
+            yield run, departure, order == highest
 
 
 def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:

@@ -434,15 +434,15 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     size = float(np.median(np.abs(K)))
     # of several that may each explain the others, the one that is least off
     smallest_difference = (
-        min((abs(left_out.departure) for left_out in contradicting), default=0.0) / size
+        min((abs(departure) for _, departure, _ in contradicting), default=0.0) / size
     )
-    for left_out in contradicting:
-        off_ppm = f"{PPM * left_out.departure / size:+.3g} ppm"
-        run_label = f"{files[left_out.run]} at {temp_degc[left_out.run]:.1f} °C"
+    for run, departure, certain in contradicting:
+        off_ppm = f"{PPM * departure / size:+.3g} ppm"
+        run_label = f"{files[run]} at {temp_degc[run]:.1f} °C"
         why = (
             f"K of {run_label} is {off_ppm} off what the other runs let expect: see its thermometer"
-            f" and what else was different, or leave it out: {advise_exclude(files[left_out.run])}"
-            if left_out.certain
+            f" and what else was different, or leave it out: {advise_exclude(files[run])}"
+            if certain
             else f"either K of {run_label} is {off_ppm} off, or K over temperature bends that much,"
             " which no other run shows: repeat a run at that temperature"
         )
