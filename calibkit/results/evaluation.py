@@ -208,9 +208,9 @@ def answer(
     """Values that a command line asks for, at all combinations of its inputs, the last range
     fastest, and its ranges; UsageError for an input that is given twice, and for too many points.
     """
-    known = run_results.inputs, run_results.gravity_mps2
-    parsed = [parse_input(text, *known) for text in inputs]
-    parsed_ranges = [parse_input(text, *known, ranged=True) for text in ranges]
+    of_run = run_results.inputs, run_results.gravity_mps2
+    parsed = [parse_input(text, *of_run) for text in inputs]
+    parsed_ranges = [parse_input(text, *of_run, ranged=True) for text in ranges]
     columns = [column for column, _ in (*parsed, *parsed_ranges)]
     for column in columns:
         if columns.count(column) > 1:

@@ -271,8 +271,8 @@ def find_sensitivities(
         field = FIELDS.get(error.input, "indication")
         values = getattr(dwells, field)
         # what is logged in m/s² is a smaller multiple of a larger gravity
-        moved = values / (1.0 + GRAVITY_STEP) if field == "indication" else error.shift(values)
-        shifted.append(replace(dwells, **{field: moved}))
+        with_error = values / (1.0 + GRAVITY_STEP) if field == "indication" else error.shift(values)
+        shifted.append(replace(dwells, **{field: with_error}))
     equation, *shifted_equations = (
         partial(
             residual,

@@ -221,8 +221,8 @@ def _start_of_lengths(dwells: DwellSet, terms: Terms) -> tuple[Array, tuple[Prio
     # an angle moves lengths by the product of two components of their directions, of which squares
     # and components leave nothing at six faces
     product = direction * np.roll(direction, 1, axis=1)
-    others = np.hstack([direction**2, direction])
-    left = product - others @ np.linalg.lstsq(others, product, rcond=None)[0]
+    determined = np.hstack([direction**2, direction])
+    left = product - determined @ np.linalg.lstsq(determined, product, rcond=None)[0]
     if not cross.size or np.sqrt(np.mean(left**2, axis=0)).min() > shared_errors.SEEN:
         return start, ()
     return start, (Prior(name="angles", block=slice(cross[0], cross[-1] + 1), size=LARGEST_ANGLE),)
