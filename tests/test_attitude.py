@@ -69,6 +69,12 @@ def test_both_sign_conventions_give_the_same_angles():
     np.testing.assert_allclose(attitude.toolface(-vector), [-140.0, 10.0], atol=1e-12)
 
 
+def test_unknown_convention_is_refused():
+    """A sign convention is one of two names."""
+    with pytest.raises(FitError, match="unknown sign convention 'up'"):
+        attitude.gravity_positive(np.zeros((1, 3)), "up")
+
+
 @pytest.mark.parametrize(
     ("angle", "expected"), [(-180.0, 180.0), (180.0, 180.0), (540.0, 180.0), (-190.0, 170.0)]
 )

@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from calibkit.arrays import Array
+from calibkit.errors import FitError
 
 Convention = Literal["gravity", "specific_force"]
 """What a positive indication means: "gravity" is positive along gravity, "specific_force" is
@@ -22,7 +23,13 @@ def gravity_positive(indication: Array, convention: Convention) -> Array:
     """Indications [..., 3] as calibkit reads them, positive along gravity, from either sign
     convention.
     """
-    return indication if convention == "gravity" else -indication
+    if convention == "gravity":
+        return indication
+    if convention == "specific_force":
+        return -indication
+    raise FitError(
+        f"unknown sign convention {convention!r}", hint='use "gravity" or "specific_force"'
+    )
 
 
 def gravity_vector(inclination_deg: Array, toolface_deg: Array) -> Array:

@@ -127,11 +127,11 @@ class ScaleFit:
         """
         s = self.model.coefficients
         if error.input == TEMPERATURE:
-            # s(T) read at T + h (a + b T) is s(T) - h (a + b T) s'(T) of what is read
-            a, b = error.shift(np.array([0.0, 1.0])) - np.array([0.0, 1.0])
+            # a thermometer that reads T + offset + growth T makes s(T) - (offset + growth T) s'(T)
+            offset, at_one = error.shift(np.array([0.0, 1.0])) - np.array([0.0, 1.0])
             slope = np.append(s[1:] * np.arange(1, s.size), 0.0)
-            moved = a * slope + (b - a) * np.append(0.0, slope[:-1])
-            return np.asarray(-moved / error.step)
+            change = offset * slope + (at_one - offset) * np.append(0.0, slope[:-1])
+            return np.asarray(-change / error.step)
         if error.kind == "scale":
             return -s
         if self.fit is None:
