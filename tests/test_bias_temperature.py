@@ -62,6 +62,20 @@ def bias_log(folder, log_writer, seed, offset=0.0, rows=4000, slope=0.02, shaken
     )
 
 
+@pytest.mark.parametrize("column", ["temp_case_degc", "gyro_dph"])
+def test_a_sentinel_is_no_data(column, tmp_path, calibkit, log_writer):
+    """A temperature that no chamber reaches and a rate that no gyro indicates are refused, with
+    their line.
+    """
+    time = np.arange(400.0)
+    log = {"time_s": time, "temp_case_degc": 20.0 + time / 20.0, "gyro_dph": np.sin(time)}
+    log[column][100] = 9.9e9
+    log_writer(tmp_path / "warmup.csv", **log)
+    found = calibkit("fit", "bias_temperature", "--data", tmp_path, "--serial", "G")
+    assert found.code == 3
+    assert "warmup.csv:102" in found.err
+
+
 def test_few_cold_rows_leave_few_degrees_of_freedom(tmp_path, calibkit, log_writer):
     """Coefficients of a warm-up state the degrees of freedom of their uncertainty: of 300 rows
     fewer than 100, of 4,000 more.

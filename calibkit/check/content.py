@@ -4,6 +4,7 @@ plausible values.
 
 import functools
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from typing import ParamSpec
 
@@ -45,13 +46,14 @@ def in_stages(stages: Callable[P, Iterator[list[Finding]]]) -> Callable[P, list[
 def find_unusable(
     log: Log, min_rows: int, columns: Sequence[str] | None = None
 ) -> Iterator[list[Finding]]:
-    """Yield findings of a log over time of an instrument at rest, for a correction of its columns
-    (absent: all that it has); it may have gaps.
+    """Yield findings of a log of an instrument at rest, for a correction of its columns (absent:
+    all that it has); it may have gaps.
     """
     columns = list(log.frame.columns) if columns is None else columns
     yield [*find_too_few_rows(log, min_rows), *find_missing_values(log, columns)]
-    temperatures = [name for name in columns if name.startswith("temp_")]
-    findings = [*find_unordered_times(log), *find_implausible_temperatures(log, temperatures)]
+    findings = find_unordered_times(log) if "time_s" in log.frame.columns else []
+    temperatures = [name for name in columns if re.fullmatch("temp_.*degc", name)]
+    findings += find_implausible_temperatures(log, temperatures)
     for name in columns:
         if name.endswith("_dph"):
             findings += find_implausible_rates(log, name)

@@ -80,13 +80,8 @@ def read(
 def _find_faults(spec: BiasTemperatureRecipe, log: Log) -> Iterator[list[Finding]]:
     """Yield what is wrong with a log."""
     table, timed = spec.polynomials, "time_s" in log.frame.columns
-    yield [
-        *checks.find_too_few_rows(log, table.min_rows),
-        *checks.find_missing_values(log, list(log.frame.columns)),
-    ]
-    findings = []
-    if timed:
-        findings = [*checks.find_unordered_times(log), *checks.find_gaps(log, table.max_gap_s)]
+    yield checks.find_unusable(log, table.min_rows)
+    findings = checks.find_gaps(log, table.max_gap_s) if timed else []
     yield [*findings, *checks.find_constant_columns(log, [table.abscissa])]
     findings = []
     for channel in spec.still_columns():

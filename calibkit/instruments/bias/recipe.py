@@ -162,10 +162,6 @@ class ThermalRecipe(Recipe):
         """The channels, whatever they are called."""
         return self.thermal.channels
 
-    def largest_gap_s(self) -> float:
-        """No gap is too large: a power-on begins after one."""
-        return float("inf")
-
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
         """Sessions, power-ons and withheld stretches, with the logs that they name."""
         table = self.thermal
