@@ -3,6 +3,7 @@ rates, and what is left.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,9 +17,9 @@ def coarse(tmp_path_factory):
     degrees.
     """
     folder = tmp_path_factory.mktemp("coarse")
-    made = simulator.campaign(
-        801, rates=(1.0, 5.0, 10.0), withheld=(3.0,), steps=True, case_resolution_degc=1.0
-    )
+    gyro = replace(simulator.FogGyro.draw(801), case_resolution_degc=1.0)
+    runs = simulator.programmes((1.0, 5.0, 10.0), (3.0,), steps=True)
+    made = simulator.campaign(801, gyro, runs)
     logs = {
         name: {**log, "temp_env_degc": np.round(log["temp_env_degc"])}
         for name, log in made.logs.items()

@@ -522,7 +522,8 @@ def test_withheld_ramps_never_come_out_above_raw(seed, scale, tmp_path, calibkit
     """Fitted on ±1, 5, 8, 10 °C/min with the default recipe, ±3 °C/min is never above raw,
     drift-free gyros included.
     """
-    for name, content in simulator.campaign(seed, drift_scale=scale).files().items():
+    gyro = simulator.FogGyro.draw(seed).scale_drift(drift_scale=scale)
+    for name, content in simulator.campaign(seed, gyro).files().items():
         (tmp_path / "logs" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "logs" / name).write_bytes(content)
     logs, runs = tmp_path / "logs", tmp_path / "runs"

@@ -400,7 +400,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_seed_others(files):
 
 def test_another_log_changes_none_of_the_others(files):
     """A log draws from a stream of its own, so rates and steps can be added to a campaign."""
-    more = fog.campaign(11, withheld=(3.0, 6.0), steps=True).files()
+    more = fog.campaign(11, runs=fog.programmes(withheld=(3.0, 6.0), steps=True)).files()
     assert set(more) - set(files) == {
         "withheld/ramp_heating_06.csv",
         "withheld/ramp_cooling_06.csv",
@@ -427,9 +427,8 @@ def test_no_two_logs_share_their_noise(campaign):
 
 def test_a_coarse_case_thermometer_can_be_asked_for():
     """With a resolution of 1 °C the case temperature goes in steps of one degree."""
-    columns = fog.campaign(11, rates=(10.0,), withheld=(), case_resolution_degc=1.0).logs[
-        "ramp_heating_10.csv"
-    ]
+    gyro = replace(fog.FogGyro.draw(11), case_resolution_degc=1.0)
+    columns = fog.campaign(11, gyro, fog.programmes((10.0,), ())).logs["ramp_heating_10.csv"]
     assert set(np.unique(np.diff(columns["temp_case_degc"]))) <= {-1.0, 0.0, 1.0}
 
 

@@ -172,7 +172,7 @@ def inclinometer(number: int, errors: Errors) -> tuple[Frames, Truth]:
 
 def fog_thermal(number: int, errors: Errors) -> tuple[Frames, Truth]:
     """A gyro on ramps: bias at 25 °C and drift at rest."""
-    made = fog.campaign(number, withheld=())
+    made = fog.campaign(number, runs=fog.programmes(withheld=()))
     stated: Any = made.truth
     gyro = stated["gyro"]
 

@@ -505,7 +505,7 @@ def _simulate_ramps(schedule: Schedule, device: Device, seed: int) -> Campaign:
     drift and the lag of the case that the plan assumes, and its truth, which states what it does
     not take from the plan.
     """
-    chamber, runs = Chamber(), dict[str, Programme]()
+    runs: dict[str, Programme] = {}
     for name, (before, ramp, after) in schedule.by_log().items():
         runs[name] = Programme.ramp(
             before.set_degc,
@@ -525,16 +525,15 @@ def _simulate_ramps(schedule: Schedule, device: Device, seed: int) -> Campaign:
     )
     # the drift is proportional to its scale: its rms over the ramps, about the mean of each, is
     # brought to the size that is assumed
-    drawn = simulated.logs(gyro, runs, seed, chamber).values()
+    drawn = simulated.logs(gyro, runs, seed, Chamber()).values()
     drift_rms = rms(np.concatenate([log.drift - log.drift.mean() for log in drawn]))
     gyro = gyro.scale_drift(drift_scale=device.size(*DRIFT) / drift_rms)
-    logs = simulated.logs(gyro, runs, seed, chamber)
+    campaign = simulated.campaign(seed, gyro, runs)
     not_of_the_plan = (
         "the initial state of a log: each begins in equilibrium; the lags of the coil and the shape"
         " of its drift, which are drawn; resolution of the gyro and the thermometer"
     )
-    truth = simulated.describe(gyro, chamber, runs, logs) | {"not_of_the_plan": not_of_the_plan}
-    return Campaign({name: log.columns for name, log in logs.items()}, simulated.DECIMALS, truth)
+    return replace(campaign, truth={**campaign.truth, "not_of_the_plan": not_of_the_plan})
 
 
 def prepare_plan(spec: FogThermalRecipe | BiasTemperatureRecipe, task: Task) -> Bench:

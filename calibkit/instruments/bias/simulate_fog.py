@@ -31,7 +31,6 @@ REFERENCE_DEGC = 25.0
 COLD_DEGC, HOT_DEGC = -40.0, 60.0
 LATITUDE_DEG = 34.2
 """Latitude of the laboratory [°]; the input axis points up."""
-CASE_RESOLUTION_DEGC = 0.0625
 STEP = 4
 """Integration step of the heat flow [samples]: a tenth of the usual shortest time constant of a
 coil, a fifth of any.
@@ -196,7 +195,7 @@ class FogGyro:
             K=rng.uniform(0.0, 0.002),
             resolution_dph=float(rng.choice((0.01, 0.02, 0.05))),
             case_noise_degc=0.02,
-            case_resolution_degc=CASE_RESOLUTION_DEGC,
+            case_resolution_degc=0.0625,
         )
 
 
@@ -283,8 +282,6 @@ def programmes(
     withheld: Sequence[float] = (3.0,),
     *,
     steps: bool = False,
-    soak_before_s: float = 600.0,
-    soak_after_s: float = 3600.0,
 ) -> dict[str, Programme]:
     """Programmes by file name: a heating and a cooling ramp for each rate [°C/min], and with
     `steps` staircases of 1 °C in both directions.
@@ -297,7 +294,7 @@ def programmes(
         for folder, members in (("", rates), ("withheld/", withheld)):
             for rate in members:
                 runs[f"{folder}ramp_{sense}_{rate:02g}.csv"] = Programme.ramp(
-                    *ends, rate, soak_before_s=soak_before_s, soak_after_s=soak_after_s
+                    *ends, rate, soak_before_s=600.0, soak_after_s=3600.0
                 )
         if steps:
             runs[f"steps_{sense}.csv"] = Programme.staircase(*ends)
@@ -337,45 +334,16 @@ def logs(
 
 
 def campaign(
-    seed: int,
-    *,
-    rates: Sequence[float] = (1.0, 5.0, 8.0, 10.0),
-    withheld: Sequence[float] = (3.0,),
-    steps: bool = False,
-    drift_scale: float = 1.0,
-    hysteresis_scale: float = 1.0,
-    case_resolution_degc: float = CASE_RESOLUTION_DEGC,
+    seed: int, device: FogGyro | None = None, runs: Mapping[str, Programme] | None = None
 ) -> Campaign:
-    """Simulate one gyro on heating and cooling ramps, one ramp per file, withheld ramps in a
-    separate folder.
-
-    Parameters
-    ----------
-    seed : what gyro and noise are drawn from.
-    rates, withheld : unsigned rates [°C/min].
-    steps : whether the chamber also climbs and descends in steps of 1 °C.
-    drift_scale : multiplies all drift; 0 is a gyro without any.
-    hysteresis_scale : multiplies the hysteresis alone.
-    case_resolution_degc : of the case thermometer [°C].
+    """Simulate a gyro, drawn by the seed unless one is given, in the programmes `runs`, by default
+    heating and cooling ramps, one a file, withheld ones in a separate folder; of each log the truth
+    has a row every 60 s.
     """
-    device = replace(
-        FogGyro.draw(seed).scale_drift(drift_scale=drift_scale, hysteresis_scale=hysteresis_scale),
-        case_resolution_degc=case_resolution_degc,
-    )
-    chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
+    device, chamber = FogGyro.draw(seed) if device is None else device, Chamber()
+    runs = programmes() if runs is None else runs
     simulated = logs(device, runs, seed, chamber)
-    truth = describe(device, chamber, runs, simulated) | {"seed": seed}
-    return Campaign({name: log.columns for name, log in simulated.items()}, DECIMALS, truth)
-
-
-def describe(
-    device: FogGyro,
-    chamber: Chamber,
-    runs: Mapping[str, Programme],
-    simulated: Mapping[str, SimulatedLog],
-) -> dict[str, object]:
-    """Truth of a campaign, but for its seed; of each log a row every 60 s."""
-    logs = {}
+    true_logs = {}
     for name, log in simulated.items():
         programme, heat = runs[name], log.heat
         series = {
@@ -385,7 +353,7 @@ def describe(
             "coil_inner_degc": (heat.inner, 3),
             "drift_dph": (log.drift, 5),
         }
-        logs[name] = {
+        true_logs[name] = {
             "set_rate_degc_per_min": programme.rate_degc_per_min,
             "set_time_s": programme.time_s,
             "set_degc": programme.set_degc,
@@ -395,8 +363,8 @@ def describe(
             "time_s": log.columns["time_s"][::TRUTH_EVERY].tolist(),
         }
         for column, (values, digits) in series.items():
-            logs[name][column] = np.round(values[::TRUTH_EVERY], digits).tolist()
-    return {
+            true_logs[name][column] = np.round(values[::TRUTH_EVERY], digits).tolist()
+    truth = {
         "procedure": "fog_thermal",
         "gyro": asdict(device),
         "chamber": asdict(chamber),
@@ -404,5 +372,7 @@ def describe(
             "bias less the bias of a coil in equilibrium at 25 degC before any hysteresis; turn-on"
             " bias, earth rate and noise are not drift"
         ),
-        "logs": logs,
+        "logs": true_logs,
+        "seed": seed,
     }
+    return Campaign({name: log.columns for name, log in simulated.items()}, DECIMALS, truth)
