@@ -19,6 +19,7 @@ from calibkit.frame import Log, values
 from calibkit.instruments.bias.numeric import settling
 from calibkit.instruments.bias.recipe import ThermalTable
 from calibkit.numeric import intervals
+from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
 
@@ -331,11 +332,9 @@ def _starting_rate(time: Array, case: Array) -> float:
         inside = (time >= start) & (time < start + STARTING_S)
         if np.count_nonzero(inside) < 5:
             return 0.0
-        t, y = time[inside] - time[inside].mean(), case[inside]
-        rate = float(t @ y / (t @ t))
-        left = y - y.mean() - rate * t
-        u = float(np.sqrt(left @ left / (t.size - 2) / (t @ t)))
-        rates.append((60.0 * rate, 60.0 * u))
+        minutes = (time[inside] - time[inside][0]) / SECONDS_PER_MINUTE
+        line = linear(np.column_stack([minutes, np.ones_like(minutes)]), case[inside])
+        rates.append((float(line.coefficients[0]), float(line.standard_uncertainty[0])))
     (first, u_first), (second, u_second) = rates
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
