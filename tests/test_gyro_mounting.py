@@ -8,11 +8,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from calibkit.certificate.fit_tables import UNNAMED
 from calibkit.errors import RecipeError
 from calibkit.frame import Log
 from calibkit.instruments import parse_recipe
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
+    corrections,
     fit,
     simulate,
     table_runs,
@@ -208,6 +210,39 @@ def test_mountings_that_repeat_to_ten_arcseconds_are_in_the_angles_once_stated()
     assert np.mean(covered) >= LEAST
     found, _ = triad(0, GyroTriadRecipe(procedure="gyro_triad", logs=LOGS), 10.0)
     assert any("errors of mounting are not in u" in flag for flag in found.flags)
+
+
+def component(group, effect, value, unit):
+    """A known error of a recipe."""
+    return {"group": group, "effect": effect, "value": value, "unit": unit, "dof": 20.0}
+
+
+@pytest.mark.parametrize("stated", [False, True], ids=["unknown", "stated"])
+def test_an_unseen_run_in_another_mounting_contradicts_no_scale_factor(stated):
+    """A run whose mounting is 60″ off: where the recipe does not say how mountings repeat, K across
+    the turned axis is not held against the fit; where it does, its u holds both mountings.
+    """
+    components = [component("run", "scale", 2.0, "ppm")]
+    if stated:
+        components.append(component("mounting", "angle", 60.0 / 3600.0, "deg"))
+    spec = GyroTriadRecipe(
+        procedure="gyro_triad",
+        logs=LOGS,
+        site={"latitude_deg": 34.2},
+        errors={"component": components},
+    )
+    rng = np.random.default_rng(11)
+    axes = dict(zip("xyz", np.eye(3), strict=True))
+    gyros = {g: simulate.RateGyro.draw(rng) for g in axes}
+    about = (gyros, axes, 25.0, spec, rng)
+    runs = {g: (run_about(f"about_{g}", axis, *about),) for g, axis in axes.items()}
+    stages = coefficient_files.list_results(fit.fit_campaign(spec, runs), spec)
+    records = {stage.file: stage.as_record(UNNAMED, "") for stage in stages}
+    off = tilted(axes["x"], np.radians(60.0 / 3600.0), rng)
+    unseen = run_about("about_x_again", off, *about).log
+    _, summary = corrections.validate(spec, records, [replace(unseen, file="about_x_again.csv")])
+    (of_K,) = (criterion for criterion in summary.criteria if "error of K" in criterion.name)
+    assert of_K.passed
 
 
 @pytest.mark.parametrize(

@@ -165,29 +165,33 @@ def validate(
         flags += [*run.flags, *run_lines.flag_drifts()]
         entry: Entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
         entries.append(entry if triad else entry | {"gyros": []})
-        # K of the run, and of the files at its temperature
-        scale_factors: list[tuple[Value, Value]] = []
+        # K of the run, and of the files at its temperature, where U leaves nothing out
+        judged: list[tuple[Value, Value]] = []
         for matrix in matrices:
             if not isinstance(spec, GyroTriadRecipe) and spec.own_axis(matrix.gyros[0]) != axis:
                 continue
             for gyro in matrix.gyros:
                 quantity = sensitivities[certificate.sensitivity_name(gyro, axis if triad else "")]
-                of_files = _scale_factor(spec, run, matrix, quantity)
-                K = run_lines.of_runs([run], gyro)
-                scale_factors.append((Value(K.value[0], K.u[0], K.dof[0]), of_files))
+                K, of_files = (
+                    run_lines.of_runs([run], gyro),
+                    _scale_factor(spec, run, matrix, quantity),
+                )
+                of_run = Value(K.value[0], K.u[0], K.dof[0])
+                if quantity.undecided is None:
+                    judged.append((of_run, of_files))
             if triad:
                 entries[-1] |= _compare_base(spec, run, axis, matrix)
                 straight += run_lines.straightened({})
             else:
-                compared, line = _compare_line(spec, run_lines, run, matrix, scale_factors[-1])
+                compared, line = _compare_line(spec, run_lines, run, matrix, (of_run, of_files))
                 entries[-1]["gyros"].append(compared)
                 straight.append(line)
             if np.isfinite(run.temp_degc):
-                flags += flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
-        if not within_runs:  # else nothing tells how scale factors repeat
-            error = np.array([K.value - frozen.value for K, frozen in scale_factors])
-            variance = np.array([K.u**2 + frozen.u**2 for K, frozen in scale_factors])
-            dof = (np.inf, max(float(sum(frozen.dof for _, frozen in scale_factors)), 1.0))
+                flags += flag_temperatures(log.file, matrix, values(log.frame, TEMPERATURE))
+        if judged:
+            error = np.array([K.value - frozen.value for K, frozen in judged])
+            variance = np.array([K.u**2 + frozen.u**2 for K, frozen in judged])
+            dof = (np.inf, max(float(sum(frozen.dof for _, frozen in judged)), 1.0))
             error_over_u = unseen(error, np.zeros((error.size, 1)), variance, dof=dof)
             criteria.append(over_u(f"{log.file}: rms error of K", error_over_u.to_object()))
     body: Entry = {"logs": entries}
@@ -225,7 +229,7 @@ def _scale_factor(
     spec: AnyRecipe, run: table_runs.TableRun, matrix: GyroMatrix, quantity: Quantity
 ) -> Value:
     """Scale factor of the files at the temperature of a run, clamped to the fitted range, with how
-    runs repeat and type B terms.
+    runs and mountings repeat and type B terms.
     """
     if matrix.over_temperature:
         require(run.log.file, run.log.frame.columns, [TEMPERATURE])
@@ -238,14 +242,13 @@ def _scale_factor(
     fastest = max(map(abs, model.valid.get(forms.RATE, ())), default=0.0) or 100.0
     slopes = {forms.RATE: (fastest, -K / fastest), "time_s": (1.0, K), **point.influences}
     u_B = type_b.combine_terms(spec.type_b, quantity.called, K, quantity.unit, slopes)
-    repeats = [
-        part.value / PPM * abs(K)
-        for part in model.components
-        if (part.effect, part.unit) == ("scale", "ppm")
-    ]
-    if matrix.curves and not repeats:
-        repeats = [point.parts[0][0].residual_rms]
-    u_frozen = np.linalg.norm([u, max(repeats, default=0.0), u_B])
+    scales = [part.value for part in model.components if part.effect == "scale"]
+    tilts = [part.value for part in model.components if part.effect == "angle"]
+    repeats = max(scales, default=0.0) / PPM * abs(K)
+    if matrix.curves and not scales:
+        repeats = point.parts[0][0].residual_rms
+    _, by_tilt = point.influences.get(certificate.ANGLE, (90.0, 0.0))
+    u_frozen = np.linalg.norm([u, repeats, max(tilts, default=0.0) * by_tilt, u_B])
     return Value(*map(np.array, (K, u_frozen, dof)))
 
 
