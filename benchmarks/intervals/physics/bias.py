@@ -130,11 +130,13 @@ def _anomaly(rng: np.random.Generator, size: float) -> Campaign:
 
 
 def _anomaly_with_soaks(rng: np.random.Generator, size: float) -> Campaign:
-    """The same with a log up and one down that soak at every tenth degree, as its remark asks."""
+    """The same with a log up and one down that soak at every tenth degree, as its remark asks, for
+    as long as the coil needs.
+    """
     coil = _draw(rng, bump_dph=size, bump_degc=BUMP_DEGC)
     logs = _record(rng, coil)
     levels = np.arange(COLD_DEGC, HOT_DEGC + 1.0, 10.0)
-    ends_s = np.cumsum(np.tile([SHORT_SOAK_S, 300.0], levels.size)[:-1])
+    ends_s = np.cumsum(np.tile([5400.0, 300.0], levels.size)[:-1])
     for name, degc in (("up", levels), ("down", levels[::-1])):
         time_s = (0.0, *ends_s.tolist())
         stairs = Programme(time_s, tuple(np.repeat(degc, 2).tolist()), np.sign(degc[-1]) * 2.0)
