@@ -19,8 +19,9 @@ FINER = 8
 """Samples of flicker noise per averaging interval; with 100 the variogram is 2 % lower."""
 
 
+@lru_cache(maxsize=8)
 def kernel(count: int) -> Array:
-    """Covariance [count, count] of interval means of flicker noise of level 1."""
+    """Covariance [count, count] of interval means of flicker noise of level 1, to be read alone."""
     passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(count * FINER)
     means = np.append(0.0, _responses(count))[np.maximum(passed, 0)]
     return np.asarray(means @ means.T, dtype=np.float64)
