@@ -412,8 +412,8 @@ def compare_turn_on(
     if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
         return None
     u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
-    most = stdtrit(len(logs) - 2, 1.0 - BY_CHANCE / 2.0) * u
-    return float(cooling.mean() - heating.mean()), float(u), float(most)
+    by_chance = stdtrit(len(logs) - 2, 1.0 - BY_CHANCE / 2.0) * u
+    return float(cooling.mean() - heating.mean()), float(u), float(by_chance)
 
 
 def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
@@ -442,8 +442,8 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
         )
     turn_on_difference = compare_turn_on(thermal, logs)
     if turn_on_difference is not None:
-        difference, u, most = turn_on_difference
-        if abs(difference) > most:
+        difference, u, by_chance = turn_on_difference
+        if abs(difference) > by_chance:
             error = math.hypot(thermal.model_error, 0.5 * difference)
             wider = replace(export.model, thermal=replace(thermal, model_error=error))
             flags.append(

@@ -228,7 +228,7 @@ USED = tuple((sign * rate, 1800.0) for rate in (2.0, 4.0, 7.0) for sign in (1.0,
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp:
+class PlannedRamp:
     """One log, planned or measured: a ramp between two soaks."""
 
     rates: tuple[float, ...]
@@ -311,7 +311,7 @@ class RampBench(Bench):
         )
         return errors, white
 
-    def rows_of_logs(self, logs: Sequence[Log]) -> tuple[Ramp, ...]:
+    def rows_of_logs(self, logs: Sequence[Log]) -> tuple[PlannedRamp, ...]:
         """Ramps of logs, by the case temperature that was logged."""
         measured = []
         for log in logs:
@@ -357,7 +357,7 @@ class RampBench(Bench):
             theta[place] = 2.0 * np.log(max(self.device.size(*error), 1e-9))
         return np.exp(-evidence.log_variances(prior, theta))
 
-    def ramp(self, log: ThermalLog, *rates: float) -> Ramp:
+    def ramp(self, log: ThermalLog, *rates: float) -> PlannedRamp:
         """A ramp with the information of its log: what its noise, its turn-on bias and its initial
         state make of a variance, which add up to all of it.
 
@@ -371,20 +371,20 @@ class RampBench(Bench):
         by_error = [np.outer(row, row) * precision for row, precision in zip(o, D, strict=True)]
         turn_on, start = by_error[0], np.sum(by_error[1:], axis=0)
         noise = moments[:SHARED, :SHARED] - B.T @ o - turn_on - start
-        return Ramp(rates, log, np.stack([noise, turn_on, start]))
+        return PlannedRamp(rates, log, np.stack([noise, turn_on, start]))
 
     @cached_property
-    def ramps(self) -> dict[tuple[float, float], Ramp]:
+    def ramps(self) -> dict[tuple[float, float], PlannedRamp]:
         """(rate, soak after it) → ramp that the search takes."""
         signed = [sign * rate for rate in self.rates for sign in (1.0, -1.0)]
         pairs = product(signed, self.device.dwell_s)
         return {(rate, soak_s): self.ramp(self.log(rate, soak_s), rate) for rate, soak_s in pairs}
 
-    def rows(self, design: Design) -> tuple[Ramp, ...]:
+    def rows(self, design: Design) -> tuple[PlannedRamp, ...]:
         """Ramps that are measured already, and those of a design."""
         return (*(self.have or ()), *(design.rows or ()))
 
-    def posterior(self, rows: Sequence[Ramp]) -> tuple[Array, Array]:
+    def posterior(self, rows: Sequence[PlannedRamp]) -> tuple[Array, Array]:
         """Covariance [p, p] of coefficients and static lag, and what of the information on them
         each of `SOURCES` states [5, p, p].
         """
@@ -409,7 +409,7 @@ class RampBench(Bench):
         of_drift = np.concatenate([(log - log.mean(axis=0))[::EVERY] for log in columns_of_ramps])
         return {"drift": of_drift, "drift at rest": at_rest}
 
-    def variances(self, rows: Sequence[Ramp]) -> dict[str, Sources]:
+    def variances(self, rows: Sequence[PlannedRamp]) -> dict[str, Sources]:
         """Variances of each result, in the order of `SOURCES`: of the noise, of turn-on biases, of
         initial states, and of what is known of coefficients and static lag before any is measured.
         """
@@ -420,17 +420,17 @@ class RampBench(Bench):
             by_result[name] = dict(zip(SOURCES, parts, strict=True))
         return by_result
 
-    def coefficients(self, rows: Sequence[Ramp]) -> Iterator[PredictedCoefficient]:
+    def coefficients(self, rows: Sequence[PlannedRamp]) -> Iterator[PredictedCoefficient]:
         """Of the bank, without its constant."""
         u = np.sqrt(np.diag(self.posterior(rows)[0])).tolist()
         for (name, unit), size in list(zip(BANK.terms, u, strict=False))[1:]:
             yield PredictedCoefficient("bank", name, unit, size)
 
-    def temperatures(self, rows: Sequence[Ramp]) -> list[Array]:
+    def temperatures(self, rows: Sequence[PlannedRamp]) -> list[Array]:
         """Ends of all logs."""
         return [np.array([end(ramp.log.case) for ramp in rows for end in (np.min, np.max)])]
 
-    def covers(self, rows: Sequence[Ramp]) -> bool:
+    def covers(self, rows: Sequence[PlannedRamp]) -> bool:
         """Whether ramps reach all of the range, and those of each direction have two rates, so
         that a fit can leave one out.
         """
