@@ -235,8 +235,8 @@ def test_uncertainties_of_lags_and_coefficients_hold():
 
 
 def test_lags_that_leave_no_trace_are_said_to_be_undetermined():
-    """Where the drift is a function of the case alone the outer lag is on its bound, as is said,
-    and no uncertainty is stated.
+    """Where the drift is a function of the case alone the outer lag is on its bound, a flag
+    names it, and no uncertainty is stated.
     """
     logs = []
     for log in campaign(noise=0.02):

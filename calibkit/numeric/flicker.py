@@ -21,10 +21,14 @@ FINER = 8
 
 @lru_cache(maxsize=8)
 def kernel(count: int) -> Array:
-    """Covariance [count, count] of interval means of flicker noise of level 1, to be read alone."""
+    """Covariance [count, count] of interval means of flicker noise of level 1; it is not writable,
+    as callers share it.
+    """
     passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(count * FINER)
     means = np.append(0.0, _responses(count))[np.maximum(passed, 0)]
-    return np.asarray(means @ means.T, dtype=np.float64)
+    covariance = np.asarray(means @ means.T, dtype=np.float64)
+    covariance.setflags(write=False)
+    return covariance
 
 
 def _responses(count: int) -> Array:

@@ -14,7 +14,7 @@ from calibkit.numeric import chunks, gum
 HIGHEST_ORDER = 3
 """Of the polynomials over temperature that are compared."""
 ONE_LEVEL_DEGC = 5.0
-"""Temperatures that differ by no more are one: between them no power of temperature is told."""
+"""Temperatures that differ by no more count as one: they do not determine a power of their own."""
 
 
 def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.0) -> Array:

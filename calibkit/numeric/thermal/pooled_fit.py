@@ -61,17 +61,17 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     levels, size = len(LEVELS), rotated.shape[1]
     # moments of design and indication about the level of each log, and (2) without its last term
     total, deviance = np.zeros((levels, size - 1, size - 1)), np.zeros(levels)
-    uncentred = np.zeros_like(total)
+    with_level = np.zeros((levels, size - 2))
     for rows, _ in rotation.parts:
         spread = 1.0 + (LEVELS**2 / rotation.typical)[:, None] * rotation.flicker[rows]
         products = rotated[rows, :, None] * rotated[rows, None, :]
         moment = (1.0 / spread) @ products.reshape(len(products), -1)
         moment = moment.reshape(levels, size, size)
-        uncentred += moment[:, 1:, 1:]
+        with_level += np.diagonal(moment, axis1=1, axis2=2)[:, 1:-1]
         total += moment[:, 1:, 1:] - moment[:, 1:, :1] * moment[:, :1, 1:] / moment[:, :1, :1]
         deviance += np.sum(np.log(spread), axis=1) + np.log(moment[:, 0, 0])
     # a column that is constant in each log is rounding alone about their levels
-    squares, with_level = (np.diagonal(m, axis1=1, axis2=2)[:, :-1] for m in (total, uncentred))
+    squares = np.diagonal(total, axis1=1, axis2=2)[:, :-1]
     varies = squares > DEPENDENT_EIGENVALUE * with_level
     length = np.sqrt(np.where(varies, squares, 1.0))
     to_unit = varies / length

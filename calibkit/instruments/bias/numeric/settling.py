@@ -15,8 +15,8 @@ from calibkit.numeric.thermal.pooled_fit import Stack
 
 DECAYS_S = np.array([100.0, 300.0, 1000.0])
 BY_CHANCE = 1e-6
-"""Chance at which a faultless power-on is said to settle: a thermometer that lags makes a little of
-it.
+"""Chance at which a faultless power-on is said to settle: a thermometer that lags looks like it, a
+little.
 """
 
 
@@ -26,7 +26,7 @@ def find_settling(stacked: Stack) -> list[tuple[float, float]]:
     """
     from scipy.special import chdtrc  # slow to import: logs can be read meanwhile
 
-    none = [(0.0, 0.0)] * len(stacked.logs)
+    settling = [(0.0, 0.0)] * len(stacked.logs)
     basis = level_basis(stacked)
     terms = basis.design(np.zeros(0))[:, 1:]
     terms = terms[:, np.ptp(terms, axis=0) > 0.0]
@@ -36,9 +36,8 @@ def find_settling(stacked: Stack) -> list[tuple[float, float]]:
     rows = basis.rows.at_noise_of(stacked.indication, columns)
     solved = rows.solve(columns)
     if solved is None:
-        return none
+        return settling
     noise = np.hypot(rows.noise.flicker, np.sqrt(rows.noise.white_variance / FIGURE_BLOCKS))
-    settling = none
     for number, (log, decays) in enumerate(zip(stacked.logs, fading, strict=True)):
         first = solved.logs + terms.shape[1] + number * DECAYS_S.size
         own = slice(first, first + DECAYS_S.size)
