@@ -49,9 +49,13 @@ def unseal(text: str, name: str, *formats: str) -> dict[str, Any]:
             f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}"
         )
     if document["format"] not in formats:
+        kind, _, version = document["format"].rpartition("/")
+        first_release = version == "1" and f"{kind}/2" in formats
         raise CoefficientError(
             f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
-            hint="use the calibkit that wrote it, or a newer one",
+            hint="calibkit 0.1.0 wrote it, calibkit 0.2 reads it"
+            if first_release
+            else "use the calibkit that wrote it, or a newer one",
         )
     expected = _digest(document)
     if document.get("sha256") != expected:

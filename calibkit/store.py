@@ -50,6 +50,14 @@ class StoredRun:
         """SERIAL@rNNN."""
         return f"{self.document['serial']}@r{self.document['revision']:03d}"
 
+    def identity(self) -> dict[str, Any]:
+        """What identifies the run in a JSON document."""
+        facts = ("serial", "revision", "procedure", "effective_from", "verdict", "accepted")
+        return {
+            "name": self.name,
+            **{key: self.document[key] for key in (*facts, "software", "sha256")},
+        }
+
     def stage_digests(self) -> dict[str, str]:
         """Stage → digest that its coefficient file states of itself."""
         return {

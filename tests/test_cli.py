@@ -40,7 +40,6 @@ def test_help_imports_nothing_heavy():
         "compare",
         "open",
         "show",
-        "diff",
         "history",
         "simulate",
     ],

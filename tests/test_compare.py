@@ -2,6 +2,7 @@
 and how often an unchanged device is called changed.
 """
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -238,6 +239,30 @@ def test_the_command_exits_by_its_answer_and_draws(tmp_path, calibkit):
     assert calibkit(*call, "S-1@r002", "--out", figure).code == 4
 
 
+def test_the_command_lists_what_changed(tmp_path, calibkit):
+    """What moved is a row with its step in u, a changed line of the recipe another; JSON has every
+    number, and null where a run has none.
+    """
+    kept_run(tmp_path, rate_table(1e4), limit=LIMITED)
+    later = rate_table(1.01e4)
+    extra = replace(later.coefficients[1], name="L")
+    covariance = np.diag([c.standard_uncertainty**2 for c in (*later.coefficients, extra)])
+    more = replace(later, coefficients=(*later.coefficients, extra))
+    more = replace(more, covariance=tuple(map(tuple, covariance.tolist())))
+    kept_run(tmp_path, more, limit="[acceptance]\nmax_scale_factor_error_ppm = 40.0")
+    call = ("compare", "S-1@r001", "S-1@r002", "--runs", tmp_path)
+    shown = calibkit(*call, "--details").out
+    assert "1 of 2 coefficients by more than 2 u" in " ".join(shown.split())
+    assert "max_scale_factor_error_ppm = 40.0" in " ".join(shown.split())
+    assert "+100, +1.41e+03 u" in " ".join(shown.split())
+    document = json.loads(calibkit(*call, "--json").out, parse_constant=pytest.fail)
+    moved, still, appeared = document["changed"]["numbers"]
+    assert (moved["name"], moved["verdict"]) == ("K", "moved")
+    assert (still["name"], still["verdict"]) == ("F0", "held")
+    assert (appeared["before"], appeared["after"], appeared["verdict"]) == (None, 5.0, "appeared")
+    assert (document["before"]["name"], document["after"]["name"]) == ("S-1@r001", "S-1@r002")
+
+
 # key values over the years
 
 
@@ -284,20 +309,28 @@ def test_too_few_dates_or_no_limit_give_no_date(tmp_path):
     assert free.forecast == "no limit is set"
 
 
-def test_history_shows_key_values_and_draws_them_first(tmp_path, calibkit):
-    """One row and one panel per key value; the coefficients are asked for."""
+def test_history_shows_key_values_and_draws_them(tmp_path, calibkit):
+    """One row and one panel per key value, one line of CSV per determination; nothing to show is
+    usage.
+    """
     years(tmp_path, 8.0, 2.0)
     figure = tmp_path / "history.png"
     shown = calibkit("history", "S-1", "--runs", tmp_path, "--figure", figure)
     assert shown.code == 0
     assert "scale factor of gyro x" in shown.out
-    assert "2 coefficients over time: --only '*'" in shown.out
     assert len(shown.out.splitlines()) <= 25
     assert figure.read_bytes().startswith(b"\x89PNG")
     document = calibkit("history", "S-1", "--runs", tmp_path, "--json").json
     assert document["key_values"][0]["limit_reached"].startswith("about")
     assert len(document["key_values"][0]["values"]) == 6
-    assert "gyro_scale: gyro_x" in calibkit("history", "S-1", "--runs", tmp_path, "--only", "*").out
+    lines = calibkit("history", "S-1", "--runs", tmp_path, "--csv").out.splitlines()
+    assert lines[0] == "quantity,unit,revision,effective_from,value,expanded_uncertainty"
+    assert len(lines) == 7
+    assert calibkit("history", "S-1", "--runs", tmp_path, "--figure", figure).code == 4
+    for name in ("a.bmp", "a.pdf"):
+        keep(tmp_path / "bare", model({"K": (1.0, "1", 0.1)}))
+        bare = ("history", "S-1", "--runs", tmp_path / "bare", "--figure", tmp_path / name)
+        assert calibkit(*bare).code == 2
 
 
 def test_a_point_without_parts_has_only_its_further_uncertainty():

@@ -545,7 +545,7 @@ def test_a_shell_is_offered_commands_recipes_serials_and_revisions(tmp_path):
     assert completed("calibkit fit --dry", tmp_path) == {"--dry-run"}
     assert completed("calibkit fit gyro_", tmp_path) >= {"gyro_pair", "gyro_triad"}
     assert completed("calibkit show F", tmp_path) == {"FOG-1"}
-    assert completed("calibkit diff FOG-1 FOG-1@", tmp_path) == {"FOG-1@r001", "FOG-1@r002"}
+    assert completed("calibkit compare FOG-1 FOG-1@", tmp_path) == {"FOG-1@r001", "FOG-1@r002"}
     assert completed("calibkit history X", tmp_path) == set()
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import atomic, instruments, new_files, store
+from calibkit import atomic, new_files, store
 from calibkit.errors import OutputError
 from conftest import ROOT
 from kept import keep, model
@@ -295,7 +295,7 @@ def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):
     assert [process.wait(timeout=120) for process in started] == [0] * 6
     from calibkit.history import timeline
 
-    found = timeline.Timeline.read("S-1", tmp_path, instruments.model_forms)
+    found = timeline.Timeline.read("S-1", tmp_path)
     assert [run.document["revision"] for run in found.runs] == [1, 2, 3, 4, 5, 6]
     assert found.sound
     assert sorted(run.records["gyro_scale.json"].models[0].value("K") for run in found.runs) == [

@@ -4,7 +4,6 @@ the chain is whole.
 
 import csv
 import io
-import json
 import math
 import shutil
 
@@ -14,7 +13,7 @@ from scipy import stats
 
 from calibkit import instruments, store
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.history import difference, difference_tables, figure, timeline
+from calibkit.history import difference, timeline
 from calibkit.numeric import change
 from kept import keep, model
 
@@ -68,7 +67,7 @@ def test_few_degrees_of_freedom_widen_what_counts_as_moved(tmp_path):
 
 
 def test_the_other_way_round_only_the_sign_changes(tmp_path):
-    """`diff A B` and `diff B A` give opposite differences and the same verdicts."""
+    """`compare A B` and `compare B A` give opposite differences and the same verdicts."""
     a, b = runs_of(
         tmp_path,
         {"models": [model({"K": (10.0, "1/deg", 0.3), "F0": (1.0, "1/s", 0.3)})]},
@@ -79,10 +78,8 @@ def test_the_other_way_round_only_the_sign_changes(tmp_path):
     assert all((x.difference, x.verdict) == (-y.difference, y.verdict) for x, y in pairs)
 
 
-def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
-    """A model that is gone was "0 of 1 moved"; now the sentence begins with it, and with what a
-    kept model lost.
-    """
+def test_models_that_are_in_one_run_only_are_listed(tmp_path):
+    """Every coefficient of a model that is gone or new, and what a kept model lost, is a row."""
     K = {"K": (10.0, "1/deg", 0.3)}
     kept, more = model(K, name="kept"), model({**K, "F0": (1.0, "1/s", 0.3)}, name="kept")
     old, new = runs_of(
@@ -90,14 +87,12 @@ def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
         {"models": [more, model(K, name="lost")]},
         {"models": [kept, model(K, name="new")]},
     )
-    verdict = difference_tables._state_verdict(difference.compare_runs(old, new, FORMS))
-    assert verdict.startswith(
-        f"model lost only in {old.name}; 1 coefficient more only in {old.name}; model new only in "
-    )
-    assert "0 of 1 coefficients moved" in verdict
-    assert difference_tables._state_verdict(difference.compare_runs(old, old, FORMS)).startswith(
-        "0 of 3"
-    )
+    found = difference.tabulate_changes(difference.compare_runs(old, new, FORMS))
+    notes = {row[0]: row[3] for row in found.rows}
+    assert notes["gyro_scale.lost.K [1/deg]"] == "gone"
+    assert notes["gyro_scale.kept.F0 [1/s]"] == "gone"
+    assert notes["gyro_scale.new.K [1/deg]"] == "appeared"
+    assert "0 of 1 coefficients" in found.title
 
 
 def test_what_cannot_be_judged_is_not_judged(tmp_path):
@@ -119,7 +114,7 @@ def test_what_cannot_be_judged_is_not_judged(tmp_path):
     }
     assert verdicts == expected
     assert found.models[0].joint is None
-    assert "no coefficient could be compared" in difference_tables._state_verdict(found)
+    assert difference.tabulate_changes(found).title == "what changed"
 
 
 @pytest.mark.parametrize(
@@ -248,7 +243,7 @@ def test_how_many_would_move_by_chance_is_said(tmp_path):
     )
     found = between(tmp_path, old, new)
     assert 2 <= found.count("moved") <= 18  # 9.1 expected, three standard deviations
-    assert "9.1 would by chance" in difference_tables._state_verdict(found)
+    assert "9.1 would by chance" in difference.tabulate_changes(found).title
 
 
 def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):
@@ -273,10 +268,15 @@ def test_recipes_that_differ_are_shown_line_by_line(tmp_path):
         {"models": [values], "recipe": "# two\norder = 3\nsame = 1\n"},
     )
     settings = difference.compare_runs(old, new, FORMS).settings
-    assert [(s.what, s.before, s.after) for s in settings] == [
+    assert [(s.what, s.before, s.after) for s in settings[:2]] == [
         ("recipe", "order = 2", ""),
         ("recipe", "", "order = 3"),
     ]
+    logs = {s.what: (s.before, s.after) for s in settings[2:]}
+    assert logs == {
+        "log S-1-log-1.csv": ("S-1-log-1…", "-"),
+        "log S-1-log-2.csv": ("-", "S-1-log-2…"),
+    }
 
 
 @pytest.fixture
@@ -331,7 +331,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
     ):
         keep(tmp_path, values, date=date, verdict=verdict)
     assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
-    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path)
     assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was rejected: it is never in force by date" in found.flags
 
@@ -344,13 +344,13 @@ def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_
     assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
     assert any(
         "S-1@r002 holds from 2023-01-01, before" in flag
-        for flag in timeline.Timeline.read("S-1", tmp_path, FORMS).flags
+        for flag in timeline.Timeline.read("S-1", tmp_path).flags
     )
 
 
 def test_a_whole_chain_is_sound(three_years):
     """Three fits in a row supersede each other, and each holds until the next."""
-    found = timeline.Timeline.read("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years)
     assert found.sound
     assert [(found.in_force[n].since, found.in_force[n].until) for n in (1, 2, 3)] == [
         ("2022-01-01", "2023-01-01"),
@@ -364,7 +364,7 @@ def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
     is 4.
     """
     shutil.rmtree(three_years / "S-1" / "r002")
-    found = timeline.Timeline.read("S-1", three_years, FORMS)
+    found = timeline.Timeline.read("S-1", three_years)
     assert not found.sound
     assert found.breaks[0] == "r002 is missing"
     assert found.breaks[1].startswith("r003: what it supersedes cannot be checked")
@@ -382,7 +382,7 @@ def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
     )
     shutil.rmtree(three_years / "S-1" / "r001")
     shutil.copytree(other, three_years / "S-1" / "r001")
-    (fault,) = timeline.Timeline.read("S-1", three_years, FORMS).breaks
+    (fault,) = timeline.Timeline.read("S-1", three_years).breaks
     assert fault.startswith("r002: gyro_scale supersedes")
     assert "of r001" in fault
 
@@ -411,24 +411,9 @@ def test_the_run_of_another_unit_under_a_serial_is_refused(three_years, calibkit
     with pytest.raises(CoefficientError, match="says S-2 r1, expected S-1 r004"):
         store.find("S-1", three_years)
     assert calibkit("show", "S-1", "--runs", three_years).code == 4
-    assert not timeline.Timeline.read("S-1", three_years, FORMS).sound
+    assert not timeline.Timeline.read("S-1", three_years).sound
     with pytest.raises(CoefficientError, match="says S-2"):
         keep(three_years, model({"K": (5.0, "1/deg", 0.02)}))
-
-
-def test_a_series_follows_a_quantity_with_its_slope(three_years):
-    """K falls by 0.1 a year: −0.1 within the length of a leap year, −0.2 in all, which is 7.1 u."""
-    found = timeline.Timeline.read("S-1", three_years, FORMS)
-    K = next(series for series in found.series if series.quantity.name == "K")
-    assert [point.value for point in K.points] == [10.0, 9.9, 9.8]
-    assert K.trend.slope == pytest.approx(-0.1, abs=2e-4)
-    assert K.overall.in_u == pytest.approx(-0.2 / math.hypot(0.02, 0.02), rel=1e-9)
-    assert K.largest_step == pytest.approx(0.1 / math.hypot(0.02, 0.02), rel=1e-9)
-    assert {series.quantity.name for series in found.series} == {"K", "F0"}
-    only = timeline.Timeline.read("S-1", three_years, FORMS, "gyro_scale.N").series
-    assert [series.quantity.name for series in only] == ["N"]
-    with pytest.raises(UsageError, match="no coefficient or figure of S-1 matches"):
-        timeline.Timeline.read("S-1", three_years, FORMS, "nothing.*")
 
 
 def test_the_slope_is_that_of_weighted_least_squares():
@@ -464,48 +449,20 @@ def test_runs_that_share_logs_are_one_determination(tmp_path):
     for revision, K in enumerate((10.0, 5.0, 9.8, 9.7), start=1):
         logs = ("same",) if revision in (2, 3) else (f"log{revision}",)
         keep(tmp_path, model({"K": (K, "1/deg", 0.02)}), date=f"202{revision}-01-01", logs=logs)
-    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path)
     assert found.flags == (
         (
             "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes"
             " take the newer"
         ),
     )
-    years = np.array([2021.0, 2023.0, 2024.0])
-    slope = np.polyfit(years, [10.0, 9.8, 9.7], 1)[0]
-    assert found.series[0].trend.slope == pytest.approx(slope, rel=2e-3)
-
-
-def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit, tmp_path):
-    """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another
-    file.
-    """
-    found = timeline.Timeline.read("S-1", three_years, FORMS)
-    assert figure.render(found, ".png").startswith(b"\x89PNG")
-    assert figure.render(found, ".pdf") == figure.render(found, ".pdf")
-    out = tmp_path / "drift.pdf"
-    assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 0
-    assert out.read_bytes().startswith(b"%PDF")
-    assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 4
-    assert (
-        calibkit("history", "S-1", "--runs", three_years, "--figure", tmp_path / "drift.bmp").code
-        == 2
-    )
-
-
-def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
-    """One revision is listed; a figure over time is refused."""
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    assert calibkit("history", "S-1", "--runs", tmp_path).code == 0
-    refused = calibkit("history", "S-1", "--runs", tmp_path, "--figure", tmp_path / "x.pdf")
-    assert refused.code == 2
-    assert "two revisions" in refused.err
+    assert timeline.independent_runs(found.runs) == {1, 3, 4}
 
 
 def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     """Nothing is in force when nothing was accepted, and the runs are listed all the same."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), verdict="rejected")
-    found = timeline.Timeline.read("S-1", tmp_path, FORMS)
+    found = timeline.Timeline.read("S-1", tmp_path)
     assert found.sound
     assert found.in_force[1].since == ""
     with pytest.raises(UsageError, match="every run was rejected"):
@@ -513,7 +470,7 @@ def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
 
 
 def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
-    """show, diff and history print CSV whose numbers are the file's own, one line per number."""
+    """`show` prints CSV whose numbers are the file's own, one line per number."""
     shown = rows(calibkit("show", "S-1", "--runs", three_years, "--csv").out)
     record = store.load(store.find("S-1", three_years)).records["gyro_scale.json"]
     by_name = {row["name"]: row for row in shown}
@@ -521,14 +478,6 @@ def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
     for entry in (*record.models[0].coefficients, *record.figures):
         assert float(by_name[entry.name]["value"]) == entry.value
         assert float(by_name[entry.name]["standard_uncertainty"]) == entry.standard_uncertainty
-    changed = rows(calibkit("diff", "S-1@r001", "S-1", "--runs", three_years, "--csv").out)
-    assert [(row["name"], row["verdict"]) for row in changed] == [
-        ("K", "moved"),
-        ("F0", "held"),
-        ("N", "held"),
-    ]
-    followed = rows(calibkit("history", "S-1", "--runs", three_years, "--csv").out)
-    assert [float(row["value"]) for row in followed if row["name"] == "K"] == [10.0, 9.9, 9.8]
 
 
 def rows(text):
@@ -536,48 +485,19 @@ def rows(text):
     return list(csv.DictReader(io.StringIO(text)))
 
 
-def test_json_of_a_difference_is_strict_and_complete(tmp_path, calibkit):
-    """No NaN in the document; what appeared has null where the older run has nothing; what moved is
-    listed by name.
-    """
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    keep(tmp_path, model({"K": (2.0, "1", 0.1), "L": (1.0, "1", 0.1)}))
-    outcome = calibkit("diff", "S-1@r001", "S-1@r002", "--runs", tmp_path, "--json")
-    document = json.loads(outcome.out, parse_constant=pytest.fail)
-    assert document["moved"] == [{"stage": "gyro_scale", "model": "gyro_x", "name": "K"}]
-    appeared = document["models"][0]["changes"][1]
-    assert (appeared["before"], appeared["after"], appeared["verdict"]) == (None, 1.0, "appeared")
-    assert (document["before"]["name"], document["after"]["name"]) == ("S-1@r001", "S-1@r002")
-
-
-def test_the_summaries_say_what_moved_in_words(three_years, calibkit):
-    """A person reads the same verdicts: moved coefficients are marked, the chain is spoken of."""
-    outcome = calibkit("diff", "S-1@r001", "S-1@r003", "--runs", three_years)
-    assert "1 of 2 coefficients moved by more than 2 u" in outcome.out
-    assert (
-        next(line for line in outcome.out.splitlines() if line.startswith(" K "))
-        .rstrip()
-        .endswith("moved")
-    )
-    assert (
-        "each revision supersedes the one before"
-        in calibkit("history", "S-1", "--runs", three_years).out
-    )
-
-
-@pytest.mark.parametrize("arguments", [("diff", "S-1", "S-1"), ("show", "S-1"), ("history", "S-1")])
+@pytest.mark.parametrize("arguments", [("show", "S-1"), ("history", "S-1")])
 def test_two_formats_at_once_are_refused(three_years, calibkit, arguments):
     """--csv and --json together are usage."""
     assert calibkit(*arguments, "--runs", three_years, "--csv", "--json").code == 2
 
 
-def test_runs_of_different_procedures_are_not_compared(tmp_path, calibkit):
-    """A gyro and an accelerometer have nothing to be held against each other: exit code 2."""
+def test_runs_of_different_procedures_are_not_compared(tmp_path):
+    """A gyro and an accelerometer have nothing to be held against each other."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2", procedure="accelerometer")
-    outcome = calibkit("diff", "S-1", "S-2", "--runs", tmp_path)
-    assert outcome.code == 2
-    assert "compare runs of one procedure" in outcome.err
+    runs = [store.load(store.find(serial, tmp_path)) for serial in ("S-1", "S-2")]
+    with pytest.raises(UsageError, match="compare runs of one procedure"):
+        difference.compare_runs(*runs, FORMS)
 
 
 def test_a_serial_without_runs_has_no_history(tmp_path, calibkit):

@@ -51,7 +51,6 @@ for subcommand in (
     results.open_page,
     records.verify,
     records.show,
-    records.diff,
     records.history,
     plans.plan,
     logs.simulate,

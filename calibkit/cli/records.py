@@ -1,4 +1,4 @@
-"""Commands on what was kept: verify, show, diff, history."""
+"""Commands on what was kept: verify, show, history."""
 
 from __future__ import annotations
 
@@ -198,77 +198,37 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
 
 
 @command()
-@click.argument("before", metavar="RUN", shell_complete=completion.complete_run)
-@click.argument("after", metavar="RUN", shell_complete=completion.complete_run)
-@RUNS
-@CSV
-@JSON
-def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) -> int:
-    """Say what changed from one run to another, in units and in standard uncertainties of the
-    difference.
-
-    \b
-    calibkit diff FOG-0001@r001 FOG-0001
-    calibkit diff FOG-0001@2024-05-01 FOG-0001@2026-05-01 --json
-
-    A coefficient has moved when it differs by more than two standard uncertainties (type A) of the
-    difference.
-    """
-    from calibkit import instruments, store
-    from calibkit.history import difference_tables as tables
-    from calibkit.history.difference import compare_runs
-
-    _one_format(as_csv=as_csv, as_json=as_json)
-    old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    difference = compare_runs(old, new, instruments.model_forms)
-    _print_found(
-        lambda: {"ok": True, **tables.difference_document(difference)},
-        lambda: tables.list_changes(difference),
-        lambda: tables.summarize_difference(difference),
-        as_csv=as_csv,
-        as_json=as_json,
-    )
-    return 0
-
-
-@command()
 @click.argument("serial", shell_complete=completion.complete_run)
 @RUNS
-@click.option(
-    "--only",
-    default="",
-    metavar="PATTERN",
-    help="coefficients and figures to follow, stage.model.name",
-)
-@click.option("--figure", type=PATH, help="PDF or PNG to write: each quantity over time")
+@click.option("--figure", type=PATH, help="PDF or PNG to write: each key value over time")
 @CSV
 @DETAILS
 @JSON
-def history(
-    serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool
-) -> int:
+def history(serial: str, runs: Path, figure: Path | None, *, as_csv: bool, as_json: bool) -> int:
     """List all runs of a serial: which holds when, whether each supersedes the one before, how its
     key values moved and when they will reach their limits.
 
     \b
     calibkit history FOG-0001
-    calibkit history FOG-0001 --only 'gyro_scale.*.K' --figure drift.pdf
+    calibkit history FOG-0001 --figure drift.pdf
 
     Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one
     before.
     """
-    from calibkit import instruments, new_files
-    from calibkit.history import figure as drawing, timeline_tables as tables
+    from calibkit import new_files
+    from calibkit.history import timeline_tables as tables
     from calibkit.history.timeline import Timeline
-    from calibkit.results import key_values
+    from calibkit.results import figures, key_values
 
     _one_format(as_csv=as_csv, as_json=as_json)
+    if figure is not None:
+        figures.require_suffix(figure.suffix)
     with working("reading runs"):
-        timeline = Timeline.read(serial, runs, instruments.model_forms, only)
-        followed, left_out = ((), ()) if only else key_values.follow(timeline.runs)
+        timeline = Timeline.read(serial, runs)
+        followed, left_out = key_values.follow(timeline.runs)
         if figure is not None:
-            first = [key_values.draw(serial, followed)] if followed else []
-            new_files.write_new(figure, drawing.render(timeline, figure.suffix, first))
+            picture = key_values.draw(serial, followed)
+            new_files.write_new(figure, figures.render(picture, figure.suffix))
     broken = None
     if not timeline.sound:
         faults = (*(entry.reason for entry in timeline.refused), *timeline.breaks)
@@ -283,7 +243,7 @@ def history(
             "key_values": list(key_values.documents(followed)),
             **tables.timeline_document(timeline),
         },
-        lambda: tables.list_points(timeline),
+        lambda: key_values.list_values(followed),
         lambda: tables.summarize_timeline(timeline, key_values.tabulate(followed), left_out),
         screen=True,
         as_csv=as_csv,

@@ -10,8 +10,15 @@ from urllib.parse import quote
 import click
 
 from calibkit.cli import completion
-from calibkit.cli.console import print_data, print_done, print_flags, print_json, print_summary
-from calibkit.cli.options import JSON, PATH, RUN, RUNS, command
+from calibkit.cli.console import (
+    SETTINGS,
+    print_data,
+    print_done,
+    print_flags,
+    print_json,
+    print_summary,
+)
+from calibkit.cli.options import DETAILS, JSON, PATH, RUN, RUNS, command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -93,6 +100,7 @@ def evaluate(
 )
 @click.option("--out", type=PATH, help="PDF or PNG file to write: then and now, with U and limit")
 @RUNS
+@DETAILS
 @JSON
 def compare(
     before: str,
@@ -105,7 +113,8 @@ def compare(
     same: bool,
     as_json: bool,
 ) -> int:
-    """Answer whether a device is still good: how far its results have changed, against U and limit.
+    """Answer whether a device is still good, and list what changed: results against U and limit,
+    coefficients, recipe, logs, files and flags.
 
     \b
     calibkit compare FOG-0001@r001 FOG-0001
@@ -132,7 +141,7 @@ def compare(
         written = {} if out is None else {"out": str(out)}
         print_json({"ok": True, **still_good.document(result), **written})
     else:
-        print_summary(still_good.summarise(result))
+        print_summary(still_good.summarise(result, details=SETTINGS.details))
         if out is not None:
             print_data(f"{out}\n")
     return still_good.EXIT_CODES[result.answer]

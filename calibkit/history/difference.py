@@ -1,11 +1,11 @@
-"""Two runs side by side: every coefficient and figure in its unit and in standard uncertainties of
-the difference.
+"""What changed from one run to another: coefficients and figures, each in its unit and in standard
+uncertainties of the difference; recipe, logs, files, flags, software and conditions.
 """
 
 import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,10 +15,13 @@ from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import UsageError
 from calibkit.forms import Form, FormsOf
 from calibkit.numeric import change, gum
-from calibkit.numeric.change import Joint
+from calibkit.numeric.change import CHANCE, SIGNIFICANT, Joint
+from calibkit.report.table import Column, Table, number_or_none, tabulate
 from calibkit.store import StoredRun
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
+LONGEST_CELL = 36
+"""Characters of a cell on the first screen."""
 ABSENT = Coefficient("", math.nan, "", math.nan)
 """Stands for a number that a run does not have."""
 
@@ -54,11 +57,6 @@ class Change:
             else math.nan
         )
 
-    @property
-    def mark(self) -> str:
-        """Verdict where a person has to look, else empty."""
-        return "" if self.verdict in ("held", "equal") else self.verdict
-
 
 @dataclass(frozen=True, slots=True)
 class ModelChange:
@@ -73,12 +71,13 @@ class ModelChange:
 
 
 @dataclass(frozen=True, slots=True)
-class _Setting:
-    """Something beside the coefficients that the two runs do not share."""
+class ChangedFact:
+    """Something that the two runs do not share: what each of them has, and what that means."""
 
     what: str
     before: str
     after: str
+    note: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +88,8 @@ class Difference:
     after: StoredRun
     models: tuple[ModelChange, ...]
     figures: tuple[ModelChange, ...]
-    settings: tuple[_Setting, ...]
+    settings: tuple[ChangedFact, ...]
+    """Everything but coefficients and figures."""
     flags: tuple[str, ...]
 
     def count(self, *verdicts: Verdict | str) -> int:
@@ -247,13 +247,23 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
     return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)
 
 
-def _settings(before: StoredRun, after: StoredRun) -> Iterator[_Setting]:
-    """Recipe lines, overrides, conditions, software and libraries that differ."""
+def _settings(before: StoredRun, after: StoredRun) -> Iterator[ChangedFact]:
+    """Everything but numbers that differs: recipe, flags, logs, coefficient files, conditions,
+    software and libraries.
+    """
     a, b = before.document, after.document
-    for key in ("serial", "software", "python"):
-        if a[key] != b[key]:
-            yield _Setting(key, a[key], b[key])
-    yield from _differing("", a["libraries"], b["libraries"])
+    yield from _recipe_lines(a["recipe"], b["recipe"])
+    for flag in [*a["flags"], *b["flags"]]:
+        if flag not in b["flags"]:
+            yield ChangedFact("flag", flag, "")
+        elif flag not in a["flags"]:
+            yield ChangedFact("flag", "", flag)
+    old_logs, new_logs = (
+        {log["name"]: f"{log['sha256'][:12]}…" for log in document["inputs"]} for document in (a, b)
+    )
+    yield from _differing("log ", old_logs, new_logs)
+    old_files, new_files = (dict.fromkeys(run.records, "present") for run in (before, after))
+    yield from _differing("file ", old_files, new_files)
     for file, record in before.records.items():
         if file in after.records:
             old, new = (
@@ -261,17 +271,22 @@ def _settings(before: StoredRun, after: StoredRun) -> Iterator[_Setting]:
                 for run_record in (record, after.records[file])
             )
             yield from _differing(f"{record.stage}: ", old, new)
-    yield from _recipe_lines(a["recipe"], b["recipe"])
+    for key in ("serial", "software", "python"):
+        if a[key] != b[key]:
+            yield ChangedFact(key, a[key], b[key])
+    yield from _differing("", a["libraries"], b["libraries"])
 
 
-def _differing(prefix: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[_Setting]:
+def _differing(
+    prefix: str, old: Mapping[str, str], new: Mapping[str, str]
+) -> Iterator[ChangedFact]:
     """Entries of two tables that differ; a dash stands for one that is missing."""
     for name in sorted({*old, *new}):
         if old.get(name) != new.get(name):
-            yield _Setting(f"{prefix}{name}", old.get(name, "-"), new.get(name, "-"))
+            yield ChangedFact(f"{prefix}{name}", old.get(name, "-"), new.get(name, "-"))
 
 
-def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[_Setting]:
+def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[ChangedFact]:
     """Lines of two recipes, and overrides of the command line, that are in one of them only."""
     texts = []
     for recipe in (a, b):
@@ -281,7 +296,7 @@ def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[_Setti
         text = line[2:]
         if line.startswith(("- ", "+ ")) and text and not text.startswith("#"):
             old, new = (text, "") if line[0] == "-" else ("", text)
-            yield _Setting("recipe", old, new)
+            yield ChangedFact("recipe", old, new)
 
 
 def _flags(before: StoredRun, after: StoredRun) -> tuple[str, ...]:
@@ -303,3 +318,93 @@ def _flags(before: StoredRun, after: StoredRun) -> tuple[str, ...]:
         if run.document["verdict"] == "rejected"
     ]
     return tuple(flags)
+
+
+def tabulate_changes(difference: Difference, most: int | None = None) -> Table:
+    """What changed, for people: models whose coefficients changed together by more than chance,
+    every number that moved, and whatever else differs; at most `most` rows, with short texts.
+    """
+    facts = []
+    for model in difference.models:
+        label = f"{model.stage}.{model.name}"
+        facts += [ChangedFact(label, "", "", note) for note in model.notes]
+        if model.joint is not None and model.joint.probability < CHANCE:
+            chance = model.joint.probability
+            chance_text = "< 1e-9" if chance < 1e-9 else f"{chance:.2g}"
+            note = f"chance of as much: {chance_text}"
+            facts.append(ChangedFact(f"{label}: all {len(model.changes)} together", "", "", note))
+    numbers = [
+        (".".join(filter(None, (block.stage, block.name, entry.name))), entry)
+        for block in (*difference.models, *difference.figures)
+        for entry in block.changes
+        if entry.verdict not in ("held", "equal") and (block.name or entry.verdict == "moved")
+    ]
+    for label, entry in sorted(numbers, key=lambda number: -abs(np.nan_to_num(number[1].in_u))):
+        before, after = (
+            "" if math.isnan(value) else f"{value:.9g}" for value in (entry.before, entry.after)
+        )
+        shift = f"{entry.difference:+.3g}, {entry.in_u:+.3g} u"
+        note = shift if entry.verdict == "moved" else entry.verdict
+        facts.append(ChangedFact(f"{label} [{entry.unit}]", before, after, note))
+    facts += difference.settings
+    judged = difference.count("moved", "held")
+    title = "what changed"
+    if judged:
+        title += (
+            f": {difference.count('moved')} of {judged} coefficients by more than"
+            f" {SIGNIFICANT:g} u (type A), {CHANCE * judged:.1f} would by chance"
+        )
+    if most is not None and len(facts) > most:
+        title += f"; {len(facts) - most} more: --details"
+    columns = (
+        Column("", key="what"),
+        Column(difference.before.name, key="before"),
+        Column(difference.after.name, key="after"),
+        Column("", key="note"),
+    )
+    table = tabulate(title, columns, facts[:most])
+    if most is None:
+        return table
+    short_rows = [tuple(_shorten(str(cell)) for cell in row) for row in table.rows]
+    return replace(table, rows=tuple(short_rows))
+
+
+def _shorten(text: str) -> str:
+    """Beginning of a text that is longer than a column of the first screen."""
+    return text if len(text) <= LONGEST_CELL else f"{text[: LONGEST_CELL - 1]}…"
+
+
+def describe_changes(difference: Difference) -> dict[str, Any]:
+    """What changed as a JSON object: every number of either run, and whatever else differs; null
+    stands where there is no number.
+    """
+    numbers = [
+        {
+            "stage": block.stage,
+            "model": block.name,
+            "form": block.form,
+            "name": entry.name,
+            "unit": entry.unit,
+            "before": number_or_none(entry.before),
+            "after": number_or_none(entry.after),
+            "u_before": number_or_none(entry.u_before),
+            "u_after": number_or_none(entry.u_after),
+            "difference": number_or_none(entry.difference),
+            "standard_uncertainty": number_or_none(entry.standard_uncertainty),
+            "in_u": number_or_none(entry.in_u),
+            "verdict": entry.verdict,
+        }
+        for block in (*difference.models, *difference.figures)
+        for entry in block.changes
+    ]
+    models = [
+        {
+            "stage": model.stage,
+            "model": model.name,
+            "joint": None if model.joint is None else asdict(model.joint),
+            "notes": list(model.notes),
+        }
+        for model in difference.models
+    ]
+    settings = [asdict(fact) for fact in difference.settings]
+    return {"numbers": numbers, "models": models, "settings": settings}

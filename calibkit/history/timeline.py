@@ -1,26 +1,17 @@
-"""All revisions of one serial: which is in force when, whether each supersedes the one before, how
-its numbers moved.
+"""All revisions of one serial: which is in force when, and whether each supersedes the one
+before.
 """
 
-import datetime as dt
-import fnmatch
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-import numpy as np
-
 from calibkit import store
 from calibkit.check import copies
-from calibkit.coefficients import Coefficient, Record
+from calibkit.coefficients import Record
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.forms import Form, FormsOf
-from calibkit.history import difference
-from calibkit.history.difference import Change
-from calibkit.numeric import change
-from calibkit.numeric.change import Trend
 from calibkit.store import StoredRun
 
 YEAR_DAYS = 365.25
@@ -45,54 +36,8 @@ class _InForce:
 
 
 @dataclass(frozen=True, slots=True)
-class Determination:
-    """One determination of a number."""
-
-    revision: int
-    effective_from: str
-    value: float
-    standard_uncertainty: float
-    effective_dof: float | None
-    """Degrees of freedom of the standard uncertainty; None where they are not stated."""
-    verdict: str
-
-
-@dataclass(frozen=True, slots=True)
-class FollowedNumber:
-    """A coefficient or figure that revisions share; `meaning` holds the chosen parameters that say
-    what it is.
-    """
-
-    stage: str
-    model: str
-    form: str
-    meaning: str
-    name: str
-    unit: str
-
-    @property
-    def label(self) -> str:
-        """stage.model.name."""
-        return ".".join(filter(None, (self.stage, self.model, self.name)))
-
-
-@dataclass(frozen=True, slots=True)
-class NumberSeries:
-    """One quantity over the revisions that determined it, in the order of their dates: first to
-    last, neighbours, years.
-    """
-
-    quantity: FollowedNumber
-    points: tuple[Determination, ...]
-    overall: Change
-    largest_step: float
-    """Largest change between neighbours in time, in standard uncertainties of that difference."""
-    trend: Trend | None
-
-
-@dataclass(frozen=True, slots=True)
 class Timeline:
-    """Every revision of a serial, the faults of its chain, and its numbers over time."""
+    """Every revision of a serial, and the faults of its chain."""
 
     serial: str
     runs: tuple[StoredRun, ...]
@@ -100,7 +45,6 @@ class Timeline:
     refused: tuple[_Refused, ...]
     breaks: tuple[str, ...]
     flags: tuple[str, ...]
-    series: tuple[NumberSeries, ...]
 
     @property
     def sound(self) -> bool:
@@ -108,13 +52,8 @@ class Timeline:
         return not self.refused and not self.breaks
 
     @classmethod
-    def read(cls, serial: str, runs_folder: Path, forms_of: FormsOf, pattern: str = "") -> Self:
-        """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
-        matches the pattern.
-
-        Without a pattern the coefficients of models are followed; with one, every coefficient and
-        figure whose stage.model.name matches it.
-        """
+    def read(cls, serial: str, runs_folder: Path) -> Self:
+        """Timeline of a serial under a folder of runs; UsageError where there is none."""
         numbers = store.revisions(runs_folder / store.check_serial(serial))
         if not numbers:
             raise UsageError(
@@ -127,20 +66,6 @@ class Timeline:
                 runs.append(store.load_revision(runs_folder, serial, number))
             except CoefficientError as error:
                 refused.append(_Refused(number, str(error)))
-        series = tuple(
-            entry
-            for entry in _series(runs, forms_of)
-            if (
-                fnmatch.fnmatchcase(entry.quantity.label, pattern)
-                if pattern
-                else bool(entry.quantity.form)
-            )
-        )
-        if runs and not series and pattern:
-            raise UsageError(
-                f"--only {pattern}: no coefficient or figure of {serial} matches",
-                hint="try --only '*'",
-            )
         return cls(
             serial,
             tuple(runs),
@@ -148,7 +73,6 @@ class Timeline:
             tuple(refused),
             tuple(_chain_faults(runs, numbers)),
             _flags(runs),
-            series,
         )
 
 
@@ -233,87 +157,3 @@ def independent_runs(runs: Sequence[StoredRun]) -> set[int]:
             independent.add(int(run.document["revision"]))
             newer_inputs += run.document["inputs"]
     return independent
-
-
-def _series(runs: Sequence[StoredRun], forms_of: FormsOf) -> Iterator[NumberSeries]:
-    """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
-    meaning.
-    """
-    points: dict[FollowedNumber, list[Determination]] = {}
-    for run in sorted(
-        runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
-    ):
-        revision_and_date = (run.document["revision"], run.document["effective_from"])
-        for quantity, number in _numbers(run, forms_of(run.document["procedure"])):
-            if number.standard_uncertainty > 0.0:
-                verdict = run.document["verdict"]
-                u, dof = number.standard_uncertainty, number.effective_dof
-                point = Determination(*revision_and_date, number.value, u, dof, verdict)
-                points.setdefault(quantity, []).append(point)
-    independent = independent_runs(runs)
-    for quantity, determinations in points.items():
-        if len(determinations) > 1:
-            yield _one_series(quantity, tuple(determinations), independent)
-
-
-def _numbers(
-    run: StoredRun, forms: Mapping[str, Form]
-) -> Iterator[tuple[FollowedNumber, Coefficient]]:
-    """Every coefficient and figure of a run that belongs to the instrument and not to one log."""
-    for record in run.records.values():
-        for model in record.models:
-            form = forms.get(model.form)
-            if form is not None and form.per_log:
-                continue
-            names = form.meaning if form is not None else ()
-            meaning = ", ".join(
-                f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names
-            )
-            for c in difference.with_dof(model):
-                yield (
-                    FollowedNumber(record.stage, model.name, model.form, meaning, c.name, c.unit),
-                    c,
-                )
-        for figure in record.figures:
-            yield FollowedNumber(record.stage, "", "", "", figure.name, figure.unit), figure
-
-
-def _one_series(
-    quantity: FollowedNumber, points: tuple[Determination, ...], independent: set[int]
-) -> NumberSeries:
-    """A series with its change from first to last, its largest step and its straight line over
-    years.
-    """
-    steps = [_change(quantity, a, b).in_u for a, b in itertools.pairwise(points)]
-    independent_points = [point for point in points if point.revision in independent]
-    years = np.array(
-        [
-            dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS
-            for point in independent_points
-        ]
-    )
-    values = np.array([point.value for point in independent_points])
-    return NumberSeries(
-        quantity,
-        points,
-        _change(quantity, points[0], points[-1]),
-        max(map(abs, steps)),
-        change.trend(
-            years, values, np.array([point.standard_uncertainty for point in independent_points])
-        ),
-    )
-
-
-def _change(quantity: FollowedNumber, a: Determination, b: Determination) -> Change:
-    """Change from one determination to another."""
-    old, new = (
-        Coefficient(
-            quantity.name,
-            point.value,
-            quantity.unit,
-            point.standard_uncertainty,
-            point.effective_dof,
-        )
-        for point in (a, b)
-    )
-    return difference.compare_numbers((old,), (new,))[0]

@@ -25,7 +25,6 @@ from calibkit.coefficients import Criterion
 from calibkit.errors import UsageError, did_you_mean
 from calibkit.history import difference
 from calibkit.numeric import gum
-from calibkit.numeric.change import Joint
 from calibkit.report.run import stated_criteria
 from calibkit.results.evaluation import RunResults
 from calibkit.store import StoredRun
@@ -106,13 +105,13 @@ class ComparedResult:
 
 @dataclass(frozen=True, slots=True)
 class StillGood:
-    """The answer on two runs, result by result; the joint test of each exported model; flags."""
+    """The answer on two runs, result by result, and what else changed between them."""
 
     before: StoredRun
     after: StoredRun
     compared: tuple[ComparedResult, ...]
-    joints: tuple[tuple[str, int, Joint], ...]
-    """Model, number of its coefficients, and their joint test."""
+    changed: difference.Difference
+    """Coefficients, recipe, logs, files and flags that differ."""
     rejected: tuple[Criterion, ...]
     """Limits that the newer run failed itself."""
     flags: tuple[str, ...]
@@ -181,22 +180,12 @@ def compare(
         compared.append(_compare(limited, other, old, new, same_equipment=same_equipment))
     no_such = f"{after.name} has no such result"
     compared += [ComparedResult(q, (), "cannot tell", no_such) for q in earlier.values()]
-    models_of_results = {
-        model.name
-        for result in compared
-        for change in result.changes[:1]
-        for model, _ in result.quantity.point(change.point).parts
-    }
     inputs = after.document["inputs"]
     return StillGood(
         before,
         after,
         tuple(compared),
-        tuple(
-            (model.name, len(model.changes), model.joint)
-            for model in changed.models
-            if model.joint is not None and model.name in models_of_results
-        ),
+        changed,
         tuple(criterion for criterion in stated_criteria(after.document) if not criterion.passed),
         (*changed.flags, *_flag(changed, compared, specified, same_equipment=same_equipment)),
         len(copies.shared_logs(inputs, before.document["inputs"])) == len(inputs),

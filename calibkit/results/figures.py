@@ -30,7 +30,7 @@ def require_suffix(suffix: str, suffixes: Sequence[str] = SUFFIXES) -> None:
     """Raise UsageError for a file of a kind that is not written."""
     if suffix.lower() not in suffixes:
         raise UsageError(
-            f"--out: a file ending in '{suffix}'",
+            f"a file ending in '{suffix}' is not written here",
             hint=f"name one ending in {' or '.join(suffixes)}",
         )
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
-from calibkit.errors import CalibkitError
-from calibkit.history.timeline import YEAR_DAYS, independent_runs
+from calibkit.errors import CalibkitError, UsageError
+from calibkit.history.timeline import independent_runs
 from calibkit.numeric import change
 from calibkit.report.figures import ALERT, DENOISED, MUTED, page, styled
 from calibkit.report.table import Table, number_or_none
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from calibkit.store import StoredRun
 
 MOST_PANELS = 12
+YEAR_DAYS = 365.25
 FEWEST_DATES = 3
 """Dates that a slope with an uncertainty needs."""
 
@@ -75,7 +76,7 @@ class FollowedResult:
 
 
 def _year(run: StoredRun) -> float:
-    """Effective date as a year, counted as by `timeline`."""
+    """Effective date in years."""
     return dt.date.fromisoformat(run.document["effective_from"]).toordinal() / YEAR_DAYS
 
 
@@ -210,10 +211,25 @@ def documents(key_values: Sequence[FollowedResult]) -> Iterator[dict[str, Any]]:
         }
 
 
+def list_values(key_values: Sequence[FollowedResult]) -> Table:
+    """Every determination of every key value, one row each, for CSV."""
+    rows = []
+    for document in documents(key_values):
+        followed = (document["quantity"], document["unit"])
+        rows += [(*followed, *value.values()) for value in document["values"]]
+    heads = ("quantity", "unit", "revision", "effective_from", "value", "expanded_uncertainty")
+    return Table("", heads, tuple(rows))
+
+
 def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
     """A panel for each key value over the years: values ± U, limits, the line ± U as far as it is
-    extrapolated.
+    extrapolated. Raises UsageError where there is none.
     """
+    if not key_values:
+        raise UsageError(
+            f"{serial}: no result with a key value, a figure has nothing to show",
+            hint="`calibkit history` states why",
+        )
     drawn_values = key_values[:MOST_PANELS]
     columns = min(len(drawn_values), 2)
     rows = -(-len(drawn_values) // columns)

@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
-from calibkit.history.difference_tables import identify_run
+from calibkit.history.difference import describe_changes, tabulate_changes
 from calibkit.report.figures import ALERT, GOOD, MUTED, page, styled
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
@@ -34,7 +34,8 @@ SENTENCES: Mapping[Answer, str] = {
 EXIT_CODES: Mapping[Answer, int] = {"yes": 0, "no": 1, "cannot tell": 3}
 MOST_ROWS = 12
 """Results that the console shows."""
-MOST_JOINTS = 3
+MOST_CHANGES = 4
+"""Rows of what changed that the console shows without --details."""
 MOST_PANELS = 4
 """Results that a figure shows, those nearest to their limits."""
 
@@ -111,8 +112,10 @@ def sentence(answered: StillGood) -> str:
     return f"{changed}, limit {_state_limit(deciding)} ({limit.key})"
 
 
-def summarise(answered: StillGood) -> Summary:
-    """The sentence, a row for each result, the joint test, and what must be known."""
+def summarise(answered: StillGood, *, details: bool = False) -> Summary:
+    """The sentence, a row for each result, what changed (all of it with details), and what must be
+    known.
+    """
     rows = []
     for compared in answered.compared[:MOST_ROWS]:
         quantity, worst = compared.quantity, compared.worst
@@ -124,13 +127,7 @@ def summarise(answered: StillGood) -> Summary:
     undisplayed = len(answered.compared) - MOST_ROWS
     heads = ("result", "largest change ± U", "at", "limit", "still good")
     tables = [Table(f"{undisplayed} more: --json" if undisplayed > 0 else "", heads, tuple(rows))]
-    chances = tuple(
-        (name, count, "< 1e-9" if joint.probability < 1e-9 else f"{joint.probability:.2g}")
-        for name, count, joint in answered.joints[:MOST_JOINTS]
-    )
-    if chances:
-        names = ("all coefficients together", "of them", "chance of as much by type A alone")
-        tables.append(Table("", names, chances))
+    tables.append(tabulate_changes(answered.changed, None if details else MOST_CHANGES))
     both_runs = (answered.before, answered.after)
     dates = " → ".join(f"{run.name} ({run.document['effective_from']})" for run in both_runs)
     reasons = dict.fromkeys(
@@ -173,13 +170,10 @@ def document(answered: StillGood) -> dict[str, Any]:
         "still_good": {"yes": True, "no": False, "cannot tell": None}[answered.answer],
         "answer": answered.answer,
         "sentence": sentence(answered),
-        "before": identify_run(answered.before),
-        "after": identify_run(answered.after),
+        "before": answered.before.identity(),
+        "after": answered.after.identity(),
         "results": results,
-        "joint": [
-            {"model": name, "coefficients": count, **asdict(joint)}
-            for name, count, joint in answered.joints
-        ],
+        "changed": describe_changes(answered.changed),
         "flags": list(answered.flags),
     }
 
