@@ -71,16 +71,30 @@ class Outcome:
         return json.loads(self.out)
 
 
+def slow_after(count, values):
+    """Parameters of a test, of which the first `count` are in the default run, the others slow."""
+    values = list(values)
+    entries = [value if isinstance(value, tuple) else (value,) for value in values]
+    rest = [pytest.param(*entry, marks=pytest.mark.slow) for entry in entries[count:]]
+    return [*values[:count], *rest]
+
+
+def called(*arguments):
+    """Run the command line in this process and return its exit code."""
+    with pytest.raises(SystemExit) as stopped:
+        cli.main([str(argument) for argument in arguments])
+    return stopped.value.code
+
+
 @pytest.fixture
 def calibkit(capfd):
     """Run the command line in this process and return its outcome."""
 
     def run(*arguments):
         capfd.readouterr()
-        with pytest.raises(SystemExit) as stopped:
-            cli.main([str(argument) for argument in arguments])
+        code = called(*arguments)
         captured = capfd.readouterr()
-        return Outcome(stopped.value.code, captured.out, captured.err)
+        return Outcome(code, captured.out, captured.err)
 
     return run
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.instruments.bias import forms
-from conftest import ROOT
+from sample_runs import sample_run
 
 HOWEVER_WELL = ("acceptance.max_residual_over_noise=100",)
 HOWEVER_MOUNTED = ("acceptance.max_residual_rms_g=0.1", "acceptance.max_toolface_error_sin_deg=9.0")
@@ -87,7 +87,13 @@ _CACHE: dict[str, Fitted] = {}
 def cached(name, factory):
     """Return one of RUNS, fitted once a session whichever module asks first."""
     if name not in _CACHE:
-        _CACHE[name] = fitted(name, factory.mktemp(f"fw-{name}"))
+        procedure, overrides = RUNS[name]
+        run = sample_run(factory, procedure, overrides)
+        if name == "grown":
+            run = replace(run, records={**run.records, forms.FILE: grown(run.records[forms.FILE])})
+        spec = pipeline.run_recipe(run, ())
+        chain = instruments.optional(procedure, "chain")(spec, run.records)
+        _CACHE[name] = Fitted(run, spec, chain)
     return _CACHE[name]
 
 
@@ -110,18 +116,3 @@ def grown(record):
         covariance=1e-8 * np.eye(coefficients.size + len(bank.static_lag)),
     )
     return replace(record, models=(forms.write_thermal(bigger, model.value("interval")),))
-
-
-def fitted(name, folder):
-    """Fit one of RUNS to its shipped data set."""
-    procedure, overrides = RUNS[name]
-    source = recipe.find(procedure, overrides)
-    data = ROOT / "datasets" / procedure
-    outcome = pipeline.fit(source, data, f"FW-{name}", folder, "2026-11-21", instruments.silent)
-    run = store.load(outcome.run.folder)
-    if name == "grown":
-        run = replace(run, records={**run.records, forms.FILE: grown(run.records[forms.FILE])})
-    spec = pipeline.run_recipe(run, ())
-    return Fitted(
-        run, spec, instruments.optional(run.document["procedure"], "chain")(spec, run.records)
-    )

@@ -14,6 +14,7 @@ from calibkit.instruments.accelerometer.findings import judge_unexplained, remar
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.recipe.tables import Errors
+from conftest import slow_after
 from triad_dwells import fit_triad
 
 MANY = np.array([(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)])
@@ -92,14 +93,17 @@ def inside(fitted, second):
 
 @pytest.mark.parametrize(
     "errors",
-    [
-        {},
-        {"zero": 30e-6},
-        {"index": 0.01, "spots": SIX},
-        {"tilt": 0.01},
-        {"eccentric": 0.05},
-        {"second": 50e-6},
-    ],
+    slow_after(
+        2,
+        [
+            {},
+            {"zero": 30e-6},
+            {"index": 0.01, "spots": SIX},
+            {"tilt": 0.01},
+            {"eccentric": 0.05},
+            {"second": 50e-6},
+        ],
+    ),
     ids=lambda errors: " ".join(map(str, errors)) or "none",
 )
 def test_the_truth_lies_within_u_whatever_dwells_share(errors):

@@ -26,9 +26,7 @@ from calibkit.certificate import (
 )
 from calibkit.errors import RecipeError
 from conftest import REAL, ROOT
-from test_certificate_layouts import fitted
-from test_dcc import WRITTEN
-from test_sensitivities import warm_up
+from sample_runs import sample_run
 
 ISSUED = dt.date(2026, 11, 21)
 PROFILES = ROOT / "reports" / "profiles"
@@ -42,7 +40,7 @@ ACCREDITED = (
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Run of the rate table's sample logs."""
-    return fitted(tmp_path_factory.mktemp("runs"), "rate_table")
+    return sample_run(tmp_path_factory, "rate_table")
 
 
 def built(run, *overrides, path=PROFILES / "rate_table.toml"):
@@ -331,29 +329,10 @@ def test_the_dcc_states_digest_and_validity_of_a_standards_certificate(run, tmp_
     assert texts == ["T-2026-118", "SHA-256", 64 * "a", "true"]
 
 
-@pytest.fixture(scope="module")
-def every(tmp_path_factory):
-    """Run of each shipped recipe."""
-    folder = tmp_path_factory.mktemp("every")
-
-    def of(name):
-        data = ROOT / "datasets" / name
-        if name == "mpu6050_warmup":
-            if not REAL.is_dir():
-                pytest.skip("the logs of the field are not beside the repository")
-            data = REAL / name
-        elif not data.is_dir():
-            assert name in WRITTEN
-            data = warm_up(folder / "warm")
-        return fitted(folder / name, name, data=data)
-
-    return of
-
-
 @pytest.mark.parametrize("name", sorted(recipe.shipped()))
-def test_every_shipped_recipe_has_a_profile_that_lacks_nothing(every, name):
+def test_every_shipped_recipe_has_a_profile_that_lacks_nothing(tmp_path_factory, name):
     """But as found and as left, where a sample has logs that were withheld for it."""
-    made = built(every(name), path=PROFILES / f"{name}.toml")
+    made = built(sample_run(tmp_path_factory, name), path=PROFILES / f"{name}.toml")
     validated = name in {"fog_thermal", "inclinometer"}
     assert [item.key for item in made.missing] == (["adjustment.statement"] if validated else [])
     assert made.unused_terms == ()

@@ -13,6 +13,7 @@ from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.noise import allan, allan_fit, confidence
 from calibkit.numeric.noise.allan_fit import LAWS, NotObservable, fit_noise
+from conftest import slow_after
 
 NBS_9_POINTS = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
 """NBS Monograph 140 annex 8.E, as in NIST SP 1065 table 30."""
@@ -222,7 +223,7 @@ def test_degrees_of_freedom_agree_with_the_peer_where_sampling_is_fine(noise):
         )
 
 
-@pytest.mark.parametrize("gaps", [[], [130, 131, 300, 640]])
+@pytest.mark.parametrize("gaps", slow_after(1, [[], [130, 131, 300, 640]]))
 @pytest.mark.parametrize("noise", ["angle_random_walk", "rate_random_walk", "quantization"])
 def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
     """2 mean²/variance of 4000 simulated Allan variances agrees within 10 % (4.5 standard
@@ -291,7 +292,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", slow_after(1, CASES))
 @pytest.mark.parametrize("seed", [31, 32])
 def test_confidence_limits_cover_the_truth(case, seed):
     """Limits stated for 95 % hold the true deviation in 92 to 99.9 % of 400 records at every
@@ -313,7 +314,7 @@ def test_confidence_limits_cover_the_truth(case, seed):
     assert np.all((share >= 0.92) & (share <= 0.999)), share
 
 
-@pytest.mark.parametrize("wavelet", ["haar", "db2"])
+@pytest.mark.parametrize("wavelet", slow_after(1, ["haar", "db2"]))
 @pytest.mark.parametrize("case", CASES)
 def test_limits_of_the_wavelet_deviation_cover_its_mean(case, wavelet):
     """Limits stated for 95 % hold the mean variance of 300 records in at least 92 % of them at
@@ -606,7 +607,7 @@ def test_values_scale_with_the_rate_and_with_time():
 
 @pytest.mark.parametrize(
     ("symbol", "value", "records"),
-    [("N", 0.01, 250), ("Q", 1.0, 120), ("K", 0.1, 120), ("B", 0.1, 50)],
+    slow_after(1, [("N", 0.01, 250), ("Q", 1.0, 120), ("K", 0.1, 120), ("B", 0.1, 50)]),
 )
 def test_a_record_of_one_noise_reports_that_noise_alone_and_covers_its_truth(
     symbol, value, records

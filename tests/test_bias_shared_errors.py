@@ -14,6 +14,7 @@ from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
 from calibkit.simulate import noise
+from conftest import slow_after
 
 LEAST = 0.88
 """Share of campaigns that the stated interval must cover."""
@@ -82,14 +83,17 @@ def test_a_bias_at_a_temperature_is_as_badly_known_as_the_levels_of_its_logs():
 
 @pytest.mark.parametrize(
     ("ranges", "turn_on", "memory"),
-    [
-        (((12.0, 40.0), (20.0, 52.0)), 300.0, 0.0),
-        (((12.0, 40.0), (20.0, 52.0)), 300.0, 0.9),
-        (((12.0, 25.0), (30.0, 52.0)), 300.0, 0.0),
-        (((12.0, 50.0), (14.0, 52.0)), 0.0, 0.0),
-        (((12.0, 50.0), (14.0, 52.0), (12.0, 45.0), (15.0, 52.0)), 1.0, 0.9),
-        (HELD, 1.0, 0.0),
-    ],
+    slow_after(
+        1,
+        [
+            (((12.0, 40.0), (20.0, 52.0)), 300.0, 0.0),
+            (((12.0, 40.0), (20.0, 52.0)), 300.0, 0.9),
+            (((12.0, 25.0), (30.0, 52.0)), 300.0, 0.0),
+            (((12.0, 50.0), (14.0, 52.0)), 0.0, 0.0),
+            (((12.0, 50.0), (14.0, 52.0), (12.0, 45.0), (15.0, 52.0)), 1.0, 0.9),
+            (HELD, 1.0, 0.0),
+        ],
+    ),
     ids=["two", "two, memory", "apart", "no turn-on", "four", "seven held"],
 )
 def test_turn_on_biases_are_no_drift(ranges, turn_on, memory):
@@ -155,7 +159,7 @@ def test_error_free_logs_keep_their_polynomial():
     assert fit(logs).coefficients == pytest.approx(wanted, rel=1e-9)
 
 
-@pytest.mark.parametrize("settled", [0.3, 1.0], ids=["settles", "creeps"])
+@pytest.mark.parametrize("settled", slow_after(0, [0.3, 1.0]), ids=["settles", "creeps"])
 def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
     """Seven warm-ups whose biases settle by 3 °/h, up or down, while the gyro warms: the drift from
     12 to 52 °C is covered in 88 % of 50 campaigns, and known to 8 °/h.

@@ -24,6 +24,7 @@ def benchmark():
     del sys.modules["certificate_coverage"]
 
 
+@pytest.mark.slow
 def test_a_campaign_of_every_procedure_is_held_against_its_truth(benchmark, tmp_path, capsys):
     """One campaign each: every result that has a truth is within three U of it, and stands in the
     page; what is kept is not simulated again.

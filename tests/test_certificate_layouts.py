@@ -7,6 +7,7 @@ import importlib
 import json
 import math
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log
+from sample_runs import sample_run
 
 ISSUED = dt.date(2026, 11, 21)
 
@@ -41,15 +43,8 @@ def fitted(folder, name, data=None, serial="S-1", overrides=()):
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Fit a procedure's sample logs once."""
-    folder, made = tmp_path_factory.mktemp("runs"), {}
-
-    def of(name):
-        if name not in made:
-            made[name] = fitted(folder / name, name)
-        return made[name]
-
-    return of
+    """Return the run of a procedure's sample logs."""
+    return cache(partial(sample_run, tmp_path_factory))
 
 
 def certificate(run, name=None, *overrides, validation=None):
@@ -67,18 +62,6 @@ def by_key(found):
 
 
 PROCEDURES = ("fog_thermal", "accelerometer", "gyro_pair", "rate_table", "inclinometer")
-
-
-@pytest.mark.parametrize("name", PROCEDURES)
-def test_the_sample_profile_of_a_procedure_is_whole_and_every_term_in_it_is_used(run, name):
-    """Nothing missing but as found and as left where the sample has a validation; no type B term
-    without an effect.
-    """
-    made = certificate(run(name), name)
-    validated = name in {"fog_thermal", "inclinometer"}
-    assert [item.key for item in made.missing] == (["adjustment.statement"] if validated else [])
-    assert made.unused_terms == ()
-    assert made.statements
 
 
 @pytest.mark.parametrize("name", PROCEDURES)

@@ -5,11 +5,12 @@ first one, what results are called, where tables break, how the last page ends.
 import io
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-from calibkit import instruments, pipeline, store
+from calibkit import instruments, pipeline, recipe
 from calibkit.certificate import (
     conformity,
     content,
@@ -26,9 +27,9 @@ from calibkit.certificate.results import GridTable, ListTable, Result
 from calibkit.certificate.words import Words
 from calibkit.coefficients import at_most
 from calibkit.instruments import silent
-from conftest import REAL, ROOT
-from test_certificate_layouts import ISSUED, fitted
-from test_sensitivities import warm_up
+from conftest import ROOT, slow_after
+from sample_runs import sample_run
+from test_certificate_layouts import ISSUED
 
 pytest.importorskip("typst")
 pypdf = pytest.importorskip("pypdf")
@@ -46,10 +47,10 @@ LANGUAGES = [
         for lang in ("zh", "both")
     ),
 ]
-NAMES = tuple(sorted(path.stem for path in (ROOT / "reports" / "profiles").glob("*.toml")))
-"""Every shipped recipe."""
 VALIDATED = ("fog_thermal", "inclinometer")
 """Those whose sample certificate has as-found and as-left results."""
+NAMES = sorted(recipe.shipped(), key=lambda name: (name not in ("fog_thermal", "gyro_pair"), name))
+"""Every shipped recipe; pages of the first two are drawn in the default run."""
 ENGLISH = re.compile(r"[A-Za-z]{3,}(?: [A-Za-z]{3,})+")
 """Words in English one behind the other."""
 NAMED = ("IEEE Std", "calibkit verify")
@@ -59,43 +60,35 @@ KEY = re.compile(r"\b[a-z]+_[a-z_]+\.(?!json|csv|toml)[a-z]")
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
-    """Certificates of sample runs, their pages as text, by name and language."""
-    folder, runs, pages = tmp_path_factory.mktemp("runs"), {}, {}
+def certificate_of(tmp_path_factory):
+    """Certificate of a sample run."""
 
-    def of(name, lang, *, signed=False):
-        if name not in runs:
-            data = logs_of(name, folder)
-            run = store.load(fitted(folder / name, name, data).folder)
-            files = run_files.RunFiles.read(run)
-            stated = profile.load(ROOT / "reports" / "profiles" / f"{name}.toml")
-            found = None
-            if name in VALIDATED:
-                withheld = ROOT / "datasets" / name / "withheld"
-                pipeline.validate(run, withheld, folder / f"{name}.json", silent)
-                found = run_files.AsFoundAsLeft.load(folder / f"{name}.json", files)
-            layout = instruments.certificate_layout
-            runs[name] = content.build(files, layout, *stated, found, ISSUED)
-        key = name, lang, signed
-        if key not in pages:
-            fonts = () if lang == "en" else (CHINESE,)
-            document = pdf.render(runs[name], lang, fonts, signed=signed)
-            reader = pypdf.PdfReader(io.BytesIO(document))
-            pages[key] = [page.extract_text() for page in reader.pages]
-        return runs[name], pages[key]
+    @cache
+    def of(name):
+        run = sample_run(tmp_path_factory, name)
+        files = run_files.RunFiles.read(run)
+        stated = profile.load(ROOT / "reports" / "profiles" / f"{name}.toml")
+        validation = None
+        if name in VALIDATED:
+            out = tmp_path_factory.mktemp("validated") / f"{name}.json"
+            pipeline.validate(run, ROOT / "datasets" / name / "withheld", out, silent)
+            validation = run_files.AsFoundAsLeft.load(out, files)
+        return content.build(files, instruments.certificate_layout, *stated, validation, ISSUED)
 
     return of
 
 
-def logs_of(name, folder):
-    """Folder with logs of a shipped recipe: samples, a log of the field, or written ones."""
-    if name == "mpu6050_warmup":
-        if not REAL.is_dir():
-            pytest.skip("the logs of the field are not beside the repository")
-        return REAL / name
-    if (ROOT / "datasets" / name).is_dir():
-        return None
-    return warm_up(folder / "warm")
+@pytest.fixture(scope="module")
+def pages_of(certificate_of):
+    """Texts of the pages of a sample certificate in a language."""
+
+    @cache
+    def of(name, lang, *, signed=False):
+        fonts = () if lang == "en" else (CHINESE,)
+        document = pdf.render(certificate_of(name), lang, fonts, signed=signed)
+        return [page.extract_text() for page in pypdf.PdfReader(io.BytesIO(document)).pages]
+
+    return of
 
 
 def texts(value):
@@ -120,10 +113,12 @@ def tables_of(shown):
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", NAMES)
-def test_the_first_page_has_the_principal_results_with_u_and_k(made, name, lang):
+@pytest.mark.parametrize("name", slow_after(2, NAMES))
+def test_the_first_page_has_the_principal_results_with_u_and_k(
+    certificate_of, pages_of, name, lang
+):
     """Every one, by its name, with value, U, k and unit; at least one of every sample."""
-    certificate, pages = made(name, lang)
+    certificate, pages = certificate_of(name), pages_of(name, lang)
     rows = sheet.sheet(certificate, lang)["principal"]["rows"]
     assert rows
     for row in rows:
@@ -132,10 +127,12 @@ def test_the_first_page_has_the_principal_results_with_u_and_k(made, name, lang)
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", NAMES)
-def test_nothing_is_called_by_an_internal_key_or_in_the_words_of_a_log(made, name, lang):
+@pytest.mark.parametrize("name", slow_after(2, NAMES))
+def test_nothing_is_called_by_an_internal_key_or_in_the_words_of_a_log(
+    certificate_of, pages_of, name, lang
+):
     """No stage.model.name, no flag of the fit; a count says where its remarks are."""
-    certificate, pages = made(name, lang)
+    certificate, pages = certificate_of(name), pages_of(name, lang)
     whole = "\n".join(pages)
     assert KEY.findall(whole.replace("\u200b", "")) == []
     for flag in certificate.run.flags:
@@ -144,12 +141,12 @@ def test_nothing_is_called_by_an_internal_key_or_in_the_words_of_a_log(made, nam
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", NAMES)
-def test_no_page_is_nearly_empty_and_no_title_ends_one(made, name, lang):
+@pytest.mark.parametrize("name", slow_after(2, NAMES))
+def test_no_page_is_nearly_empty_and_no_title_ends_one(certificate_of, pages_of, name, lang):
     """Every page has twenty lines at least; the last before the foot is no title of a table or
     chapter.
     """
-    certificate, pages = made(name, lang)
+    certificate, pages = certificate_of(name), pages_of(name, lang)
     shown = sheet.sheet(certificate, lang)
     titles = {squeezed(text) for key, text in shown["words"].items() if not key.startswith("s_")}
     titles |= {squeezed(t["title"]) for b in shown["blocks"] for t in b["tables"] if t["title"]}
@@ -166,9 +163,9 @@ def test_no_page_is_nearly_empty_and_no_title_ends_one(made, name, lang):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_every_result_that_is_named_has_a_name_of_its_own(made, name):
+def test_every_result_that_is_named_has_a_name_of_its_own(certificate_of, name):
     """No two principal results and no two statements of conformity are called alike."""
-    certificate, _ = made(name, "en")
+    certificate = certificate_of(name)
     shown = [names.name_result(r).en for r in certificate.results if r.principal]
     assert len(shown) == len({*shown})
     judged = [names.name_result(s.result).en for s in certificate.statements]
@@ -176,9 +173,9 @@ def test_every_result_that_is_named_has_a_name_of_its_own(made, name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_chinese_certificate_has_no_english_but_what_was_stated(made, name):
+def test_a_chinese_certificate_has_no_english_but_what_was_stated(certificate_of, name):
     """Names of standards and commands, and columns of a laboratory's own, are left."""
-    certificate, _ = made(name, "en")
+    certificate = certificate_of(name)
     own = " ".join(texts(certificate.profile.model_dump()))
     own += " angular rate magnetometer die temperature"  # columns of the recipe itself
     found = {m for text in texts(sheet.sheet(certificate, "zh")) for m in ENGLISH.findall(text)}
@@ -187,18 +184,18 @@ def test_a_chinese_certificate_has_no_english_but_what_was_stated(made, name):
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-def test_a_signed_certificate_has_no_line_for_a_signature(made, lang):
+def test_a_signed_certificate_has_no_line_for_a_signature(pages_of, lang):
     """It says where the signature is; one to be signed by hand has the line."""
     for signed, there, absent in ((True, "signed", "draft"), (False, "signature", "signed")):
-        _, pages = made("gyro_pair", lang, signed=signed)
+        pages = pages_of("gyro_pair", lang, signed=signed)
         assert squeezed(words.SENTENCES[there].of(lang)) in squeezed(pages[-1])
         assert squeezed(words.SENTENCES[absent].of(lang)) not in squeezed(pages[-1])
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-def test_conformity_has_limit_value_u_k_decision_and_risk(made, lang):
+def test_conformity_has_limit_value_u_k_decision_and_risk(certificate_of, lang):
     """A column each, and the risk of every rule that was used under the table."""
-    certificate, _ = made("gyro_pair", lang)
+    certificate = certificate_of("gyro_pair")
     shown = sheet.sheet(certificate, lang)["conformity"]
     assert len(shown["table"]["heads"]) == 9
     for statement, row in zip(certificate.statements, shown["table"]["rows"], strict=True):
@@ -212,9 +209,9 @@ def test_conformity_has_limit_value_u_k_decision_and_risk(made, lang):
 
 @pytest.mark.parametrize("lang", LANGUAGES)
 @pytest.mark.parametrize("name", NAMES)
-def test_degrees_of_angle_stand_without_a_space(made, name, lang):
+def test_degrees_of_angle_stand_without_a_space(certificate_of, name, lang):
     """90.05°, not 90.05 °; degrees Celsius keep theirs."""
-    certificate, _ = made(name, lang)
+    certificate = certificate_of(name)
     shown = sheet.sheet(certificate, lang)
 
     assert [text for text in texts(shown) if re.search(r"\d [°′″](?![C/])", text)] == []
@@ -259,9 +256,9 @@ def test_symbols_are_those_of_the_equations():
     ]
 
 
-def test_files_and_conditions_have_names_in_both_languages(made):
+def test_files_and_conditions_have_names_in_both_languages(certificate_of):
     """No attachment and no condition of the computation is left in English in a Chinese page."""
-    certificate, _ = made("inclinometer", "en")
+    certificate = certificate_of("inclinometer")
     shown = sheet.sheet(certificate, "zh")
     assert all(re.search(r"[\u4e00-\u9fff]", row[1]) for row in shown["data"]["files"])
     assert all(re.search(r"[\u4e00-\u9fff]", label) for label, _ in shown["conditions"])
@@ -271,9 +268,9 @@ def test_files_and_conditions_have_names_in_both_languages(made):
 
 @pytest.mark.parametrize("lang", LANGUAGES)
 @pytest.mark.parametrize("name", NAMES)
-def test_a_unit_has_one_solidus_and_every_u_has_its_unit(made, name, lang):
+def test_a_unit_has_one_solidus_and_every_u_has_its_unit(certificate_of, name, lang):
     """(°/h)/°C and not °/h/°C; U beside a column of units or with the unit in its head."""
-    certificate, _ = made(name, lang)
+    certificate = certificate_of(name)
     shown = sheet.sheet(certificate, lang)
     for text in texts([tables_of(shown), shown["budgets"]]):
         assert not re.search(r"[^\s/()\[\]]/[^\s/()\[\]]+/", text), text
@@ -285,10 +282,10 @@ def test_a_unit_has_one_solidus_and_every_u_has_its_unit(made, name, lang):
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", NAMES)
-def test_symbols_have_subscripts_as_in_the_equations(made, name, lang):
+@pytest.mark.parametrize("name", slow_after(2, NAMES))
+def test_symbols_have_subscripts_as_in_the_equations(certificate_of, pages_of, name, lang):
     """S with a small xx, and nowhere S_xx, but in names of the customer's own files."""
-    certificate, pages = made(name, lang)
+    certificate, pages = certificate_of(name), pages_of(name, lang)
     own = " ".join(texts(certificate.profile.model_dump()))
     own += " ".join(log.name for log in certificate.run.inputs)
     found = re.findall(r"\b[A-Za-zα-ω]_[A-Za-z0-9]+\b", "\n".join(pages))
@@ -296,10 +293,12 @@ def test_symbols_have_subscripts_as_in_the_equations(made, name, lang):
 
 
 @pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", NAMES)
-def test_a_certificate_does_not_contradict_the_conditions_that_it_states(made, name, lang):
+@pytest.mark.parametrize("name", slow_after(2, NAMES))
+def test_a_certificate_does_not_contradict_the_conditions_that_it_states(
+    certificate_of, pages_of, name, lang
+):
     """Every profile states the latitude: nothing on the pages says that it is not known."""
-    certificate, pages = made(name, lang)
+    certificate, pages = certificate_of(name), pages_of(name, lang)
     whole = squeezed("".join(pages))
     assert certificate.profile.conditions.latitude
     assert squeezed(certificate.profile.conditions.latitude) in whole
@@ -308,9 +307,9 @@ def test_a_certificate_does_not_contradict_the_conditions_that_it_states(made, n
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_no_two_rows_columns_or_lists_of_a_block_are_called_alike(made, name):
+def test_no_two_rows_columns_or_lists_of_a_block_are_called_alike(certificate_of, name):
     """A column says of which gyro, log and temperature it is; a list which model it holds."""
-    certificate, _ = made(name, "en")
+    certificate = certificate_of(name)
     for block in certificate.blocks:
         listed = [table.title.en for table in block.tables if isinstance(table, ListTable)]
         assert len(listed) == len({*listed})
@@ -323,9 +322,9 @@ def test_no_two_rows_columns_or_lists_of_a_block_are_called_alike(made, name):
 
 
 @pytest.mark.parametrize("name", VALIDATED)
-def test_results_as_left_have_k_and_limits_of_the_evaluation_few_digits(made, name):
+def test_results_as_left_have_k_and_limits_of_the_evaluation_few_digits(certificate_of, name):
     """A column k beside U; 0.837 against 3.29, not 3.290526731491895."""
-    certificate, _ = made(name, "en")
+    certificate = certificate_of(name)
     shown = sheet.sheet(certificate, "en")["as_found"]
     for table in shown["tables"]:
         if "U" in table["heads"]:
@@ -356,9 +355,9 @@ def test_acceptance_limits_have_chinese_names(name):
     assert re.search(r"[\u4e00-\u9fff]", names.name_criterion(name).zh)
 
 
-def test_a_rejected_run_is_called_one_in_chinese(made):
+def test_a_rejected_run_is_called_one_in_chinese(certificate_of):
     """The limits that failed have their Chinese names."""
-    certificate, _ = made("gyro_pair", "en")
+    certificate = certificate_of("gyro_pair")
     failed = at_most("asymmetry", 2.0, 1.0, "ppm")
     run = replace(certificate.run, criteria=(failed,), verdict="rejected")
     assert replace(certificate, run=run).rejection.zh == "本次处理未满足接受限：不对称度"

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import cli
 from calibkit.certificate import profile
-from conftest import AUTHORITIES, ROOT
+from conftest import AUTHORITIES, ROOT, called
+from sample_runs import sample_run
 
 pytest.importorskip("typst")
 pikepdf = pytest.importorskip("pikepdf")
@@ -28,32 +28,10 @@ needs_chinese = pytest.mark.skipif(
 )
 
 
-def called(*arguments):
-    """Run a command in this process and return its exit code."""
-    with pytest.raises(SystemExit) as stopped:
-        cli.main([str(argument) for argument in arguments])
-    return stopped.value.code
-
-
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Folder of runs with the sample gyro pair in it."""
-    folder = tmp_path_factory.mktemp("runs")
-    data = ROOT / "datasets" / "gyro_pair"
-    code = called(
-        "fit",
-        "gyro_pair",
-        "--data",
-        data,
-        "--serial",
-        "PAIR-1",
-        "--out",
-        folder,
-        "--date",
-        "2026-11-21",
-    )
-    assert code == 0
-    return folder
+    return sample_run(tmp_path_factory, "gyro_pair").folder.parents[1]
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +45,7 @@ def issue(runs, tmp_path_factory):
         stated = () if profile is None else ("--profile", profile)
         code = called(
             "certify",
-            "PAIR-1",
+            "S-1",
             "--runs",
             runs,
             "--out",
@@ -118,7 +96,7 @@ def test_every_item_of_the_checklist_is_on_the_certificate(certificate):
         "item": "Pair of fibre-optic gyros",
         "maker": "Sample maker",
         "model": "FOG-P2",
-        "serial": "PAIR-1",
+        "serial": "S-1",
         "condition": "no damage seen; connector clean",
         "received": "2026-11-09",
         "performed": "2026-11-12 … 2026-11-13",
@@ -163,7 +141,7 @@ def test_printed_values_are_those_of_the_file_rounded_with_their_uncertainty(cer
     of freedom and more.
     """
     file = json.loads(
-        (runs / "PAIR-1" / "r001" / "gyro_orthogonality.json").read_text(encoding="utf-8")
+        (runs / "S-1" / "r001" / "gyro_orthogonality.json").read_text(encoding="utf-8")
     )
     N = next(c for c in file["models"][0]["coefficients"] if c["name"] == "N")
     assert N["effective_dof"] >= 30.0
@@ -193,7 +171,7 @@ def test_the_file_says_pdfa_3b_and_embeds_every_font(certificate):
 
 def test_attachments_are_the_files_of_the_run_with_their_relationship(certificate, runs):
     """Byte for byte, each with AFRelationship, media type, and listed in the catalogue's /AF."""
-    folder = runs / "PAIR-1" / "r001"
+    folder = runs / "S-1" / "r001"
     with pikepdf.open(certificate) as pdf:
         assert len(pdf.Root.AF) == len(pdf.attachments)
         _, stated = profile.load(PROFILE)
@@ -221,7 +199,7 @@ def test_the_digest_of_the_run_says_what_it_is_compared_with(certificate, runs):
     and stands in the list.
     """
     whole = squeezed("".join(text_of(certificate)))
-    path = runs / "PAIR-1" / "r001" / "run.json"
+    path = runs / "S-1" / "r001" / "run.json"
     own = json.loads(path.read_text(encoding="utf-8"))["sha256"]
     assert f"digestofitscontent(fieldsha256ofrun.json;theSHA-256ofthefileisanother):{own}" in whole
     assert f"SHA-256{own}" not in whole
@@ -284,29 +262,13 @@ def test_pdfa_check_finds_nothing_beyond_the_known_false_alarms(certificate):
     assert found <= known, found - known
 
 
-def test_figures_are_vectors(runs, tmp_path_factory):
+def test_figures_are_vectors(tmp_path_factory):
     """No page holds an image: figures are lines and polygons with text in the certificate's
     fonts.
     """
-    folder = tmp_path_factory.mktemp("vectors")
-    data = ROOT / "datasets" / "rate_table"
-    assert (
-        called(
-            "fit",
-            "rate_table",
-            "--data",
-            data,
-            "--serial",
-            "G-1",
-            "--out",
-            folder,
-            "--date",
-            "2026-11-21",
-        )
-        == 0
-    )
-    out = folder / "certificate.pdf"
-    assert called("certify", "G-1", "--runs", folder, "--out", out, "--date", "2026-11-21") == 0
+    run = sample_run(tmp_path_factory, "rate_table")
+    out = tmp_path_factory.mktemp("vectors") / "certificate.pdf"
+    assert called("certify", run.folder, "--out", out, "--date", "2026-11-21") == 0
     with pikepdf.open(out) as pdf:
         assert [page for page in pdf.pages if len(page.get_images())] == []
 
@@ -323,9 +285,7 @@ def test_same_run_profile_and_date_give_the_same_bytes(issue, certificate):
 def test_nothing_is_overwritten(runs, certificate, calibkit):
     """A certificate that exists stays as it is: exit 4."""
     before = certificate.read_bytes()
-    outcome = calibkit(
-        "certify", "PAIR-1", "--runs", runs, "--out", certificate, "--profile", PROFILE
-    )
+    outcome = calibkit("certify", "S-1", "--runs", runs, "--out", certificate, "--profile", PROFILE)
     assert outcome.code == 4
     assert "nothing is overwritten" in outcome.err
     assert certificate.read_bytes() == before
@@ -339,7 +299,7 @@ def test_without_a_profile_every_page_says_draft_and_the_command_lists_what_is_m
     pages.
     """
     out = tmp_path / "draft.pdf"
-    call = ("certify", "PAIR-1", "--runs", runs, "--out", out, "--date", "2026-11-21")
+    call = ("certify", "S-1", "--runs", runs, "--out", out, "--date", "2026-11-21")
     outcome = calibkit(*call, "--details")
     assert outcome.code == 0
     pages = text_of(out)
@@ -398,7 +358,7 @@ def test_an_amendment_of_a_later_certificate_is_refused_with_its_line(runs, tmp_
             "--out",
             tmp_path / "c.pdf",
         )
-        return calibkit("certify", "PAIR-1", "--runs", runs, *stated)
+        return calibkit("certify", "S-1", "--runs", runs, *stated)
 
     late = code("amends = 'A'\namends_issued = 2026-11-22")
     assert late.code == 2
@@ -426,7 +386,7 @@ def test_a_specification_that_does_not_fit_the_run_is_named_with_its_line(runs, 
         )
         found = calibkit(
             "certify",
-            "PAIR-1",
+            "S-1",
             "--runs",
             runs,
             "--profile",
@@ -522,7 +482,7 @@ def test_chinese_without_a_font_is_refused_with_what_to_do(runs, tmp_path, calib
     """--lang zh needs a font that the user names: exit 2, nothing written."""
     out = tmp_path / "c.pdf"
     outcome = calibkit(
-        "certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--lang", "zh"
+        "certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--lang", "zh"
     )
     assert outcome.code == 2
     assert "[certificate] fonts" in outcome.err
@@ -535,7 +495,7 @@ def test_json_gives_every_result_by_the_key_that_specifications_use(runs, tmp_pa
     """
     out = tmp_path / "c.pdf"
     said = calibkit(
-        "certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--json"
+        "certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--json"
     ).json
     assert said["ok"] is True
     assert said["draft"] is False
@@ -551,7 +511,7 @@ def test_json_gives_every_result_by_the_key_that_specifications_use(runs, tmp_pa
 @pytest.mark.parametrize("out", [".", "/", "", "..", "certificate", "certificate.xml"])
 def test_a_name_that_is_no_pdf_is_refused_with_what_to_name(out, runs, calibkit):
     """Folders, the empty name, and the name of the DCC: exit 2, not a fault of the program."""
-    outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE)
+    outcome = calibkit("certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE)
     assert outcome.code == 2
     assert "ends in .pdf" in outcome.err
 
@@ -560,7 +520,7 @@ def test_a_draft_for_want_of_a_font_is_admitted_everywhere(runs, tmp_path, calib
     """Stderr, --json, DCC and verify say what the pages say."""
     arguments = (
         "certify",
-        "PAIR-1",
+        "S-1",
         "--runs",
         runs,
         "--date",

@@ -8,13 +8,13 @@ import json
 import math
 import warnings
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from calibkit import cli, instruments, store, units
+from calibkit import instruments, recipe, units
 from calibkit.certificate import (
     content,
     dcc,
@@ -27,22 +27,13 @@ from calibkit.certificate import (
 from calibkit.certificate.dcc_units import dsi
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.version import __version__
-from conftest import REAL, ROOT, write_log
+from conftest import REAL, ROOT, called
+from sample_runs import SERIAL, sample_run
 
 pytest.importorskip("lxml")
 
 SCHEMAS = REAL / "dcc-schema"
 ISSUED = dt.date(2026, 11, 21)
-SAMPLES = (
-    "accelerometer",
-    "fog_thermal",
-    "gyro_noise",
-    "gyro_pair",
-    "gyro_triad",
-    "inclinometer",
-    "rate_table",
-)
-"""Procedures with sample logs and a recipe of the same name."""
 HOSTILE = (
     "<dcc:name>&amp; ]]> &#0; \"quoted\" 'single' <!-- -->",
     "bell \x07 escape \x1b null-ish \x01 \ufffe \uffff",
@@ -54,63 +45,13 @@ HOSTILE = (
 )
 
 
-def warmup(rng):
-    """A static gyro whose bias follows the temperature."""
-    T = np.linspace(-20.0, 60.0, 2000)
-    bias = 0.3 + 0.01 * T + rng.normal(0.0, 0.05, T.size)
-    return {"time_s": np.arange(T.size) * 1.0, "temp_case_degc": T, "gyro_dph": bias}
-
-
-def tumble(rng):
-    """Twenty-four still positions of a triad with scale factors, biases and skew, moved about
-    between them.
-    """
-    held = rng.normal(size=(24, 3))
-    held /= np.linalg.norm(held, axis=1, keepdims=True)
-    true = np.concatenate(
-        [np.vstack([np.tile(one, (200, 1)), rng.uniform(-1.0, 1.0, (50, 3))]) for one in held]
-    )
-    skewed = true @ np.array([[1.01, 0.004, 0.0], [0.0, 0.99, -0.003], [0.0, 0.0, 1.02]]) + [
-        0.01,
-        -0.02,
-        0.005,
-    ]
-    measured = skewed + rng.normal(0.0, 1e-4, skewed.shape)
-    return {
-        "time_s": np.arange(len(true)) / 50.0,
-        **{f"accel_{a}_g": measured[:, k] for k, a in enumerate("xyz")},
-    }
-
-
-WRITTEN = {"accelerometer_magnitude": tumble, "bias_temperature": warmup}
-"""Procedures without sample logs, and what theirs hold."""
-PROCEDURES = (*SAMPLES, *WRITTEN)
-
-
-def called(*arguments):
-    """Run a command in this process and return its exit code."""
-    with pytest.raises(SystemExit) as stopped:
-        cli.main([str(argument) for argument in arguments])
-    return stopped.value.code
+PROCEDURES = sorted(set(recipe.shipped()) - {"mpu6050_warmup"})
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """Return the run of a procedure's sample logs, fitted once."""
-    folder = tmp_path_factory.mktemp("runs")
-
-    @cache
-    def of(name):
-        data = ROOT / "datasets" / name
-        if name in WRITTEN:
-            data = tmp_path_factory.mktemp("logs")
-            write_log(data / "log.csv", **WRITTEN[name](np.random.default_rng(1)))
-        assert called(
-            "fit", name, "--data", data, "--serial", name, "--out", folder, "--date", "2026-11-21"
-        ) in (0, 1)
-        return store.load(folder / name / "r001")
-
-    return of
+    """Return the run of a procedure's sample logs."""
+    return cache(partial(sample_run, tmp_path_factory))
 
 
 def certificate(run, stated=None, text=""):
@@ -473,12 +414,8 @@ def test_certify_writes_the_dcc_beside_the_pdf_and_inside_it(run, tmp_path):
     assert called(*arguments, "--out", out.with_name("certificate.PDF")) == 4
     assert called(*arguments, "--out", tmp_path / "other.pdf", "--schema-dir", tmp_path) == 2
     assert not (tmp_path / "other.pdf").exists()
-    assert (
-        json.loads(base64.b64decode(document.split(b"<dcc:dataBase64>")[1].split(b"<")[0]))[
-            "serial"
-        ]
-        == "gyro_pair"
-    )
+    attached = base64.b64decode(document.split(b"<dcc:dataBase64>")[1].split(b"<")[0])
+    assert json.loads(attached)["serial"] == SERIAL
 
 
 def test_identifiers_are_unique_and_every_reference_leads_somewhere(run):

@@ -24,6 +24,7 @@ def benchmark():
     del sys.modules["drift_coverage"]
 
 
+@pytest.mark.slow
 def test_intervals_of_level_coefficients_cover_the_truth(benchmark):
     """Eight gyros of the fitted family, some three independent coefficients each: 80 % or more
     within 2 u (95 % less 3 sigma).
@@ -35,6 +36,7 @@ def test_intervals_of_level_coefficients_cover_the_truth(benchmark):
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.3
 
 
+@pytest.mark.slow
 def test_the_expanded_uncertainty_of_the_compensated_rate_covers_the_truth(benchmark):
     """Withheld ramps of six physical gyros: at least 85 % of the errors within U, and U is not
     twice what they need.

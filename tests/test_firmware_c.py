@@ -10,6 +10,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from calibkit.firmware import chain, ranges, vectors
+from conftest import slow_after
 from firmware_driver import COMMON, LINKER, expected, exported, write
 from firmware_runs import RUNS, cached
 
@@ -153,7 +154,7 @@ def test_every_representable_temperature_gives_the_twins_bits_on_the_host(
     assert found == {one.prefix: f"{remembered(one, HOST_LANES):08x}+" for one in exports}
 
 
-@pytest.mark.parametrize("core", CORES)
+@pytest.mark.parametrize("core", slow_after(1, CORES))
 def test_emulated_cores_give_the_twins_bits_without_a_library(core, sources, exports, tmp_path):
     """Cortex-M0, M3, M4F and M7 under qemu-system-arm; linked with the compiler's own arithmetic
     alone.

@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 PROJECT = ROOT / "tests" / "firmware_project"
 EMULATED = {
@@ -115,7 +115,7 @@ def test_the_application_takes_the_newer_slot_and_heeds_every_status(delivered):
     assert [line for line in lines if line.startswith("rate")][1] == lines[-2]
 
 
-@pytest.mark.parametrize("target", EMULATED)
+@pytest.mark.parametrize("target", slow_after(1, EMULATED))
 def test_emulated_cores_print_the_bits_of_the_host(target, delivered):
     """The same text, bit for bit, from a Cortex-M4F and from a RISC-V core without a floating-point
     unit; no warning anywhere.

@@ -17,6 +17,7 @@ from calibkit.certificate import circumstances, content, profile, run_files, she
 from calibkit.errors import CoefficientError
 from calibkit.left_out import LeftOut
 from conftest import ROOT
+from sample_runs import sample_run
 from test_certificate_layouts import fitted
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-run-2.schema.json").read_text())
@@ -72,9 +73,9 @@ def test_rows_that_a_person_excludes_or_that_lack_a_value_are_counted(tmp_path):
     )
 
 
-def test_samples_that_a_log_lacks_are_counted(tmp_path):
+def test_samples_that_a_log_lacks_are_counted(tmp_path_factory):
     """Those of the noise record's gaps."""
-    facts, rows = stated(fitted(tmp_path, "gyro_noise"), "gyro_noise")
+    facts, rows = stated(sample_run(tmp_path_factory, "gyro_noise"), "gyro_noise")
     assert facts == (LeftOut("samples", 137, 21600, "missing", "static.csv"),)
     assert rows == ["137 of 21600 samples of static.csv were not in the log."]
 

@@ -352,6 +352,7 @@ class Environment:
         return done.stdout
 
 
+@pytest.mark.slow
 def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     """Every block of the page in a fresh environment: init, check, fit and apply take logs in the
     format of the package, and run.json states the package.
@@ -380,6 +381,7 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     assert "ramp_heating_05.txt:101: the checksum is not" in checked.stdout
 
 
+@pytest.mark.slow
 def test_the_instrument_of_the_page_is_installed_and_calibrates(tmp_path):
     """Every block of the page in a fresh environment: the thermometer is right to 10 mK on unseen
     soaks, and run.json states the package.

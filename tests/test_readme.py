@@ -61,6 +61,7 @@ def typed(shell, folder, **environment):
     )
 
 
+@pytest.mark.slow
 def test_the_fit_command_works_in_a_fresh_copy(fresh):
     """The first command installs calibkit, fits the sample logs and leaves a run folder."""
     done = typed(command("fit"), fresh)
@@ -75,6 +76,7 @@ def test_the_fit_command_works_in_a_fresh_copy(fresh):
     )  # the recipe is found by name in the installed package
 
 
+@pytest.mark.slow
 def test_the_test_command_works_in_a_fresh_copy(fresh):
     """The second command installs the test tools and runs pytest, here on one module so that the
     suite does not call itself.

@@ -20,6 +20,7 @@ from calibkit.numeric import earth
 from calibkit.recipe.tables import Errors
 from calibkit.sensitivities import InputError
 from conftest import ROOT
+from sample_runs import sample_logs
 from triad_dwells import fit_triad
 
 SHIFTS = [
@@ -72,16 +73,6 @@ OVERRIDES = {
 SITE = {"latitude_deg": 34.2, "gravity_mps2": 9.7967}
 
 
-def warm_up(folder):
-    """Write a log of a gyro that warms up."""
-    rng, t = np.random.default_rng(4), np.linspace(20.0, 60.0, 4000)
-    rate = 2.0 + 0.05 * t - 4e-4 * t**2 + 2e-6 * t**3 + 0.01 * rng.standard_normal(4000)
-    frame = pd.DataFrame({"time_s": np.arange(4000.0), "temp_case_degc": t, "gyro_dph": rate})
-    folder.mkdir()
-    frame.to_csv(folder / "warm.csv", index=False, float_format="%.9g")
-    return folder
-
-
 def shifted(frame, error):
     """A log with an input off; counts per second are off with the clock that they are made by."""
     if error.input == "time_s":
@@ -106,9 +97,7 @@ def fitted(tmp_path_factory):
 
     def of(name, overrides):
         if (name, overrides) not in made:
-            folder = ROOT / "datasets" / name
-            if name == "bias_temperature":
-                folder = warm_up(tmp_path_factory.mktemp("bias") / "logs")
+            folder = sample_logs(tmp_path_factory, name)
             made[name, overrides] = folder, fit(name, folder, *overrides)
         return made[name, overrides]
 

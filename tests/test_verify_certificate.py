@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import cli, instruments, sealed, store
+from calibkit import instruments, sealed
 from calibkit.certificate import (
     content,
     dcc,
@@ -28,7 +28,8 @@ from calibkit.certificate import (
 from calibkit.certificate.results import ListTable
 from calibkit.certificate.words import Words
 from calibkit.errors import CoefficientError
-from conftest import AUTHORITIES, ROOT
+from conftest import AUTHORITIES, ROOT, called
+from sample_runs import sample_run
 
 pytest.importorskip("typst")
 pytest.importorskip("lxml")
@@ -40,13 +41,6 @@ authority = pytest.importorskip("authority")
 PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
 ISSUED = dt.date(2026, 11, 21)
 STATED = 'adjustment.statement="no adjustment"'
-
-
-def called(*arguments):
-    """Run a command in this process and return its exit code."""
-    with pytest.raises(SystemExit) as stopped:
-        cli.main([str(argument) for argument in arguments])
-    return stopped.value.code
 
 
 def key_file(path, days=(-10, 1000)):
@@ -61,24 +55,7 @@ def key_file(path, days=(-10, 1000)):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The run of the sample gyro pair."""
-    folder = tmp_path_factory.mktemp("runs")
-    data = ROOT / "datasets" / "gyro_pair"
-    assert (
-        called(
-            "fit",
-            "gyro_pair",
-            "--data",
-            data,
-            "--serial",
-            "PAIR-1",
-            "--out",
-            folder,
-            "--date",
-            "2026-11-21",
-        )
-        == 0
-    )
-    return store.load(folder / "PAIR-1" / "r001")
+    return sample_run(tmp_path_factory, "gyro_pair")
 
 
 @pytest.fixture(scope="module")

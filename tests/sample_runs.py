@@ -1,0 +1,82 @@
+"""Runs of the shipped recipes on their sample logs, each fitted once a session for all processes of
+pytest-xdist, as a user fits it: with its report in ink.
+
+Nothing may change them; a test that has to copies the folder first.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibkit import instruments, pipeline, recipe, store
+from calibkit.report import figures, svg
+from conftest import REAL, ROOT, Ink
+
+SERIAL = "S-1"
+DATE = "2026-11-21"
+
+
+def session_folder(factory):
+    """Folder that all processes of a session share; `factory` is pytest's of temporary folders."""
+    own = factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "sample_runs"
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def sample_run(factory, name, overrides=(), data=None):
+    """Run of a shipped recipe, fitted by the first process that asks; `data` is a folder in place
+    of the sample logs.
+    """
+    logs = data or sample_logs(factory, name)
+    key = hashlib.sha256(json.dumps([name, *overrides, str(logs)]).encode()).hexdigest()[:12]
+    folder = session_folder(factory) / f"{name}-{key}"
+    folder.mkdir(exist_ok=True)
+    run = folder / SERIAL / "r001"
+    with (folder / "lock").open("w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not run.is_dir():
+            fit_in_ink(recipe.find(name, overrides), logs, folder)
+    return store.load(run)
+
+
+def fit_in_ink(source, logs, out):
+    """Fit and render the report, whether or not the test that asks does."""
+    before = figures.settle, svg.inline
+    figures.settle, svg.inline = Ink.settle, Ink.inline
+    try:
+        pipeline.fit(source, logs, SERIAL, out, DATE, instruments.silent)
+    finally:
+        figures.settle, svg.inline = before
+
+
+def sample_logs(factory, name):
+    """Folder with logs of a shipped recipe: samples, a log of the field, or written ones."""
+    if name == "mpu6050_warmup":
+        if not REAL.is_dir():
+            pytest.skip("the logs of the field are not beside the repository")
+        return REAL / name
+    samples = ROOT / "datasets" / name
+    if samples.is_dir():
+        return samples
+    folder = session_folder(factory) / "warm_up"
+    with (folder.parent / "warm_up.lock").open("w", encoding="utf-8") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.is_dir():
+            warm_up(folder)
+    return folder
+
+
+def warm_up(folder):
+    """Write a log of a gyro that warms up."""
+    rng, t = np.random.default_rng(4), np.linspace(20.0, 60.0, 4000)
+    rate = 2.0 + 0.05 * t - 4e-4 * t**2 + 2e-6 * t**3 + 0.01 * rng.standard_normal(4000)
+    frame = pd.DataFrame({"time_s": np.arange(4000.0), "temp_case_degc": t, "gyro_dph": rate})
+    folder.mkdir()
+    frame.to_csv(folder / "warm.csv", index=False, float_format="%.9g")
+    return folder
