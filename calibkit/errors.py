@@ -126,6 +126,10 @@ class OutputError(CalibkitError):
     code = "output"
 
 
+class TakenError(OutputError):
+    """Another process has written the revision that was to be written."""
+
+
 class NotCheckedError(CalibkitError):
     """Something was not checked, because an optional library is missing: neither good nor bad."""
 

@@ -75,16 +75,13 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
     cannot be written.
 
     All are on the disk under temporary names before the first gets its own. Raises OutputError when
-    one exists or cannot be written. A dry run only looks. What a killed process left unfinished in
-    the same folders is removed.
+    one exists or cannot be written. A dry run only looks.
     """
     for path in files:
         refuse_existing(path)
     if dry_run:
         return
     with contextlib.ExitStack() as temporaries, contextlib.ExitStack() as renames:
-        for folder in {path.parent for path in files}:
-            atomic.remove_abandoned(folder)
         ready = {path: _write_beside(path, files[path], temporaries) for path in files}
         for path, temporary in ready.items():
             with output_errors(path, "give another place"):
@@ -108,10 +105,8 @@ def _write_beside(
         atomic.make_folder(path.parent)
         handle, name = tempfile.mkstemp(prefix=atomic.UNFINISHED, dir=path.parent)
         os.close(handle)
-        lock_handle = atomic.hold_unfinished(Path(name))
-        if lock_handle is not None:
-            temporaries.callback(os.close, lock_handle)
         temporaries.callback(_remove, Path(name))
+        atomic.remove_abandoned(Path(name))
         atomic.write_synced(Path(name), content)
         Path(name).chmod(0o644)
         return Path(name)

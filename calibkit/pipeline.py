@@ -26,6 +26,7 @@ from calibkit.errors import (
     FrameError,
     MissingColumnError,
     OutputError,
+    TakenError,
     UsageError,
 )
 from calibkit.frame import refuse
@@ -81,8 +82,11 @@ def fit(
     *,
     dry_run: bool = False,
     today: str | None = None,
+    retry: bool = True,
 ) -> FitOutcome:
     """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it.
+    Where another process has taken the number meanwhile it becomes the revision after that; without
+    `retry` TakenError is raised.
 
     Without a date that of the logs' last row holds, and where they have none `today`, which is the
     clock's where it is not given.
@@ -101,7 +105,7 @@ def fit(
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
-    with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
+    for revision, superseded in store.next_revisions(out, serial):
         fit_summary = run_content.complete_summary(fitted, pooled)
         fit_summary = replace(
             fit_summary,
@@ -113,7 +117,14 @@ def fit(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
-    run = store.StoredRun(folder, document, records)
+        if folder is not None:
+            run = store.StoredRun(folder, document, records)
+            break
+        if not retry:
+            raise TakenError(
+                f"{out / serial}: another calibkit has just written r{revision:03d}",
+                hint="run again",
+            )
     residuals = getattr(fitted.drawing, "residuals", dict)
     summary = replace(
         page_content.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}"

@@ -3,8 +3,8 @@ digests.
 """
 
 import contextlib
+import errno
 import hashlib
-import os
 import re
 import shutil
 import stat
@@ -31,6 +31,8 @@ _HIGHEST = ".highest-"
 """Beginning of the name of an empty file that states the highest revision ever given."""
 _REVISION = re.compile(r"r(\d{3}|[1-9]\d{3,})")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_TAKEN = (errno.EEXIST, errno.ENOTEMPTY)
+"""Errors of a rename onto a folder that is there."""
 _SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
 """Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
 written.
@@ -106,9 +108,10 @@ def _entries(folder: Path) -> list[Path]:
 
 def save(
     out: Path, serial: str, revision: int, files: Mapping[str, bytes], *, dry_run: bool = False
-) -> Path:
-    """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is
-    overwritten. A dry run only names it.
+) -> Path | None:
+    """Write a run folder whole: a temporary folder, every file synced, then one rename, which fails
+    where another process has just taken the name: then nothing is written, and None is returned. A
+    dry run only names the folder.
     """
     target = _folder(out, serial, revision)
     refuse_run_folder(target)
@@ -118,17 +121,18 @@ def save(
         atomic.make_folder(target.parent)
         temporary = Path(tempfile.mkdtemp(prefix=atomic.UNFINISHED, dir=target.parent))
     try:
+        atomic.remove_abandoned(temporary)
         with output_errors(target, "free space or give another --out"):
             temporary.chmod(0o755)
             for name, content in files.items():
                 atomic.write_synced(temporary / name, content)
             atomic.sync_folder(temporary)
-            if os.path.lexists(target):
-                raise OutputError(
-                    f"{target}: exists already",
-                    hint="another fit of this serial has just finished; run again",
-                )
-            _rename_folder(temporary, target)
+            try:
+                _rename_folder(temporary, target)
+            except OSError as error:
+                if error.errno in _TAKEN:
+                    return None
+                raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     _mark_highest(target.parent, revision)
@@ -142,19 +146,20 @@ def _mark_highest(serial_folder: Path, revision: int) -> None:
     full costs this protection only.
     """
     with contextlib.suppress(OSError):
-        before = list(serial_folder.glob(f"{_HIGHEST}*"))
-        mark = serial_folder / f"{_HIGHEST}r{revision:03d}"
-        mark.touch()
-        for path in before:
-            if path != mark:
+        (serial_folder / f"{_HIGHEST}r{revision:03d}").touch()
+        for number, path in _highest_marks(serial_folder).items():
+            if number < revision:
                 path.unlink()
 
 
-def _highest_given(serial_folder: Path) -> int:
-    """Highest revision ever given to a serial, 0 for none; stores of 0.2 state none."""
-    names = [path.name for path in serial_folder.glob(f"{_HIGHEST}*")]
-    matches = (_REVISION.fullmatch(name.removeprefix(_HIGHEST)) for name in names)
-    return max((int(match.group(1)) for match in matches if match), default=0)
+def _highest_marks(serial_folder: Path) -> dict[int, Path]:
+    """Revision → file that states it as the highest ever given; stores of 0.2 have none."""
+    marks = {}
+    for path in serial_folder.glob(f"{_HIGHEST}*"):
+        match = _REVISION.fullmatch(path.name.removeprefix(_HIGHEST))
+        if match:
+            marks[int(match.group(1))] = path
+    return marks
 
 
 def _rename_folder(temporary: Path, target: Path) -> None:
@@ -370,16 +375,10 @@ def read_utf8(path: Path) -> str:
         ) from None
 
 
-@contextlib.contextmanager
-def next_revision(
-    out: Path, serial: str, *, dry_run: bool = False
-) -> Iterator[tuple[int, dict[str, str]]]:
+def next_revisions(out: Path, serial: str) -> Iterator[tuple[int, dict[str, str]]]:
     """Number of the next revision of a serial, and the digests of the coefficient files that it
-    supersedes, by stage.
-
-    The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next
-    number and the other the one after it. What a fit that was killed left half written is removed.
-    A dry run takes no lock.
+    supersedes, by stage; anew each time, until a fit has saved its run: another process may have
+    taken the number meanwhile.
     """
     refuse_run_folder(out / serial)
     if (out / serial).is_symlink():
@@ -387,46 +386,9 @@ def next_revision(
             f"{out / serial}: a link, expected a folder: the run would lie outside of {out}",
             hint="give the folder that it leads to as --out, or put it in the link's place",
         )
-    with contextlib.nullcontext() if dry_run else held(out, serial):
+    while True:
+        # marks first: a run is marked once it is there, so no run is left out between the two
+        highest = max(_highest_marks(out / serial), default=0)
         newest = max(revisions(out / serial), default=0)
         before = load_revision(out, serial, newest).stage_digests() if newest else {}
-        yield max(newest, _highest_given(out / serial)) + 1, before
-
-
-@contextlib.contextmanager
-def held(out: Path, serial: str) -> Iterator[None]:
-    """Hold a serial's lock; what a fit that was killed left half written is removed, or named where
-    it may be another process's that no lock keeps out. Raises OutputError.
-    """
-    with contextlib.ExitStack() as lock:
-        with output_errors(out, "give another --out"):
-            atomic.make_folder(out)
-            has_locks = lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
-        for path in filter(Path.is_dir, atomic.list_unfinished(out / serial)):
-            if has_locks and path.name.startswith(atomic.UNFINISHED):
-                _remove_unfinished(path)
-            else:
-                atomic.name_unfinished(path)
-        yield
-
-
-def _remove_unfinished(folder: Path) -> None:
-    """Remove a folder under a name of its own, so that nobody can rename it meanwhile to be a
-    run.
-    """
-    with contextlib.suppress(OSError):
-        shutil.rmtree(folder.rename(folder.with_name(f"{folder.name}x")), ignore_errors=True)
-
-
-def _lock(out: Path, serial: str) -> Path:
-    """Lock file of a serial."""
-    return out / f".{serial}.lock"
-
-
-def clear(out: Path, serial: str) -> None:
-    """Remove what a fit of a serial that was killed left: a folder half written, a lock that nobody
-    holds.
-    """
-    if _lock(out, serial).exists() or atomic.list_unfinished(out / serial):
-        with held(out, serial):
-            pass
+        yield max(newest, highest) + 1, before

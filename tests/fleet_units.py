@@ -64,14 +64,14 @@ def fit(
 
 
 def tree(folder):
-    """Relative name → bytes of all files below a folder."""
+    """Relative name → bytes of all files below a folder but those that a killed process left."""
     return {
         path.relative_to(folder).as_posix(): path.read_bytes()
         for path in folder.rglob("*")
-        if path.is_file()
+        if path.is_file() and not any(part.startswith(".writing-") for part in path.parts)
     }
 
 
 def left_over(out):
-    """What a writer left unfinished, locks included."""
+    """What a writer left unfinished."""
     return [path for path in out.rglob(".*") if not path.name.startswith(".highest-")]

@@ -81,5 +81,8 @@ def keep(
             ],
         }
 
-    with store.next_revision(out, serial) as (revision, superseded):
-        return store.save(out, serial, revision, files(revision, superseded))
+    for revision, superseded in store.next_revisions(out, serial):
+        folder = store.save(out, serial, revision, files(revision, superseded))
+        if folder is not None:
+            return folder
+    return None

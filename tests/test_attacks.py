@@ -28,7 +28,7 @@ from pathlib import Path
 warnings.simplefilter("ignore")
 from attacks import faults
 faults.quick()
-counted, bad = faults.attack(Path(sys.argv[1]), ("EIO", "ENOLCK"), {"apply", "export"}, 8)
+counted, bad = faults.attack(Path(sys.argv[1]), ("EIO",), {"apply", "export"}, 8)
 read, worse = faults.attack(Path(sys.argv[1]), ("EIO",), {"report"}, 3)
 counted, bad = counted | read, bad + worse
 kills, more = faults.kill(Path(sys.argv[1]), 3, 1)

@@ -57,29 +57,30 @@ def test_a_fleet_survives_killed_processes(tmp_path, quick):
     assert {entry.run for entry in done.table.entries} == {"r001"}
     assert done.exit_code == 0
     for serial, (temperature, gyro) in logs.items():
-        names = sorted(path.name for path in (tmp_path / "runs" / serial).iterdir())
-        assert names == [".highest-r001", "r001"]
+        names = {path.name for path in (tmp_path / "runs" / serial).iterdir()}
+        unfinished = {name for name in names if name.startswith(atomic.UNFINISHED)}
+        assert names - unfinished == {".highest-r001", "r001"}
         # powers of a temperature around 40 °C lose 3 digits of 16
         np.testing.assert_allclose(
             coefficients(tmp_path / "runs", serial),
             np.polynomial.polynomial.polyfit(temperature, gyro, 1),
             rtol=1e-11,
         )
-    assert left_over(tmp_path / "runs") == []
 
 
 def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(
     tmp_path, quick, monkeypatch
 ):
-    """Killed between files and rename, a run is neither there in part nor lost, and its remains are
-    removed.
+    """Killed between files and rename, a run is neither there in part nor lost; its remains go a day
+    later.
     """
     fleet_logs(tmp_path / "units", 6)
     monkeypatch.setattr(run, "fit_device", quick_device.killed_while_writing)
     done = fit(tmp_path / "units", tmp_path / "runs", jobs=2)
     assert (tmp_path / "units" / "U003.killed").exists()
     assert {entry.run for entry in done.table.entries} == {"r001"}
-    assert left_over(tmp_path / "runs") == []
+    (left,) = left_over(tmp_path / "runs")
+    assert left.name.startswith(atomic.UNFINISHED)
     assert store.load(tmp_path / "runs" / "U003" / "r001").name == "U003@r001"
 
 
@@ -153,7 +154,6 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     assert again.code == 0, again.out
     assert again.json["fitted_before"] >= len(finished)
     assert {path: path.stat().st_ino for path in finished} == finished
-    assert left_over(out) == []
     whole = tmp_path / "whole"
     assert calibkit(*call, "--out", whole, "--jobs", "2").code == 0
     assert tree(out) == tree(whole)
@@ -212,7 +212,6 @@ def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
     first = fit(tmp_path / "units", tmp_path / "runs")
     before = tree(tmp_path / "runs")
     (tmp_path / "runs" / "U001" / f"{atomic.UNFINISHED}killed").mkdir()
-    (tmp_path / "runs" / ".U002.lock").touch()  # killed between the rename and the end
     second = fit(tmp_path / "units", tmp_path / "runs")
     assert (first.before, second.before) == (0, 3)
     assert second.folder == first.folder

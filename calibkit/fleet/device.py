@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import atomic, instruments, pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe, store
 from calibkit.check import copies
-from calibkit.errors import CalibkitError, CoefficientError
+from calibkit.errors import CalibkitError, CoefficientError, TakenError
 from calibkit.fleet import keys
 from calibkit.fleet.keys import KeyFigure
 from calibkit.ingest import logs as ingest
 from calibkit.readers import parts
 from calibkit.version import SOFTWARE
-
-WAIT_S = 3600.0
-"""How long to wait for a device that another process fits [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,31 +111,27 @@ def fit_device(plan: DeviceTask, serial: str) -> Outcome:
 def _finished(plan: DeviceTask, serial: str) -> Row:
     """Row of a device: of the run that is there, or of the one that is fitted now.
 
-    The device is locked meanwhile: where two processes fit it, as when a worker was believed dead,
-    the second finds the run of the first. A dry run changes no disk, so it takes no lock.
+    Where two processes fit it at once, as when a worker was believed dead, the second takes the run
+    of the first.
     """
     spec = instruments.parse_recipe(plan.source)
-    with contextlib.ExitStack() as lock:
-        if not plan.dry_run:
-            # no serial begins with "-": this is not the lock that the fit itself holds while it
-            # writes
-            name = plan.out / f".-{serial}.lock"
-            lock.enter_context(atomic.locked(name, f"{plan.out / serial}", WAIT_S))
-            store.clear(plan.out, serial)
+    while True:
         run = _already(plan, serial, spec)
         if run is not None:
             return _row(run, spec, before=True)
-        outcome = pipeline.fit(
-            plan.source,
-            plan.data / serial,
-            serial,
-            plan.out,
-            plan.date or None,
-            instruments.silent,
-            dry_run=plan.dry_run,
-            today=plan.today,
-        )
-        return _row(outcome.run, spec, before=False)
+        with contextlib.suppress(TakenError):
+            outcome = pipeline.fit(
+                plan.source,
+                plan.data / serial,
+                serial,
+                plan.out,
+                plan.date or None,
+                instruments.silent,
+                dry_run=plan.dry_run,
+                today=plan.today,
+                retry=False,
+            )
+            return _row(outcome.run, spec, before=False)
 
 
 def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.StoredRun | None:

@@ -186,7 +186,8 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
     """Folder of the fleet's table: the one that holds these very bytes already, or the next
     revision.
     """
-    with contextlib.nullcontext() if dry_run else store.held(out, store.FLEETS):
+    saved = None
+    while saved is None:
         numbers = store.revisions(out / store.FLEETS)
         for number in reversed(numbers):
             folder = out / store.FLEETS / f"r{number:03d}"
@@ -195,7 +196,8 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
             }:
                 return folder
         number = max(numbers, default=0) + 1
-        return store.save(out, store.FLEETS, number, contents, dry_run=dry_run)
+        saved = store.save(out, store.FLEETS, number, contents, dry_run=dry_run)
+    return saved
 
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:

@@ -50,13 +50,11 @@ def attack_writes(folder, share):
     from attacks import faults
 
     faults.quick()
-    counted, bad = faults.attack(folder, (*faults.FAULTS, "ENOLCK"), every=max(1, round(1 / share)))
+    counted, bad = faults.attack(folder, faults.FAULTS, every=max(1, round(1 / share)))
     names = ", ".join(dict.fromkeys(command for command, _ in counted))
-    for fault in (*faults.FAULTS, "ENOLCK"):
+    for fault in faults.FAULTS:
         count = sum(number for (_, named), number in counted.items() if named == fault)
-        what = (
-            "without locks" if fault == "ENOLCK" else f"each call of its files failed with {fault}"
-        )
+        what = f"each call of its files failed with {fault}"
         yield f"{what}: {names}", count, [one for one in bad if f", {fault}: " in one]
     count, bad = faults.kill(folder, round(500 * share), 3)
     yield "kill -9 at a call of its files", count, bad
