@@ -16,7 +16,7 @@ import tempfile
 from pathlib import Path
 
 import firmware_runs
-from calibkit.firmware import blob, c_header, c_loader, c_source, export, formats
+from calibkit.firmware import blob, c_code, export, formats
 
 RUNS = {
     "gyro K(T), F0(T)": "rate",
@@ -127,8 +127,8 @@ def cost(one: export.FirmwareRun, folder: Path, core: str) -> tuple[int, int, in
         "unit_update(&state, UNIT_INTERVAL_MS, in, out)" if memory else "unit_correct(in, out)",
     )
     files = {
-        "unit.h": c_header.render(one),
-        "unit.c": c_source.render(one),
+        "unit.h": c_code.header(one).decode(),
+        "unit.c": c_code.source(one).decode(),
         "main.c": main,
         "core.ld": LINKER,
     }
@@ -171,8 +171,8 @@ def loader_cost(one: export.FirmwareRun, folder: Path, core: str) -> tuple[int, 
     """
     machine, options = CORES[core]
     content = blob.render(one)
-    (folder / "unit.h").write_bytes(c_loader.header(one))
-    (folder / "unit.c").write_bytes(c_loader.source(one))
+    (folder / "unit.h").write_bytes(c_code.loader_header(one))
+    (folder / "unit.c").write_bytes(c_code.loader_source(one))
     array = f"static const uint8_t blob[{len(content)}] = {{{', '.join(map(str, content))}}};\n"
     (folder / "blob.inc").write_text(array, encoding="ascii")
     (folder / "main.c").write_text(LOADED, encoding="ascii")

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from calibkit import coefficients, instruments, pipeline, recipe
 from calibkit.errors import OutputError
-from calibkit.firmware import blob, formats, program
+from calibkit.firmware import blob, formats
 from calibkit.ingest import logs
 
 PROCEDURES = {
@@ -48,7 +48,7 @@ def layout(procedure: str, overrides: tuple[str, ...], data: Path, seed: int) ->
         chain = instruments.optional(procedure, "chain")(spec, records)
     except OutputError as error:
         return f"not exported: {error}", "none"
-    quantised = program.quantise(chain, formats.Format.find("f32"))
+    quantised = chain.quantise(formats.Format.find("f32"))
     return ", ".join(dict.fromkeys(chain.structure.forms)), blob.shape(quantised).digest.hex()
 
 

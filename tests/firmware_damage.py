@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-from calibkit.firmware import blob, c_loader, ranges
+from calibkit.firmware import blob, c_code
 
 SANITIZED = ("-std=c99", "-O1", "-g", "-w", "-ffp-contract=off")
 SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -24,7 +24,7 @@ PROGRAM = Path(__file__).with_suffix(".c")
 def program(export):
     """Text of the program for the loader of one chain."""
     structure = export.structure
-    known = ranges.find_ranges(export.chain, usual=False)
+    known = export.chain.find_ranges(usual=False).values
     spans = [known[entry.name] for entry in structure.inputs]
     fields = "\n".join(f"    in->{e.name} = (@real)x[{k}];" for k, e in enumerate(structure.inputs))
     calls = "        (void)unit_correct(a, &in, &x); (void)unit_correct(b, &in, &y);"
@@ -62,8 +62,8 @@ def damage(export, folder, times, seed=1, timeout=300, *, every_bit=False):
     """What the program counts: flips and cuts, bursts and mutants that were taken, the worst
     difference of an accepted mutant with intact vectors [tolerances], the longest load [s].
     """
-    (folder / "unit.h").write_bytes(c_loader.header(export))
-    (folder / "unit.c").write_bytes(c_loader.source(export))
+    (folder / "unit.h").write_bytes(c_code.loader_header(export))
+    (folder / "unit.c").write_bytes(c_code.loader_source(export))
     (folder / "damage.c").write_text(program(export))
     command = ("gcc", *SANITIZED, *SANITIZERS, "damage.c", "-lm", "-o", "damage")
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

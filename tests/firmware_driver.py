@@ -6,7 +6,7 @@ from math import frexp
 
 import numpy as np
 
-from calibkit.firmware import c_header, c_source, export, formats, ranges, twin, twin_clock
+from calibkit.firmware import c_code, export, formats, ranges, twin, twin_clock
 
 IDENTITY = export.RunIdentity(
     "FW-1",
@@ -32,15 +32,15 @@ def exported(chain, number, prefix):
 def write(exports, folder):
     """Write headers and sources, and one file that includes them all."""
     for one in exports:
-        (folder / f"{one.prefix}.h").write_text(c_header.render(one))
-        (folder / f"{one.prefix}.c").write_text(c_source.render(one))
+        (folder / f"{one.prefix}.h").write_bytes(c_code.header(one))
+        (folder / f"{one.prefix}.c").write_bytes(c_code.source(one))
     (folder / "all.c").write_text("".join(f'#include "{one.prefix}.c"\n' for one in exports))
     (folder / "driver.c").write_text(driver(exports))
 
 
 def units(one):
     """Physical step of one count of each input: 16 bits reach beyond its range."""
-    known = ranges.find_ranges(one.chain, usual=False)
+    known = one.chain.find_ranges(usual=False).values
     return [
         2.0 ** (frexp(1.02 * float(ranges.magnitude(known[entry.name])))[1] - 15)
         for entry in one.chain.structure.inputs

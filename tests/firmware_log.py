@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibkit import pipeline, store
-from calibkit.firmware import formats, program, twin, twin_clock
+from calibkit.firmware import formats, twin, twin_clock
 from calibkit.numeric.intervals import Intervals
 
 
@@ -34,7 +34,7 @@ def correct(chain, frame, number="f64"):
     A chain with memory is updated once an interval, with means over it; between two updates its
     output goes in a straight line from that of the update before to that of the last.
     """
-    quantised = program.quantise(chain, formats.Format.find(number))
+    quantised = chain.quantise(formats.Format.find(number))
     structure, corrected = quantised.structure, frame.copy()
     columns = {entry.name: frame[entry.name].to_numpy() for entry in structure.inputs}
     if structure.has_memory:

@@ -14,7 +14,7 @@ import firmware_damage
 import page_parser
 from calibkit import instruments
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import blob, c_loader, c_reader, chain, export, formats, program
+from calibkit.firmware import blob, c_code, c_text, chain, export, formats
 from calibkit.recipe import tables
 from conftest import ROOT
 from firmware_driver import IDENTITY, exported
@@ -98,8 +98,8 @@ def built(export, folder, compiler="gcc", *options):
     """Compile loader and driver; returns what runs a blob through it."""
     if shutil.which(compiler) is None:
         pytest.skip(f"{compiler} is not installed")
-    (folder / "unit.h").write_bytes(c_loader.header(export))
-    (folder / "unit.c").write_bytes(c_loader.source(export))
+    (folder / "unit.h").write_bytes(c_code.loader_header(export))
+    (folder / "unit.c").write_bytes(c_code.loader_source(export))
     (folder / "driver.c").write_text(DRIVER)
     flags = ("-std=c99", *WARNINGS, *C_ONLY, "-O2", "-ffp-contract=off", *options)
     command = (compiler, *flags, "unit.c", "driver.c", "-o", f"unit_{compiler}")
@@ -235,8 +235,8 @@ def test_the_loader_is_the_same_for_every_unit(tmp_path_factory):
         identity=replace(export.identity, serial="ANOTHER", revision=7, run_sha256="ab" * 32),
         bounds={},
     )
-    assert c_loader.source(other) == c_loader.source(export)
-    assert c_loader.header(other) == c_loader.header(export)
+    assert c_code.loader_source(other) == c_code.loader_source(export)
+    assert c_code.loader_header(other) == c_code.loader_header(export)
 
 
 def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
@@ -275,8 +275,8 @@ def test_what_a_blob_cannot_hold_is_refused(tmp_path_factory):
 def test_a_loader_s_files_are_known_to_verify(tmp_path_factory):
     """Digest checked, said to be a loader."""
     export = export_of("scale", "f32", tmp_path_factory)
-    assert c_reader.verify_source("u.c", c_loader.source(export)) == "C source of a loader of blobs"
-    assert c_reader.verify_header("u.h", c_loader.header(export)) == "C header of a loader of blobs"
+    assert c_text.verify("u.c", c_code.loader_source(export)) == "C source of a loader of blobs"
+    assert c_text.verify("u.h", c_code.loader_header(export)) == "C header of a loader of blobs"
 
 
 def with_orders(this, order):
@@ -307,7 +307,7 @@ def test_one_loader_takes_devices_of_all_orders(name, tmp_path_factory):
     for order in (0, 1, 3):
         chain = with_orders(this, order)
         for layout, spec in (("padded", this.spec), ("fitted", fitted)):
-            quantised = program.quantise(chain(spec), formats.Format.find("f32"))
+            quantised = chain(spec).quantise(formats.Format.find("f32"))
             found[layout].add(blob.shape(quantised).digest)
     assert len(found["padded"]) == 1
     assert len(found["fitted"]) > 1

@@ -9,7 +9,7 @@ from dataclasses import asdict, replace
 
 import pytest
 
-from calibkit.firmware import chain, ranges, vectors
+from calibkit.firmware import ranges, steps as chain_steps, vectors
 from conftest import slow_after
 from firmware_driver import COMMON, LINKER, expected, exported, write
 from firmware_runs import RUNS, cached
@@ -343,7 +343,7 @@ def unheard(one):
     while heard != before:
         before = set(heard)
         for step in (step for step in steps if step.name in heard):
-            if isinstance(step, chain.Sum):
+            if isinstance(step, chain_steps.Sum):
                 for term in step.terms:
                     if not term.table or any(one.program.tables[term.table]):
                         heard |= {term.over, *term.factors} - {""}
@@ -351,11 +351,11 @@ def unheard(one):
                 heard |= {value for name, value in asdict(step).items() if name in SOURCES}
                 heard |= {case.value for case in getattr(step, "cases", ())}
     silent = [step for step in steps if step.name not in heard]
-    known = ranges.find_ranges(one.chain, usual=False)
+    known = one.chain.find_ranges(usual=False).values
     silent += [
         step
         for step in steps
-        if isinstance(step, chain.Limit)
+        if isinstance(step, chain_steps.Limit)
         and ranges.magnitude(known[step.source]) < min(map(abs, one.chain.tables[step.table]))
     ]
     tables, allowed = one.chain.tables, vectors.tolerances(one.chain, one.bounds)
@@ -364,7 +364,7 @@ def unheard(one):
         largest = abs(tables[f"by_own_{k}"][1] * tables[f"rate_of_{k}"][0]) / 64
         if largest < 2.0 * allowed["drift_dph"]:
             silent += [step for step in steps if step.name == f"at_{k}"]
-    sums = [step for step in silent if isinstance(step, chain.Sum)]
+    sums = [step for step in silent if isinstance(step, chain_steps.Sum)]
     return {term.table for step in sums for term in step.terms} | {
         step.table for step in silent if hasattr(step, "table")
     }

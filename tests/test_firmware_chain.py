@@ -5,7 +5,7 @@ within the printed bound.
 import numpy as np
 import pytest
 
-from calibkit.firmware import bounds, exact, formats, program, ranges, twin
+from calibkit.firmware import bounds, exact, formats, twin
 from calibkit.instruments.accelerometer import corrections as triad_correction, firmware
 from calibkit.instruments.bias import compensate, forms
 from calibkit.instruments.bias.numeric import bank, published as drift
@@ -27,7 +27,7 @@ def runs(tmp_path_factory):
 
 def within_ranges(chain, rows, seed, *, full=False):
     """Random inputs over the ranges of a chain, temperatures over all that a thermometer says."""
-    rng, known = np.random.default_rng(seed), ranges.find_ranges(chain, usual=False, full=full)
+    rng, known = np.random.default_rng(seed), chain.find_ranges(usual=False, full=full).values
     columns = {}
     for entry in chain.structure.inputs:
         low, high = (float(limit) for limit in known[entry.name])
@@ -97,7 +97,7 @@ def test_a_chain_without_memory_is_the_float64_model_within_its_printed_bound(
     random indications of the fitted range or up to ±16 g and ±2000 °/s, which nothing clamps.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find(number))
+    quantised = this.chain.quantise(formats.Format.find(number))
     bound = bounds.find_bounds(this.chain, quantised, full=full)
     inputs = within_ranges(this.chain, TEMPERATURES.size, 1, full=full)
     stored, columns = physical(quantised, inputs)
@@ -164,7 +164,7 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
     included.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find(number))
+    quantised = this.chain.quantise(formats.Format.find(number))
     bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     time, case, air = history()
     inputs = {
@@ -187,7 +187,7 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
 def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
     """Each update adds no more than the printed bound of one update to the error of the sum."""
     this = runs("gradient")
-    quantised = program.quantise(this.chain, formats.Format.find(number))
+    quantised = this.chain.quantise(formats.Format.find(number))
     bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     time, case, air = history()
     rate = np.gradient(air, time / 60.0)
@@ -219,7 +219,7 @@ def test_the_bound_of_a_plain_polynomial_is_within_the_classical_formula(runs):
     classical = 2.0**-24 * (
         sum(c) * (1 + 2 * (len(c) - 1)) + 3 * sum(k * x for k, x in enumerate(c))
     )
-    printed = bounds.find_bounds(chain, program.quantise(chain, formats.Format.find("f32")))[
+    printed = bounds.find_bounds(chain, chain.quantise(formats.Format.find("f32")))[
         chain.structure.outputs[0].name
     ]
     assert classical / 10 < printed <= classical * 1.02
@@ -231,8 +231,8 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     the middle nothing.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find("f32"))
-    known = ranges.find_ranges(this.chain, usual=False)
+    quantised = this.chain.quantise(formats.Format.find("f32"))
+    known = this.chain.find_ranges(usual=False).values
     middle = {
         e.name: np.full(3, sum(map(float, known[e.name])) / 2) for e in this.chain.structure.inputs
     }
@@ -261,8 +261,8 @@ def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
     turned = firmware.chain(spec, this.run.records)
     columns = within_ranges(this.chain, 500, 4)
     opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
-    expected = twin.call(program.quantise(this.chain, formats.Format.find("f64")), columns).outputs
-    found = twin.call(program.quantise(turned, formats.Format.find("f64")), opposite).outputs
+    expected = twin.call(this.chain.quantise(formats.Format.find("f64")), columns).outputs
+    found = twin.call(turned.quantise(formats.Format.find("f64")), opposite).outputs
     for output, values in expected.items():
         np.testing.assert_allclose(found[output], -values, rtol=0.0, atol=1e-15)
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibkit.firmware import bounds, formats, program, twin
+from calibkit.firmware import bounds, formats, twin
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from firmware_log import run_by_the_clock, words
@@ -81,7 +81,7 @@ def test_apply_and_firmware_agree_from_minus_55_to_90_degrees(name, number, runs
     in both, and both use the ends of the fitted range.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find(number))
+    quantised = this.chain.quantise(formats.Format.find(number))
     bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     turns = np.array([20.0, -55.0, -55.0, 90.0, 90.0, 20.0])
     times = np.concatenate(
@@ -104,7 +104,7 @@ def test_gaps_up_to_the_longest_are_bridged_as_apply_bridges_them(name, runs):
     to the rows that are left, and that of the whole log within what the header states.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find("f64"))
+    quantised = this.chain.quantise(formats.Format.find("f64"))
     bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     (allowed,) = stated(this, "gap")
     worst = 0.0
@@ -134,7 +134,7 @@ def test_a_reset_on_a_ramp_is_flagged_until_its_error_is_what_the_header_states(
     is above the second.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find("f64"))
+    quantised = this.chain.quantise(formats.Format.find("f64"))
     at_first, then = stated(this, "start")
     rate = largest_rate(this)
     settled = int(this.chain.tables["pace"][0])
@@ -162,7 +162,7 @@ def test_an_hour_without_numbers_starts_anew_and_says_so(name, runs):
     settled, and right after that.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find("f32"))
+    quantised = this.chain.quantise(formats.Format.find("f32"))
     settled = int(this.chain.tables["pace"][0])
     before, after = np.full(100, 10.0), np.full(settled + 200, 50.0)
     lost = np.concatenate([before, np.full(360, np.nan), after])
@@ -187,7 +187,7 @@ def test_a_glitch_is_not_used(name, number, runs):
     been none; a step that stays is a start.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find(number))
+    quantised = this.chain.quantise(formats.Format.find(number))
     flags, size = bits(this.chain), 900
     case = wandering(largest_rate(this) / 2, size, 3, 5.0, 40.0)
     heard = case.copy()
@@ -214,7 +214,7 @@ def test_calls_at_another_interval_are_right_by_the_clock(name, called_s, runs):
     states for a gap, where an update without the clock is wrong by the ratio of the intervals.
     """
     this = runs(name)
-    quantised = program.quantise(this.chain, formats.Format.find("f32"))
+    quantised = this.chain.quantise(formats.Format.find("f32"))
     size = round(4000.0 / called_s)
     time = np.arange(size) * called_s
     grid = np.arange(401) * INTERVAL
@@ -231,7 +231,7 @@ def test_calls_at_another_interval_are_right_by_the_clock(name, called_s, runs):
 def test_the_output_between_updates_has_no_steps(runs):
     """From the output of the update before to that of the last, over one interval."""
     this = runs("lagged")
-    quantised = program.quantise(this.chain, formats.Format.find("f64"))
+    quantised = this.chain.quantise(formats.Format.find("f64"))
     case = wandering(largest_rate(this), 50, 2)
     heard = words(quantised, {"temp_case_degc": case})
     found = run_by_the_clock(quantised, heard, np.full(50, INTERVAL_MS))

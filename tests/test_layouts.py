@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe
-from calibkit.firmware import blob, formats, program
+from calibkit.firmware import blob, formats
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.forms import FILE
 from calibkit.instruments.bias.numeric import bank_fit
@@ -97,5 +97,5 @@ def test_all_devices_of_one_form_share_a_loader(name, change, tmp_path_factory):
         this.spec, {FILE: change(this.record(FILE))}
     )
     number = formats.Format.find("f32")
-    one, two = (blob.shape(program.quantise(c, number)) for c in (this.chain, other))
+    one, two = (blob.shape(c.quantise(number)) for c in (this.chain, other))
     assert one == two

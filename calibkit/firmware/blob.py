@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_selftest, c_text, layout, vectors
-from calibkit.firmware.chain import Structure
+from calibkit.firmware import c_text, layout, vectors
+from calibkit.firmware.chain import Program, Structure
 from calibkit.firmware.export import FirmwareRun
-from calibkit.firmware.program import Program
 
 MAGIC, MAJOR, MINOR = b"CALB", 1, 2
 HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")
@@ -78,10 +77,9 @@ def render(export: FirmwareRun) -> bytes:
             hint="use --target c",
         )
     numbers = [x for name, _ in blob_shape.tables for x in program.tables[name]]
-    numbers += [
-        program.format.nearest(Fraction(c_selftest.tolerance_of(export, output.name)))
-        for output in program.structure.outputs
-    ]
+    allowed = vectors.tolerances(export.chain, export.bounds, rows.updates)
+    tolerances = [Fraction(allowed[output.name]) for output in program.structure.outputs]
+    numbers += map(program.format.nearest, tolerances)
     for k, status in enumerate(rows.status):
         numbers += [rows.inputs[entry.name][k] for entry in program.structure.inputs]
         numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]

@@ -32,6 +32,9 @@ MARKS = {"rejected": f", {REJECTED}", "no verdict": ", no verdict", "accepted": 
 """Verdict → what verify appends."""
 PLAIN = re.compile(r"[A-Za-z0-9_.+ -]")
 """Characters that mean themselves in a C string, beside any other."""
+LOADER = "loader of blobs"
+"""What the first line of a loader states; it has no numbers of its own."""
+DEVICE = re.compile(r"^ \* device +(.*), effective", re.MULTILINE)
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
@@ -157,6 +160,19 @@ def unseal(content: bytes, name: str) -> str:
     return body
 
 
-def fill_prefix(text: str, prefix: str) -> str:
-    """Template with the prefix of its names: for @p in lower, for @P in upper case."""
-    return text.replace("@p_", f"{prefix}_").replace("@P_", f"{prefix.upper()}_")
+def verify(name: str, content: bytes) -> str:
+    """Check the digest of a header or source; returns what it is. Its numbers are proven by the
+    self-test that it holds.
+    """
+    text, kind = unseal(content, name), "header" if name.endswith(".h") else "source"
+    if LOADER in text[:200]:
+        return f"C {kind} of a {LOADER}"
+    device = DEVICE.search(text)
+    if device is None:
+        raise CoefficientError(
+            f"{name}: not a file that calibkit wrote", hint="verify takes calibkit's own files"
+        )
+    facts = text.partition("*/")[0].splitlines()
+    return (
+        f"C {kind} of {device.group(1)}{verdict_mark(fact.removeprefix(' * ') for fact in facts)}"
+    )

@@ -1,18 +1,19 @@
 """The correction chain of a run as a short list of steps on normalised variables, with exact
-coefficients.
+coefficients; and the same with the numbers that a firmware holds.
 
-A step names the values that it takes and the table with its numbers; the same steps are evaluated
-by the numpy twin, bounded by the error analysis and printed as C. Temperatures and other drivers
-enter as u = (x − middle)/half, within [−1, 1] over the fitted range.
+Temperatures and other drivers enter as u = (x − middle)/half, within [−1, 1] over the fitted range.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
 
 from calibkit.arrays import Array
 from calibkit.firmware.exact import Poly
+from calibkit.firmware.formats import Format
+from calibkit.firmware.lanes import Call, Words
+from calibkit.firmware.ranges import Ranges
+from calibkit.firmware.steps import Code, Limit, Map, Memory, Slope, Step, Table, c_flag
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,122 +31,17 @@ class ChainInput:
     beyond: str = ""
     """Status of an indication outside its fitted range, which is used as it is."""
 
+    def value(self, call: Call, x: Words) -> Words:
+        """A value brought into its range; an indication as it is."""
+        low, high = call.numbers(self.table)
+        limited = call.limited(x, low, high, self.beyond or self.flag)
+        return x if self.beyond else limited
 
-@dataclass(frozen=True, slots=True)
-class Map:
-    """u = (x − middle)/half, brought into its range; table: middle, 1/half, least and greatest
-    u.
-    """
-
-    name: str
-    source: str
-    table: str
-    flag: str = ""
-    group: str = ""
-    """Side whose status the flag belongs to, where a later step selects one side of several."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChainTerm:
-    """± polynomial(over) · factors; without a table the polynomial is 1, without `over` the table
-    holds one number.
-    """
-
-    table: str = ""
-    over: str = ""
-    factors: tuple[str, ...] = ()
-    sign: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Sum:
-    """Sum of terms, added from left to right."""
-
-    name: str
-    terms: tuple[ChainTerm, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """A value brought into a range; table: least and greatest value."""
-
-    name: str
-    source: str
-    table: str
-    flag: str
-
-
-@dataclass(frozen=True, slots=True)
-class Quotient:
-    """numerator / denominator; the denominator cannot vanish within the chain's ranges."""
-
-    name: str
-    numerator: str
-    denominator: str
-
-
-@dataclass(frozen=True, slots=True)
-class Memory:
-    """Value that `source` had at the update before; at the first update its present value ("same")
-    or 0 ("zero").
-    """
-
-    name: str
-    source: str
-    start: Literal["same", "zero"]
-
-
-@dataclass(frozen=True, slots=True)
-class Play:
-    """Play operator: the remembered value `kept` brought within the table's two distances of
-    `source`; what is not pushed stays bit for bit.
-    """
-
-    name: str
-    source: str
-    kept: str
-    table: str
-
-
-@dataclass(frozen=True, slots=True)
-class Slope:
-    """Rate of `source` from its last values: Σ_i w_i (v_i − v_0), v_0 the newest.
-
-    The table holds a row of `length` − 1 weights w_1 … for each number of values from `least` to
-    `length`; with fewer values the rate is 0 and the flag is returned.
-    """
-
-    name: str
-    source: str
-    table: str
-    length: int
-    least: int
-    flag: str
-
-
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A value that a Select takes on one side: where source ≥ threshold (side 1), ≤ −threshold
-    (−1), either (0).
-    """
-
-    value: str
-    side: int
-    table: str
-    group: str
-
-
-@dataclass(frozen=True, slots=True)
-class Select:
-    """The first case that holds, else 0 and the flag."""
-
-    name: str
-    source: str
-    cases: tuple[Case, ...]
-    flag: str
-
-
-Step = Map | Sum | Limit | Quotient | Memory | Play | Slope | Select
+    def c(self, code: Code) -> str:
+        """Statement in C."""
+        helper, flag = ("indicated", self.beyond) if self.beyond else ("limited", self.flag)
+        arguments = f"in->{self.name}, {code.tables}{self.table}, {c_flag(flag)}, &status"
+        return f"const @real {self.name} = @p_{helper}({arguments});"
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,8 +106,7 @@ class Structure:
     def flags(self) -> tuple[str, ...]:
         """Statuses in the order of their bits."""
         names = [entry.beyond or entry.flag for entry in self.inputs]
-        silent = Sum | Quotient | Memory | Play
-        names += [step.flag for step in self.steps if not isinstance(step, silent)]
+        names += [getattr(step, "flag", "") for step in self.steps]
         names += [entry.flag for entry in self.inputs]
         names += self.pace.flags if self.pace else ()
         return tuple(dict.fromkeys(flag for flag in names if flag))
@@ -230,21 +125,19 @@ class Structure:
         return any(isinstance(step, Limit) and step.name in remembered for step in self.steps)
 
     @property
-    def tables(self) -> tuple[str, ...]:
-        """Tables in the order in which a program meets them, each once."""
-        names = [entry.table for entry in self.inputs]
-        names += [self.pace.table] if self.pace else []
+    def tables(self) -> dict[str, Table]:
+        """Tables by name, in the order in which a program meets them."""
+        tables = [
+            Table(entry.table, "list", f"least and greatest {entry.name} [{entry.unit}]")
+            for entry in self.inputs
+        ]
+        if self.pace:
+            followed = f"farthest move of {self.pace.followed} an interval"
+            remark = f"updates until the lags have settled; {followed}"
+            tables.append(Table(self.pace.table, "list", remark))
         for step in self.steps:
-            match step:
-                case Map() | Limit() | Play() | Slope():
-                    names.append(step.table)
-                case Select():
-                    names += [case.table for case in step.cases]
-                case Sum():
-                    names += [term.table for term in step.terms if term.table]
-                case _:
-                    pass
-        return tuple(dict.fromkeys(names))
+            tables += step.tables
+        return {table.name: table for table in tables}
 
     @property
     def maps(self) -> tuple[Map, ...]:
@@ -301,3 +194,32 @@ class Chain:
     """None of a chain without memory, which is tested at any inputs within their ranges."""
     timing: tuple[str, ...] = ()
     """What start, gaps and jumps do to a chain with memory, in words."""
+
+    def find_ranges(self, *, usual: bool, full: bool = False) -> Ranges:
+        """Range of every input and step, of indications the fitted one or the full scale;
+        remembered values have the chain's limits, or the tighter ones of usual use.
+        """
+        known = Ranges(self.tables, {**self.limits, **(self.usual if usual else {})})
+        for entry in self.structure.inputs:
+            low, high = self.tables[entry.table][-2:] if full else self.tables[entry.table][:2]
+            known.values[entry.name] = (low, high)
+        for step in self.structure.steps:
+            bound = known.bounds.get(step.name)
+            known.values[step.name] = step.range(known) if bound is None else (-bound, bound)
+        return known
+
+    def quantise(self, number: Format) -> "Program":
+        """The same in a number format."""
+        tables = {name: tuple(map(number.nearest, exact)) for name, exact in self.tables.items()}
+        for entry in self.structure.inputs:  # the full scale is a fact of the header alone
+            tables[entry.table] = tables[entry.table][:2]
+        return Program(self.structure, number, tables)
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Steps and numbers of a firmware; everything that decides a result bit for bit."""
+
+    structure: Structure
+    format: Format
+    tables: Mapping[str, tuple[float, ...]]

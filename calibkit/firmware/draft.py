@@ -1,27 +1,14 @@
 """A correction chain while it is built: inputs, steps and outputs are added one by one."""
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from typing import Any
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
-from calibkit.firmware.chain import (
-    Chain,
-    ChainCorrection,
-    ChainInput,
-    ChainTerm,
-    Limit,
-    Map,
-    Output,
-    Play,
-    Quotient,
-    Select,
-    Step,
-    Structure,
-    Sum,
-)
+from calibkit.firmware.chain import Chain, ChainCorrection, ChainInput, Output, Structure
+from calibkit.firmware.steps import ChainTerm, Limit, Map, Step, Sum
 
 BEYOND = Fraction(5, 4)
 """How far [u] the word of an input reaches beyond the fitted range."""
@@ -175,7 +162,7 @@ class Draft:
         def named(name: str) -> str:
             return f"{name}{suffix}" if name in step_names or name in part.tables else name
 
-        self.steps += [_rename(step, named) for step in part.steps]
+        self.steps += [_renamed(step, named) for step in part.steps]
         self.tables |= {named(name): table for name, table in part.tables.items()}
         for mine, added in (
             (self.limits, part.limits),
@@ -218,29 +205,16 @@ class Draft:
         )
 
 
-def _rename(step: Step, new_name: Callable[[str], str]) -> Step:
-    """A step whose values and tables have other names."""
-    changed: dict[str, Any] = {}
-    for attribute in fields(step):
-        value = getattr(step, attribute.name)
-        if isinstance(value, str) and attribute.name not in ("flag", "group", "start"):
-            changed[attribute.name] = new_name(value)
-    if isinstance(step, Sum):
-        changed["terms"] = tuple(
-            replace(
-                term,
-                table=new_name(term.table),
-                over=new_name(term.over),
-                factors=tuple(map(new_name, term.factors)),
-            )
-            for term in step.terms
-        )
-    if isinstance(step, Select):
-        changed["cases"] = tuple(
-            replace(case, value=new_name(case.value), table=new_name(case.table))
-            for case in step.cases
-        )
-    return replace(step, **changed)
+def _renamed(part: Any, new_name: Callable[[str], str]) -> Any:  # noqa: ANN401 (a step, or what it consists of)
+    """A step, a term or a case, the names in which are new; other words keep theirs."""
+    if isinstance(part, str):
+        return new_name(part)
+    if isinstance(part, tuple):
+        return tuple(_renamed(entry, new_name) for entry in part)
+    if not is_dataclass(part) or isinstance(part, type):
+        return part
+    names = [entry.name for entry in fields(part)]
+    return replace(part, **{name: _renamed(getattr(part, name), new_name) for name in names})
 
 
 def _used(steps: Sequence[Step], values: Sequence[str]) -> set[str]:
@@ -251,21 +225,8 @@ def _used(steps: Sequence[Step], values: Sequence[str]) -> set[str]:
         name = remaining.pop()
         if name not in used:
             used.add(name)
-            remaining += _sources(steps_by_name[name]) if name in steps_by_name else ()
+            remaining += steps_by_name[name].sources if name in steps_by_name else ()
     return used
-
-
-def _sources(step: Step) -> tuple[str, ...]:
-    """Values that a step takes."""
-    if isinstance(step, Sum):
-        return tuple(name for term in step.terms for name in (term.over, *term.factors) if name)
-    if isinstance(step, Quotient):
-        return (step.numerator, step.denominator)
-    if isinstance(step, Play):
-        return (step.source, step.kept)
-    if isinstance(step, Select):
-        return (step.source, *(case.value for case in step.cases))
-    return (step.source,)
 
 
 def factor(name: str, sign: int = 1) -> list[ChainTerm]:

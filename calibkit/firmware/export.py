@@ -8,10 +8,9 @@ from dataclasses import dataclass
 
 from calibkit import names
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.firmware import bounds, program, vectors
-from calibkit.firmware.chain import Chain, Structure
+from calibkit.firmware import bounds, vectors
+from calibkit.firmware.chain import Chain, Program, Structure
 from calibkit.firmware.formats import Format
-from calibkit.firmware.program import Program
 from calibkit.firmware.vectors import Vectors
 from calibkit.run_document import Verdict
 
@@ -98,14 +97,16 @@ def prepare(
     """
     _check_prefix(prefix)
     structure = chain.structure
-    parts = (*structure.inputs, *structure.steps, *structure.outputs)
-    for name in (*(part.name for part in parts), *structure.tables):
+    identifiers = [entry.name for entry in structure.inputs]
+    identifiers += [step.name for step in structure.steps]
+    identifiers += [output.name for output in structure.outputs]
+    for name in (*identifiers, *structure.tables):
         if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name):
             raise CoefficientError(
                 f"'{name}' is no name that C allows: a model or a column is called so",
                 hint="no fit writes it; do not use the run",
             )
-    quantised = program.quantise(chain, number)
+    quantised = chain.quantise(number)
     bound, full = (bounds.find_bounds(chain, quantised, full=full) for full in (False, True))
     tests = vectors.Vectors.make(chain, quantised, bound)
     return FirmwareRun(prefix, identity, chain, quantised, bound, full, tests, sources)

@@ -8,22 +8,21 @@ from dataclasses import asdict
 from typing import Any
 
 from calibkit.errors import CoefficientError
-from calibkit.firmware import chain, formats
-from calibkit.firmware.program import Program
+from calibkit.firmware import chain, formats, steps
+from calibkit.firmware.chain import Program
+from calibkit.firmware.steps import Step
 
-STEPS = {
-    kind.__name__.lower(): kind
-    for kind in (
-        chain.Map,
-        chain.Sum,
-        chain.Limit,
-        chain.Quotient,
-        chain.Memory,
-        chain.Play,
-        chain.Slope,
-        chain.Select,
-    )
-}
+KINDS: tuple[type[Step], ...] = (
+    steps.Map,
+    steps.Sum,
+    steps.Limit,
+    steps.Quotient,
+    steps.Memory,
+    steps.Play,
+    steps.Slope,
+    steps.Select,
+)
+STEPS = {kind.__name__.lower(): kind for kind in KINDS}
 
 
 def write_program(program: Program) -> list[str]:
@@ -69,7 +68,7 @@ def read_program(
     try:
         documents = [json.loads(text) for text in texts]
         head = documents[0]["program"]
-        inputs, steps, outputs = [], [], []
+        inputs, chain_steps, outputs = [], [], []
         for document in documents[1:]:
             ((kind, fields),) = document.items()
             if kind == "input":
@@ -77,12 +76,12 @@ def read_program(
             elif kind == "output":
                 outputs.append(chain.Output(**fields))
             else:
-                steps.append(_step(kind, fields))
+                chain_steps.append(_step(kind, fields))
         structure = chain.Structure(
             tuple(head["forms"]),
             head["formula"],
             tuple(inputs),
-            tuple(steps),
+            tuple(chain_steps),
             tuple(outputs),
             head["interval_s"],
             _pace(head.get("pace")),
@@ -106,17 +105,11 @@ def _pace(fields: dict[str, Any] | None) -> chain.Pace | None:
     return chain.Pace(**{**fields, **tuples}) if fields else None
 
 
-def _step(kind: str, fields: dict[str, Any]) -> chain.Step:
+def _step(kind: str, fields: dict[str, Any]) -> Step:
     """A step of its JSON object."""
-    if kind == "sum":
-        terms = tuple(
-            chain.ChainTerm(**{**term, "factors": tuple(term["factors"])})
-            for term in fields["terms"]
-        )
-        return chain.Sum(fields["name"], terms)
-    if kind == "select":
-        return chain.Select(
-            **{**fields, "cases": tuple(chain.Case(**case) for case in fields["cases"])}
-        )
-    step: chain.Step = STEPS[kind](**fields)
-    return step
+    terms = [{**term, "factors": tuple(term["factors"])} for term in fields.get("terms", ())]
+    nested = {
+        "terms": tuple(steps.ChainTerm(**term) for term in terms),
+        "cases": tuple(steps.Case(**case) for case in fields.get("cases", ())),
+    }
+    return STEPS[kind](**{name: nested.get(name, value) for name, value in fields.items()})

@@ -12,8 +12,9 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import OutputError
-from calibkit.firmware import bounds, exact, formats, program, vectors
-from calibkit.firmware.chain import Chain, Pace, Sum, Trials
+from calibkit.firmware import bounds, exact, formats, vectors
+from calibkit.firmware.chain import Chain, Pace, Trials
+from calibkit.firmware.steps import Sum
 
 SETTLED = 0.01
 """Share of the error of a start on the fastest fitted ramp at which the lags count as settled."""
@@ -77,7 +78,7 @@ class _Lags:
                     driven[row] += term.sign * weight * float(chain.usual[factor])
         ramped = np.array([float(chain.ramped[name]) for name in names])
         gains = {}
-        quantised = program.quantise(chain, formats.FORMATS["f64"])
+        quantised = chain.quantise(formats.FORMATS["f64"])
         for output, output_gains in bounds.find_gains(chain, quantised).items():
             gains[output] = np.array([output_gains[name] for name in names])
         return cls(names, decay, driven, ramped, gains)

@@ -21,8 +21,8 @@ import numpy as np
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, exact
-from calibkit.firmware.chain import Sum
 from calibkit.firmware.export import FirmwareRun
+from calibkit.firmware.steps import Sum
 
 DEGREE = 3
 ARDUPILOT_SCALE = 10**6

@@ -12,10 +12,7 @@ from calibkit import run_document, sealed, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
-    c_header,
-    c_loader,
-    c_reader,
-    c_source,
+    c_code,
     c_text,
     flash,
     parameters,
@@ -59,8 +56,8 @@ def _loader(exports: Sequence[FirmwareRun]) -> dict[str, bytes]:
                 hint="pin models and orders in the recipe, or export them apart",
             )
     return {
-        f"{first.prefix}.h": c_loader.header(first),
-        f"{first.prefix}.c": c_loader.source(first),
+        f"{first.prefix}.h": c_code.loader_header(first),
+        f"{first.prefix}.c": c_code.loader_source(first),
     }
 
 
@@ -68,8 +65,8 @@ TARGETS: Mapping[str, _Target] = {
     "c": _Target(
         FLOATS,
         lambda export, _: {
-            ".h": c_header.render(export).encode("ascii"),
-            ".c": c_source.render(export).encode("ascii"),
+            ".h": c_code.header(export),
+            ".c": c_code.source(export),
         },
         _none,
         takes_several=False,
@@ -97,8 +94,8 @@ TARGETS: Mapping[str, _Target] = {
 }
 
 READERS: Mapping[str, Callable[[str, bytes], str]] = {
-    ".c": c_reader.verify_source,
-    ".h": c_reader.verify_header,
+    ".c": c_text.verify,
+    ".h": c_text.verify,
     ".bin": blob.verify,
     ".hex": flash.verify,
     ".csv": table.verify,

@@ -7,9 +7,9 @@ from fractions import Fraction
 
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Map, Memory, Slope
 from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.firmware.pace import FASTEST
+from calibkit.firmware.steps import Map, Memory, Slope
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.terms import CASE, DRIVERS, GRADIENT, LAGS, RATE, TERMS
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from calibkit.arrays import Integers
 from calibkit.firmware import twin
-from calibkit.firmware.program import Program
-from calibkit.firmware.twin import State, TwinResult, Words
+from calibkit.firmware.chain import Program
+from calibkit.firmware.lanes import State, Words
+from calibkit.firmware.twin import TwinResult
 
 LONGEST_MS = 2**32 - 1
 """Milliseconds that a counter of 32 bits holds."""

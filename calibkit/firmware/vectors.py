@@ -9,8 +9,9 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import CoefficientError
 from calibkit.firmware import twin, twin_clock
-from calibkit.firmware.chain import Chain, Sum, Trials
-from calibkit.firmware.program import Program
+from calibkit.firmware.chain import Chain, Program, Trials
+from calibkit.firmware.lanes import Words
+from calibkit.firmware.steps import Sum
 
 INSIDE = 12
 """Vectors of a chain without memory that are within all ranges, the first ones."""
@@ -68,7 +69,7 @@ def tolerances(
     return {name: float(f"{2.0 * jumps * bound * summed:.2g}") for name, bound in bounds.items()}
 
 
-def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
+def candidates(chain: Chain, program: Program) -> dict[str, Words]:
     """Inputs of TRIED calls anywhere within their ranges."""
     rng, columns = np.random.default_rng(2), {}
     for entry in chain.structure.inputs:
@@ -79,7 +80,7 @@ def candidates(chain: Chain, program: Program) -> dict[str, twin.Words]:
 
 
 def find_unnoticed(
-    program: Program, words: Mapping[str, twin.Words], tolerances: Mapping[str, float]
+    program: Program, words: Mapping[str, Words], tolerances: Mapping[str, float]
 ) -> set[Coefficient]:
     """Coefficients whose change moves no output by more than is allowed, at any of the inputs."""
     tables = {t.table for s in program.structure.steps if isinstance(s, Sum) for t in s.terms}
@@ -93,7 +94,7 @@ def find_unnoticed(
 
 def _moves(
     program: Program,
-    words: Mapping[str, twin.Words],
+    words: Mapping[str, Words],
     tolerances: Mapping[str, float],
     coefficient: Coefficient,
 ) -> Array:
@@ -112,9 +113,9 @@ def _moves(
 def _with_every_coefficient(
     chain: Chain,
     program: Program,
-    words: dict[str, twin.Words],
+    words: dict[str, Words],
     tolerances: Mapping[str, float],
-) -> dict[str, twin.Words]:
+) -> dict[str, Words]:
     """Inputs of which some have given way to candidates that notice what none did."""
     missed = find_unnoticed(program, words, tolerances)
     candidate_inputs = candidates(chain, program)

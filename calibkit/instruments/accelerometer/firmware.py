@@ -2,10 +2,11 @@
 
 from collections.abc import Mapping
 from fractions import Fraction
+from typing import TYPE_CHECKING
 
 from calibkit.coefficients import Model, Record
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Chain, ChainTerm
+from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments.accelerometer import corrections, forms
@@ -13,6 +14,9 @@ from calibkit.instruments.accelerometer.equation import AXES, read_terms
 from calibkit.instruments.accelerometer.published import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
+
+if TYPE_CHECKING:
+    from calibkit.firmware.steps import ChainTerm
 
 FITTED_G = Fraction(5, 4)
 """Largest indication [g] of a triad that is calibrated at 1 g, its bias included."""

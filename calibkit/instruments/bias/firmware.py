@@ -29,9 +29,10 @@ from calibkit import units
 from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
-from calibkit.firmware.chain import Case, Chain, ChainTerm, Memory, Play, Select, Trials
+from calibkit.firmware.chain import Chain, Trials
 from calibkit.firmware.draft import BEYOND, Draft, factor, number_or_zero, numbers, powers
 from calibkit.firmware.sources import required_record
+from calibkit.firmware.steps import Case, ChainTerm, Memory, Play, Select
 from calibkit.instruments.bias.forms import (
     BANK,
     CASE_RANGE,

@@ -14,9 +14,10 @@ from math import ceil
 from calibkit.coefficients import Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Chain, Quotient
+from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
+from calibkit.firmware.steps import Quotient
 from calibkit.instruments.gyro_scale.forms import (
     AXES,
     ORTHOGONALITY_FILE,
