@@ -82,11 +82,11 @@ def fit(
     *,
     dry_run: bool = False,
     today: str | None = None,
-    retry: bool = True,
+    expected: int = 0,
 ) -> FitOutcome:
     """Fit a recipe to logs and write the next revision of a run folder; a dry run only names it.
-    Where another process has taken the number meanwhile it becomes the revision after that; without
-    `retry` TakenError is raised.
+    Where another process has taken the number meanwhile it becomes the revision after that; where a
+    number is `expected`, TakenError is raised.
 
     Without a date that of the logs' last row holds, and where they have none `today`, which is the
     clock's where it is not given.
@@ -106,6 +106,11 @@ def fit(
     dated = "" if date else max((log.last_date for log in fitted.inputs), default="")
     date = date or dated or clock.date_or_today(today)
     for revision, superseded in store.next_revisions(out, serial):
+        if expected not in (0, revision):
+            raise TakenError(
+                f"{out / serial}: another calibkit has just written r{expected:03d}",
+                hint="run again",
+            )
         fit_summary = run_content.complete_summary(fitted, pooled)
         fit_summary = replace(
             fit_summary,
@@ -120,11 +125,6 @@ def fit(
         if folder is not None:
             run = store.StoredRun(folder, document, records)
             break
-        if not retry:
-            raise TakenError(
-                f"{out / serial}: another calibkit has just written r{revision:03d}",
-                hint="run again",
-            )
     residuals = getattr(fitted.drawing, "residuals", dict)
     summary = replace(
         page_content.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}"

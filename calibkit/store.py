@@ -387,8 +387,16 @@ def next_revisions(out: Path, serial: str) -> Iterator[tuple[int, dict[str, str]
             hint="give the folder that it leads to as --out, or put it in the link's place",
         )
     while True:
-        # marks first: a run is marked once it is there, so no run is left out between the two
-        highest = max(_highest_marks(out / serial), default=0)
-        newest = max(revisions(out / serial), default=0)
+        number = next_number(out, serial)
+        newest = max((n for n in revisions(out / serial) if n < number), default=0)
         before = load_revision(out, serial, newest).stage_digests() if newest else {}
-        yield max(newest, highest) + 1, before
+        yield number, before
+
+
+def next_number(out: Path, serial: str) -> int:
+    """Number of the next revision of a serial: higher than any that was given, deleted ones
+    included.
+    """
+    # marks first: a run is marked once it is there, so no run is left out between the two
+    numbers = (0, *_highest_marks(out / serial), *revisions(out / serial))
+    return max(numbers) + 1

@@ -71,8 +71,8 @@ def test_a_fleet_survives_killed_processes(tmp_path, quick):
 def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(
     tmp_path, quick, monkeypatch
 ):
-    """Killed between files and rename, a run is neither there in part nor lost; its remains go a day
-    later.
+    """Killed between files and rename, a run is neither there in part nor lost; its remains go the
+    day after.
     """
     fleet_logs(tmp_path / "units", 6)
     monkeypatch.setattr(run, "fit_device", quick_device.killed_while_writing)

@@ -116,6 +116,7 @@ def _finished(plan: DeviceTask, serial: str) -> Row:
     """
     spec = instruments.parse_recipe(plan.source)
     while True:
+        expected = store.next_number(plan.out, serial)
         run = _already(plan, serial, spec)
         if run is not None:
             return _row(run, spec, before=True)
@@ -129,7 +130,7 @@ def _finished(plan: DeviceTask, serial: str) -> Row:
                 instruments.silent,
                 dry_run=plan.dry_run,
                 today=plan.today,
-                retry=False,
+                expected=expected,
             )
             return _row(outcome.run, spec, before=False)
 
