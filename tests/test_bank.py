@@ -346,8 +346,7 @@ def test_the_search_for_variances_ends_at_the_largest_evidence():
     logs = [one.log for one in plant().campaign(coil, 204)]
     stacked = choice.Stack.of_logs(logs)
     found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows))
-    gram = found.problem.gram(found.problem.rows, found.lag, found.columns)
     best = found.posterior
     for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):
-        there = evidence.condition(gram, found.problem.prior, best.theta + step)[2]
+        there = evidence.condition(found.gram, found.problem.prior, best.theta + step)[2]
         assert there < best.log_evidence + 0.01

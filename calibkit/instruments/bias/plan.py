@@ -364,7 +364,7 @@ class RampBench(Bench):
             S = noise + Σ_k D_k o_k o_kᵀ,   o = (C + D)⁻¹ Bᵀ
         """
         problem, columns = self.columns([log])
-        moments = problem.gram(problem.rows, bank_fit.STATIC_MEAN, columns).matrix
+        moments = problem.gram(bank_fit.STATIC_MEAN, columns).matrix
         B, C, D = moments[SHARED:, :SHARED], moments[SHARED:, SHARED:], self.precision[SHARED:]
         o = np.linalg.solve(C + np.diag(D), B)
         # the errors of a log are its turn-on bias, then its initial states

@@ -108,7 +108,8 @@ class Basis:
             )
         starts = self._starts(chosen_columns(terms)[1:], 2 if "s_grad" in terms else 1)
         at_starts = (TermSolution("lagged", self, tuple(terms), lags) for lags in starts)
-        rough = min(map(minimise, at_starts), key=lambda solution: solution.square)
+        roughly = (minimise(start, settled=CLOSE) for start in at_starts)
+        rough = min(roughly, key=lambda solution: solution.square)
         variance = rough.least_squares.turn_on_variance()
         return minimise(replace(rough, turn_on_variance=variance))
 
@@ -257,10 +258,11 @@ class TermSolution:
             yield predicted
 
 
-def minimise(solution: TermSolution) -> TermSolution:
+def minimise(solution: TermSolution, settled: float = SETTLED) -> TermSolution:
     """Least sum of squares over the lags within BOUNDS_S, by Gauss-Newton steps with free
-    coefficients (Golub & Pereyra 1973, Kaufman 1975), each halved until it lowers the sum.
-    Raises FitError if the columns are linearly dependent at the start.
+    coefficients (Golub & Pereyra 1973, Kaufman 1975), each halved until it lowers the sum, until
+    no logarithm of a lag changes by more than `settled`. Raises FitError if the columns are
+    linearly dependent at the start.
     """
     last = np.inf
     for _ in range(ITERATIONS):
@@ -283,7 +285,7 @@ def minimise(solution: TermSolution) -> TermSolution:
         else:
             break
         solution, last = candidate, size
-        if size < SETTLED:
+        if size < settled:
             break
     return solution
 

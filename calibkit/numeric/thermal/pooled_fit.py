@@ -24,6 +24,7 @@ from itertools import pairwise
 from typing import Self
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
@@ -313,10 +314,17 @@ class WhitenedRows:
 
     def means(self, values: Array) -> Array:
         """Means [m, k] over the groups of values [n, k] of all blocks."""
-        if self.starts.size == self.blocks.size:
-            return values[self.blocks]
-        sums = np.add.reduceat(values[self.blocks], self.starts, axis=0)
-        return sums / np.diff(np.append(self.starts, self.blocks.size))[:, None]
+        return np.asarray(self._averaging @ values, dtype=np.float64)
+
+    @cached_property
+    def _averaging(self) -> csr_array:
+        """Matrix [m, n] of the means over the groups; sparse, it is many times faster than sums of
+        slices of many columns.
+        """
+        sizes = np.diff(np.append(self.starts, self.blocks.size))
+        group = np.repeat(np.arange(sizes.size), sizes)
+        shape = (sizes.size, self.stacked.indication.size)
+        return csr_array((1.0 / sizes[group], (group, self.blocks)), shape=shape)
 
     def at_noise_of(self, left: Array, columns: Array | None = None) -> Self:
         """The rows at the noise of what is left [n] beside a free level of each log, and about a

@@ -14,6 +14,7 @@ variances, `BankSolution.finish` the model in raw units.
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -75,7 +76,7 @@ POINTS = np.random.default_rng(952).standard_normal((64, len(SIZES) + 1))
 """Standard normal points of the average over the variances."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Problem:
     """Logs of a bank fit with the terms that are fitted."""
 
@@ -116,11 +117,23 @@ class Problem:
         temperature = forward.static_temperature(self.case_path, lag)
         return forward.log_drivers(self.bank, self.logs, temperature, self.followed)
 
-    @property
+    @cached_property
     def initial_states(self) -> Array:
         """Decays [n, 3] of an initial state since the start of each log."""
         since = np.concatenate([log.time - log.time[0] for log in self.stacked.logs])
         return np.asarray(np.exp(-since[:, None] / np.array(WARM_UP_S)), dtype=np.float64)
+
+    @cached_property
+    def starts(self) -> Array:
+        """Columns [n, 4 logs] of the turn-on bias and the initial states of each log."""
+        turn_on = self.stacked.level_columns
+        initial = turn_on[:, :, None] * self.initial_states[:, None, :]
+        return np.column_stack([turn_on, initial.reshape(len(turn_on), -1)])
+
+    @cached_property
+    def start_rows(self) -> Array:
+        """Rows [m, 4 logs] of `starts`, which no static lag changes."""
+        return self.rows.of(self.starts)
 
     def columns(self, lag: Array, slope_of: Array | None) -> Array:
         """Columns [n, P]: whitened terms, derivatives by the static lag (0 without coefficients
@@ -132,9 +145,7 @@ class Problem:
         if slope_of is not None:
             lag_derivatives = forward.static_derivatives(self.case_path, lag, drivers.temperature)
             by_lag = lag_derivatives * self.bank.slope(slope_of, drivers)[:, None]
-        turn_on = self.stacked.level_columns
-        initial = (turn_on[:, :, None] * self.initial_states[:, None, :]).reshape(len(terms), -1)
-        return np.column_stack([terms, by_lag, turn_on, initial])
+        return np.column_stack([terms, by_lag, self.starts])
 
     def at_white(self, variance: float) -> "Problem":
         """The problem at a white noise of the blocks [(°/h)²], and the usual flicker noise."""
@@ -150,16 +161,15 @@ class Problem:
         change[self.by_lag] += STATIC_MEAN - lag
         return self.stacked.indication - self.level - columns @ change
 
-    def gram(self, rows: WhitenedRows, lag: Array, columns: Array) -> Gram:
-        """Moments of columns [n, P] on rows."""
+    def gram(self, lag: Array, columns: Array) -> Gram:
+        """Moments of columns [n, P] on the rows."""
         left = self.left(lag, columns, np.zeros(columns.shape[1]))
-        whitened = rows.of(np.column_stack([columns, left]))
-        return Gram.of(whitened[:, :-1], whitened[:, -1])
+        whitened = self.rows.of(np.column_stack([columns[:, : self.by_lag.stop], left]))
+        return Gram.of(np.column_stack([whitened[:, :-1], self.start_rows]), whitened[:, -1])
 
     def maximise(self, lag: Array, slope_of: Array | None, start: Array | None) -> Posterior:
         """Posterior at a static lag."""
-        gram = self.gram(self.rows, lag, self.columns(lag, slope_of))
-        return evidence.maximise(gram, self.prior, start)
+        return evidence.maximise(self.gram(lag, self.columns(lag, slope_of)), self.prior, start)
 
 
 def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = None) -> Problem:
@@ -217,12 +227,15 @@ def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = 
 
 @dataclass(frozen=True, slots=True)
 class BankSolution:
-    """Most likely static lag with the posterior there, and the columns [n, P] about it."""
+    """Most likely static lag with the posterior there, and the columns [n, P] about it with their
+    moments.
+    """
 
     problem: Problem
     lag: Array
     posterior: Posterior
     columns: Array
+    gram: Gram
 
     @property
     def parameters(self) -> int:
@@ -261,14 +274,12 @@ class BankSolution:
         """Whether logs start away from equilibrium: initial states make the logs likelier by more
         than chance.
         """
-        prior = self.problem.prior
-        gram = self.problem.gram(self.problem.rows, self.lag, self.columns)
-        values = []
+        prior, values = self.problem.prior, []
         for size in (1.0, NEGLIGIBLE):
             theta = self.posterior.theta.copy()
             theta[INITIAL] += 2.0 * np.log(size)
             theta_prior = 0.5 * float(np.sum(((theta - prior.mean) / prior.spread) ** 2))
-            values.append(evidence.condition(gram, prior, theta)[2] + theta_prior)
+            values.append(evidence.condition(self.gram, prior, theta)[2] + theta_prior)
         return values[0] - values[1] > GAINED
 
     def with_own_start(self, predicted: Iterable[Array]) -> Iterator[Array]:
@@ -293,11 +304,10 @@ class BankSolution:
         """Drift [n, °/h, up to a constant] of all blocks by the fit without each ramp in turn, at
         the same variances and noise.
         """
-        problem, theta = self.problem, self.posterior.theta
+        noise, theta = self.problem.rows.noise, self.posterior.theta
         for rows in remaining_rows:
-            gram = problem.gram(
-                replace(rows, noise=self.problem.rows.noise), self.lag, self.columns
-            )
+            problem = replace(self.problem, rows=replace(rows, noise=noise))
+            gram = problem.gram(self.lag, self.columns)
             yield self.drift(evidence.condition(gram, problem.prior, theta)[0])
 
     def finish(self) -> BankModel:
@@ -305,8 +315,7 @@ class BankSolution:
         problem, posterior = self.problem, self.posterior
         by_lag, logs = problem.by_lag, len(problem.stacked.logs)
         terms = slice(by_lag.start)
-        gram = problem.gram(self.problem.rows, self.lag, self.columns)
-        mean, covariance = evidence.average(gram, problem.prior, posterior, POINTS)
+        mean, covariance = evidence.average(self.gram, problem.prior, posterior, POINTS)
         coefficients = problem.root @ mean[terms]
         coefficients[0] += problem.level
         static_lag = (*np.exp(self.lag[:2]).tolist(), float(self.lag[2]))
@@ -353,9 +362,9 @@ def solve_at(problem: Problem, lag: Array, start: Array) -> BankSolution:
     posterior = problem.maximise(lag, None, start)
     terms = slice(problem.by_lag.start)
     columns = problem.columns(lag, problem.root @ posterior.coefficients[terms])
-    gram = problem.gram(problem.rows, lag, columns)
+    gram = problem.gram(lag, columns)
     posterior = evidence.maximise(gram, problem.prior, posterior.theta)
-    return BankSolution(problem, lag, posterior, columns)
+    return BankSolution(problem, lag, posterior, columns, gram)
 
 
 def _search(problem: Problem, lag: Array, start: Array | None) -> tuple[Array, Posterior]:
