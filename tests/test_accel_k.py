@@ -273,6 +273,7 @@ def test_every_coefficient_lies_within_four_uncertainties_and_the_residual_is_th
         assert rms == pytest.approx(NOISE_G, rel=0.05)
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth(plain_fits):
     """Over simulated sets the 95 % intervals cover 93 to 97 % of all coefficients."""
     covered = [
@@ -283,6 +284,7 @@ def test_intervals_cover_the_truth(plain_fits):
     assert 0.93 <= np.mean(covered) <= 0.97
 
 
+@pytest.mark.slow
 def test_weights_by_dwell_noise_make_the_fit_better_and_honest():
     """Where half of the dwells are ten times noisier, weighting shrinks the errors and the
     intervals still hold.
@@ -333,6 +335,7 @@ def misaligned(seed):
     return collect(clean, temperature, angle), collect(noisy, temperature, angle)
 
 
+@pytest.mark.slow
 def test_cross_terms_of_a_misaligned_triad_are_in_their_uncertainty():
     """K8 and K9 beside an index error and a scale factor that changes: the K of the same dwells
     without errors is within U in nine of ten cases.

@@ -292,6 +292,7 @@ def flagged_suspects(run):
     return [flag for flag in run.document["flags"] if "suspect dwell" in flag]
 
 
+@pytest.mark.slow
 def test_good_dwells_on_an_inaccurate_table_are_not_suspect(fitted):
     """A table wrong by 0.01° from dwell to dwell moves the components that lie across gravity, and
     others not at all: the long tail of such residuals is no reason to suspect anyone.

@@ -137,6 +137,7 @@ LENGTHS = {"reference": {"kind": "magnitude"}, "k": {"enabled": False}, "loss": 
 LENGTHS["affine"] = {"enabled": False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "spec",
     [recipe(loss="least_squares", k={"enabled": False}), recipe(**LENGTHS)],
@@ -183,6 +184,7 @@ def test_few_soaks_for_the_coefficients_of_an_axis_are_flagged():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off", [0.01, 0.05])
 @pytest.mark.parametrize("robust", [False, True], ids=["K", "affine, robust"])
 def test_a_triad_set_up_wrong_in_its_fixture_is_within_u_where_its_size_is_stated(off, robust):

@@ -263,6 +263,7 @@ def test_weights_hold_noisy_dwells_back():
     np.testing.assert_array_equal(of_axes, weighted)
 
 
+@pytest.mark.slow
 def test_covariance_of_the_correction_is_that_of_many_fits():
     """The stated covariance of corrected components matches the scatter over repeated
     calibrations.

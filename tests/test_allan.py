@@ -348,6 +348,7 @@ def test_degrees_of_freedom_of_haar_are_those_of_the_allan_deviation():
     assert curve.dof[6] < haar.dof[6]
 
 
+@pytest.mark.slow
 def test_noise_types_are_identified_at_every_averaging_time():
     """Lag-1 autocorrelations name the noise that was simulated, a linear drift notwithstanding."""
     generator = np.random.default_rng(41)
@@ -644,6 +645,7 @@ def test_the_truth_of_angle_random_walk_is_covered_beside_other_noise():
     assert 0.90 <= inside / 100.0 <= 0.99
 
 
+@pytest.mark.slow
 def test_uncertainty_of_a_long_record_is_the_scatter_of_repetitions():
     """Over 100 records the scatter of N agrees with its stated uncertainty within a quarter, its
     bias is below 0.7 of it.
@@ -671,6 +673,7 @@ def test_a_strong_drift_is_reported_as_a_ramp_beside_white_noise():
     assert abs(found["R"].value - 10.0) < 3.0 * found["R"].standard_uncertainty < 0.3
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_a_ramp_covers_its_truth():
     """Of 50 records with 5 deg/h/h of drift at least 43 hold it in value ± 1.96 u (95 % less three
     deviations).
@@ -688,6 +691,7 @@ def test_the_uncertainty_of_a_ramp_covers_its_truth():
     assert inside / reported >= 0.86
 
 
+@pytest.mark.slow
 def test_chance_occurs_as_often_as_it_says():
     """Ramps that random walks imitate with a stated probability of 1 % are met in at most 2 % of
     400 of them.

@@ -36,6 +36,7 @@ sys.stderr.write(f"{sum(counted.values())} {kills} {[*bad, *more]}")
 """
 
 
+@pytest.mark.slow
 @POSIX
 def test_calls_that_fail_and_kills_leave_the_old_state_or_the_new(tmp_path):
     """Every eighth call of apply and export, and every third of report, that touches a file of its

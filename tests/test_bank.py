@@ -13,7 +13,7 @@ from calibkit.instruments.bias.numeric import bank, bank_fit, choice, evidence
 from calibkit.numeric.thermal import fits, left_out
 from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
 REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
@@ -78,6 +78,7 @@ def errors_at_rest(coil, model):
     return np.array(errors), np.array(sizes)
 
 
+@pytest.mark.slow
 def test_drift_at_rest_is_right_where_soaks_are_shorter_than_the_coils_lags():
     """Six gyros of 30 min soaks: the median error is below 0.02 °/h, and of four gyros U holds the
     truth at every temperature (of each with some 90 %).
@@ -117,6 +118,7 @@ def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_a
     assert np.mean(covered) > 0.9
 
 
+@pytest.mark.slow
 def test_a_level_model_that_does_not_fit_draws_no_bank_towards_itself():
     """Three coils: the drift of logs that were not fitted comes down to 1/52 in the geometric mean
     of their medians; with weights by what the level model leaves it is 1/45.
@@ -236,6 +238,7 @@ def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     assert implied == pytest.approx(found.lag, abs=0.05)
 
 
+@pytest.mark.slow
 def test_noise_and_drift_of_an_output_are_told_apart():
     """White noise of 0.06 °/h in 100 s means over a drift of 0.02 °/h, in 200 logs: both come out
     on average, and U covers what is left, also where that is nothing.
@@ -331,7 +334,7 @@ def test_a_posterior_is_that_of_dense_normal_equations():
     assert value - other == pytest.approx(apart - 0.5 * float(np.sum((theta / 3.0) ** 2)), rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", [714_103, 714_109, 714_111])
+@pytest.mark.parametrize("seed", slow_after(1, [714_103, 714_109, 714_111]))
 def test_white_noise_is_what_the_fit_leaves(seed):
     """Three gyros whose second differences show 11 to 15 % less white noise than there is: the rest
     is not taken for flicker noise, which is 0.0005 to 0.002 °/h and is stated below 0.01 °/h.

@@ -66,6 +66,7 @@ def drift(found, low, high):
     return float(powers @ found.coefficients), float(t.ppf(0.975, found.effective_dof[1]) * u)
 
 
+@pytest.mark.slow
 def test_a_bias_at_a_temperature_is_as_badly_known_as_the_levels_of_its_logs():
     """Five warm-ups: four degrees of freedom of their mean, whatever a fit says of 0 °C far
     outside; U with Student's factor covers the mean of turn-on biases, zero, in 93 of 100 at least.

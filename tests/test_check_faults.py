@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 ALLOWED = {
     "fog_thermal": "ramp_heating_05.csv",
@@ -170,7 +170,7 @@ def test_the_healthy_logs_say_nothing(procedure, healthy, tmp_path, log_writer):
     assert findings(procedure, healthy[procedure], tmp_path, log_writer) == []
 
 
-@pytest.mark.parametrize("procedure", instruments.campaigns())
+@pytest.mark.parametrize("procedure", slow_after(1, instruments.campaigns()))
 def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path):
     """Every log of a simulated campaign is checked without a word: false alarms cost trust."""
     from calibkit import inspection, pipeline

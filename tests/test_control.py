@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.numeric import control
+from conftest import slow_after
 
 SIZES = (10, 17, 33, 150, 700)
 
 
-@pytest.mark.parametrize("count", SIZES)
+@pytest.mark.parametrize("count", slow_after(1, SIZES))
 def test_a_faultless_fleet_has_somebody_named_once_in_a_hundred(count):
     """Of many samples of normal values 1 % have a value beyond the limit, within 4 standard errors
     and the steps of the table.
@@ -116,13 +117,16 @@ def fleets(count, kind):
 @pytest.mark.parametrize("count", [100, 1000])
 @pytest.mark.parametrize(
     "kind",
-    [
-        "short logs",
-        "unequal, and devices differ",
-        "few degrees of freedom",
-        "noise",
-        "absolute value",
-    ],
+    slow_after(
+        1,
+        [
+            "short logs",
+            "unequal, and devices differ",
+            "few degrees of freedom",
+            "noise",
+            "absolute value",
+        ],
+    ),
 )
 def test_a_device_is_judged_by_its_own_uncertainty_and_figures_by_their_own_shape(count, kind):
     """Of faultless fleets with unequal uncertainties or a skewed figure at most 2 of 100 have

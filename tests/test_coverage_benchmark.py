@@ -83,6 +83,7 @@ def test_another_interpreter_is_given_all_other_arguments(benchmark, tmp_path, c
     assert printed[2] == "--sets 2 --only pair\n"
 
 
+@pytest.mark.slow
 def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmark):
     """Logs with a fault differ from those without, which are the same each time; the first fault
     of each procedure is fitted, and every truth that it states is compared.

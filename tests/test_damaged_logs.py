@@ -14,6 +14,7 @@ from calibkit.errors import CalibkitError
 from calibkit.ingest import logs
 from calibkit.readers import sniff, tokens
 from calibkit.recipe.logs import TextSpec
+from conftest import slow_after
 from dialects import DIALECTS, NAMES, Clean, Dialect
 
 ROWS = 60
@@ -219,7 +220,7 @@ def accounts(log, name, data):
         assert len(measured) < len(NAMES) or "skip_lines = 1 (from the recipe)" in log.reading, line
 
 
-@pytest.mark.parametrize("part", range(8))
+@pytest.mark.parametrize("part", slow_after(1, range(8)))
 def test_seeded_damage_is_refused_or_accounted_for(part, tmp_path):
     """Every dialect, every damage, from fixed seeds."""
     names, accepted = list(WRITTEN), 0

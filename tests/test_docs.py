@@ -14,13 +14,15 @@ from pathlib import Path
 import pytest
 
 import pages
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 PLUGIN_PAGES = {"10_a_format_of_my_own", "11_an_instrument_of_my_own"}
 # run in an environment of their own by test_plugins
 HOW_TO = sorted((ROOT / "docs" / "how_to").glob("*.md"))
+QUICK = {"4_gyro_pair", "3_rate_table"}
 PAGES = [*TUTORIALS, *(page for page in HOW_TO if page.stem not in PLUGIN_PAGES)]
+PAGES.sort(key=lambda page: page.stem not in QUICK)
 SCHEMAS = ROOT / "docs" / "schemas"
 
 
@@ -36,7 +38,7 @@ def validators():
 
 
 @pytest.mark.drawn
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", slow_after(len(QUICK), PAGES), ids=lambda page: page.stem)
 def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(
     page, tmp_path, calibkit, monkeypatch
 ):
@@ -66,6 +68,7 @@ def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(
             ] == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
 def test_a_tutorial_runs_in_a_shell(tmp_path):
     """The commands of a tutorial, one after the other by bash with the command that is installed:
@@ -158,6 +161,7 @@ def test_a_schema_refuses_a_coefficient_without_its_unit():
     assert not validator.is_valid(golden)
 
 
+@pytest.mark.slow
 def test_the_pages_build_without_a_warning(tmp_path):
     """Sphinx with warnings as errors, every reference resolved; equations are drawn, and none is
     left as it was typed.

@@ -15,7 +15,7 @@ import pytest
 
 from calibkit import atomic, new_files, store
 from calibkit.errors import OutputError
-from conftest import ROOT
+from conftest import ROOT, slow_after
 from kept import keep, model
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="needs fork and kill -9")
@@ -62,7 +62,7 @@ def test_kill_9_at_any_step_of_a_fit_leaves_the_old_run_or_the_new_one(tmp_path)
 
 
 @POSIX
-@pytest.mark.parametrize("fault", ["ENOSPC", "EROFS", "EACCES", "EIO", "EDQUOT"])
+@pytest.mark.parametrize("fault", slow_after(1, ["ENOSPC", "EROFS", "EACCES", "EIO", "EDQUOT"]))
 def test_an_error_of_the_disk_at_any_step_is_one_message_and_leaves_the_old_run_or_the_new_one(
     tmp_path, fault
 ):
@@ -79,7 +79,7 @@ def test_an_error_of_the_disk_at_any_step_is_one_message_and_leaves_the_old_run_
 
 
 @POSIX
-@pytest.mark.parametrize("fault", ["KILL", "ENOSPC", "EACCES"])
+@pytest.mark.parametrize("fault", slow_after(1, ["KILL", "ENOSPC", "EACCES"]))
 def test_a_file_is_there_whole_or_not_at_all(tmp_path, fault):
     """The same for a single file, certificate, export or compensated log."""
     rows, talk = campaign(tmp_path, "file", fault)

@@ -16,7 +16,7 @@ from calibkit import instruments
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import blob, c_code, c_text, chain, export, formats
 from calibkit.recipe import tables
-from conftest import ROOT
+from conftest import ROOT, slow_after
 from firmware_driver import IDENTITY, exported
 from firmware_runs import cached
 from test_firmware_c import C_ONLY, WARNINGS
@@ -124,7 +124,7 @@ def sealed(content):
 
 
 @pytest.mark.parametrize("number", ["f32", "f64"])
-@pytest.mark.parametrize("name", CHAINS)
+@pytest.mark.parametrize("name", slow_after(3, CHAINS))
 def test_a_blob_loads_and_gives_the_results_that_it_states(
     tmp_path, tmp_path_factory, name, number
 ):
@@ -154,7 +154,7 @@ def test_a_refused_load_leaves_the_good_numbers_and_says_why(tmp_path, tmp_path_
     assert run(blob.render(export), "slots") == expected
 
 
-@pytest.mark.parametrize("name", ["scale", "lagged", "level"])
+@pytest.mark.parametrize("name", slow_after(1, ["scale", "lagged", "level"]))
 def test_bursts_and_mutants_with_a_right_crc_do_no_harm(name, tmp_path, tmp_path_factory):
     """500 of each, every bit and every length under the sanitizers of addresses and undefined
     behaviour: no flip, cut or burst is taken, no load is long, and a mutant that is taken though

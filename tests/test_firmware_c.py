@@ -88,7 +88,7 @@ def said(text):
     )
 
 
-@pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
+@pytest.mark.parametrize("standard", slow_after(1, ["c99", "c11", "c17"]))
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_sources_compile_without_a_warning_under_every_c_standard(compiler, standard, sources):
     """All warnings are errors; nothing but the C language is used."""
@@ -134,11 +134,14 @@ def test_texts_enter_c_only_escaped(compiler, exports, tmp_path):
 
 @pytest.mark.parametrize(
     "command",
-    [
-        "gcc -O2 -ffp-contract=off",
-        "clang -O2 -ffp-contract=off",
-        "gcc -O1 -ffp-contract=off -fsanitize=undefined -fno-sanitize-recover=all",
-    ],
+    slow_after(
+        1,
+        [
+            "gcc -O2 -ffp-contract=off",
+            "clang -O2 -ffp-contract=off",
+            "gcc -O1 -ffp-contract=off -fsanitize=undefined -fno-sanitize-recover=all",
+        ],
+    ),
 )
 def test_every_representable_temperature_gives_the_twins_bits_on_the_host(
     command, sources, exports, tmp_path
@@ -390,7 +393,7 @@ def immaterial(one):
     return found
 
 
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize("name", slow_after(1, RUNS))
 def test_the_self_test_notices_every_changed_coefficient_and_every_fault_of_the_code(
     name, sources, exports, tmp_path
 ):

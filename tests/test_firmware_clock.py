@@ -11,6 +11,7 @@ import pytest
 from calibkit.firmware import bounds, formats, twin
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
+from conftest import slow_after
 from firmware_log import run_by_the_clock, words
 from firmware_runs import cached
 
@@ -75,7 +76,7 @@ def bits(chain):
 
 
 @pytest.mark.parametrize("number", ["f32", "f64"])
-@pytest.mark.parametrize("name", ["lagged", "bank", "grown", "level"])
+@pytest.mark.parametrize("name", slow_after(1, ["lagged", "bank", "grown", "level"]))
 def test_apply_and_firmware_agree_from_minus_55_to_90_degrees(name, number, runs):
     """Far beyond the fitted range and back, at the largest fitted rate: the lags follow the case
     in both, and both use the ends of the fitted range.
@@ -128,7 +129,7 @@ def test_gaps_up_to_the_longest_are_bridged_as_apply_bridges_them(name, runs):
     assert 0.02 * allowed < worst <= allowed
 
 
-@pytest.mark.parametrize("name", ["lagged", "bank"])
+@pytest.mark.parametrize("name", slow_after(1, ["lagged", "bank"]))
 def test_a_reset_on_a_ramp_is_flagged_until_its_error_is_what_the_header_states(name, runs):
     """On the fastest fitted ramp: the error is within the first figure, STARTING stands while it
     is above the second.
@@ -156,7 +157,7 @@ def test_a_reset_on_a_ramp_is_flagged_until_its_error_is_what_the_header_states(
     assert then <= 0.011 * at_first
 
 
-@pytest.mark.parametrize("name", ["lagged", "bank"])
+@pytest.mark.parametrize("name", slow_after(1, ["lagged", "bank"]))
 def test_an_hour_without_numbers_starts_anew_and_says_so(name, runs):
     """The case moved by 40 °C meanwhile: held with INVALID, then STARTING until the lags have
     settled, and right after that.
@@ -208,7 +209,7 @@ def test_a_glitch_is_not_used(name, number, runs):
 
 
 @pytest.mark.parametrize("name", ["lagged", "bank"])
-@pytest.mark.parametrize("called_s", [5.0, 8.0, 9.5, 12.0, 25.0])
+@pytest.mark.parametrize("called_s", slow_after(1, [5.0, 8.0, 9.5, 12.0, 25.0]))
 def test_calls_at_another_interval_are_right_by_the_clock(name, called_s, runs):
     """Half an interval to two and a half: flagged, and the drift stays within what the header
     states for a gap, where an update without the clock is wrong by the ratio of the intervals.

@@ -16,7 +16,7 @@ from calibkit import instruments, pipeline, recipe
 from calibkit.errors import OutputError
 from calibkit.firmware import export as firmware_export, formats
 from calibkit.instruments.bias import firmware
-from conftest import ROOT
+from conftest import ROOT, slow_after
 from firmware_log import correct
 from firmware_runs import cached
 
@@ -324,7 +324,7 @@ scope, where a reviewer looks for them (8.9).
 """
 
 
-@pytest.mark.parametrize("number", ["f32", "f64"])
+@pytest.mark.parametrize("number", slow_after(1, ["f32", "f64"]))
 def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
     number, drift_run, triad_run, tmp_path, calibkit
 ):

@@ -23,7 +23,7 @@ from calibkit import atomic, clock, instruments, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias import figures
-from conftest import ROOT, write_log
+from conftest import ROOT, slow_after, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 
 
@@ -40,6 +40,7 @@ def coefficients(out, serial, revision=1):
     return [entry.value for entry in record.model("gyro_dph").coefficients]
 
 
+@pytest.mark.slow
 def test_a_fleet_survives_killed_processes(tmp_path, quick):
     """With a process killed after 10 and after 40 units all 60 have one run, correct, and nothing
     is half written.
@@ -132,6 +133,7 @@ def test_what_a_process_that_died_was_asked_is_done_here():
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.slow
 @pytest.mark.drawn
 def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     """Killed (-9) as a whole and called again, it fits what is missing, nothing twice, and ends as
@@ -219,7 +221,7 @@ def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
 
 
 @pytest.mark.parametrize(
-    "changed", ["recipe", "date", "a log", "another log", "the run", "the software"]
+    "changed", slow_after(2, ["recipe", "date", "a log", "another log", "the run", "the software"])
 )
 def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(
     tmp_path, quick, monkeypatch, changed
@@ -738,6 +740,7 @@ def test_figures_of_different_forms_or_units_are_not_compared():
     assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12
 
 
+@pytest.mark.slow
 def test_the_screen_of_200_devices_names_who_stands_out_and_the_page_has_them_all(
     tmp_path, quick, calibkit
 ):

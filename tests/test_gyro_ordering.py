@@ -6,6 +6,7 @@ import pytest
 
 import calibkit
 from calibkit.instruments.gyro_scale import equation, ordering
+from conftest import slow_after
 
 RATES = np.linspace(-100.0, 100.0, 17)
 SEEDS = range(20)
@@ -28,13 +29,16 @@ def runs(seed, *, warming=0.0, tau_s=300.0, drift=0.0, cubic=0.0, asymmetry=0.0)
 
 @pytest.mark.parametrize(
     ("decision", "fault"),
-    [
-        ("line", {}),
-        ("time", {"warming": 200e-6}),
-        ("time", {"drift": 30e-6}),
-        ("response", {"cubic": 150e-6}),
-        ("response", {"asymmetry": 200e-6}),
-    ],
+    slow_after(
+        2,
+        [
+            ("line", {}),
+            ("time", {"warming": 200e-6}),
+            ("time", {"drift": 30e-6}),
+            ("response", {"cubic": 150e-6}),
+            ("response", {"asymmetry": 200e-6}),
+        ],
+    ),
 )
 def test_time_and_response_are_told_apart_and_k_is_within_its_half_width(decision, fault):
     """K at the end of the run within half-width and 0.8 ppm in 20 campaigns, and the decision is

@@ -950,6 +950,7 @@ def one_row_log(name, slope, degc, rng):
     return Log(name, f"{name}.csv", name, len(frame), frame)
 
 
+@pytest.mark.slow
 def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
     """Runs that differ by 3 ppm tell 13 ppm/°C, GJB and IEEE, within 1.96 u in 90 to 99 % of 100
     campaigns.

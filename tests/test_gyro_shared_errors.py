@@ -18,6 +18,7 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import gum
+from conftest import slow_after
 
 SEEDS = range(24)
 LEAST = 0.88
@@ -91,7 +92,9 @@ def campaign(seed, *, degc=(25.0,), repeat=0.0, drift_dph_per_h=0.0, warming=0.2
 
 
 @pytest.mark.parametrize(
-    "degc", [(25.0, -40.0, 0.0, 60.0), (25.0, 25.0, 25.0, -40.0, 0.0, 60.0)], ids=["one", "three"]
+    "degc",
+    slow_after(1, [((25.0, -40.0, 0.0, 60.0),), ((25.0, 25.0, 25.0, -40.0, 0.0, 60.0),)]),
+    ids=["one", "three"],
 )
 def test_one_run_at_25_degc_is_no_better_known_than_runs_repeat(degc):
     """Runs that repeat to 10 ppm: K at 25 °C and K(T) cover the gyro's, and the component is stated
@@ -154,13 +157,16 @@ def test_a_single_run_says_what_it_does_not_know_and_takes_what_is_stated():
 
 @pytest.mark.parametrize(
     "errors",
-    [
-        {"warming": 5.0, "K_per_degc": 30e-6},
-        {"asymmetry": 5e-6},
-        {"drift_dph_per_h": 2.0},
-        {"warming": 2.0, "K_per_degc": 30e-6, "asymmetry": 5e-6, "drift_dph_per_h": 2.0},
-        {"warming": 0.4, "K_per_degc": 30e-6, "asymmetry": 1e-6, "drift_dph_per_h": 0.3},
-    ],
+    slow_after(
+        1,
+        [
+            {"warming": 5.0, "K_per_degc": 30e-6},
+            {"asymmetry": 5e-6},
+            {"drift_dph_per_h": 2.0},
+            {"warming": 2.0, "K_per_degc": 30e-6, "asymmetry": 5e-6, "drift_dph_per_h": 2.0},
+            {"warming": 0.4, "K_per_degc": 30e-6, "asymmetry": 1e-6, "drift_dph_per_h": 0.3},
+        ],
+    ),
     ids=["warms", "asymmetry", "drift", "all", "all, small"],
 )
 def test_what_changes_during_a_run_is_taken_out_or_in_the_uncertainty(errors):
@@ -250,7 +256,9 @@ def sweeps(seed, *, count=18, one_way=False, by_temperature=False):
 
 
 @pytest.mark.parametrize(
-    ("seeds", "by_temperature"), [(20, False), (20, True)], ids=["alternating", "by temperature"]
+    ("seeds", "by_temperature"),
+    slow_after(1, [(20, False), (20, True)]),
+    ids=["alternating", "by temperature"],
 )
 def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperature):
     """18 sweeps of ±151 °/s: the slope of K over temperature covers −404 ppm/°C within 20 ppm/°C,
@@ -295,6 +303,7 @@ def test_sweeps_of_one_direction_alone_do_not_tell_the_zero():
     assert np.mean(covered) >= LEAST
 
 
+@pytest.mark.slow
 def test_an_error_of_each_side_of_the_table_is_found_and_is_in_the_uncertainty():
     """Zeros that differ by 0.6 °/h from direction to direction, anew in every run: the component is
     stated in 18 of 20 campaigns, and K covers the gyro's in 18.

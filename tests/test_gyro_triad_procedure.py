@@ -119,6 +119,7 @@ def test_sensitivities_and_angles_are_the_simulated_ones_at_every_temperature(ca
                 assert abs(error) < 2e-4
 
 
+@pytest.mark.slow
 def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tmp_path):
     """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a
     rms of 0.7 to 1.25.

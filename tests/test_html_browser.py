@@ -96,6 +96,7 @@ def test_texts_that_are_scripts_are_not_run(chromium, tmp_path):
     assert chromium.value("document.images.length") == 0
 
 
+@pytest.mark.slow
 def test_the_policy_of_the_page_stops_what_was_put_into_it(chromium, tmp_path):
     """A script, a style, a handler and an image that someone adds to a page do nothing, and the
     browser says why.
@@ -116,6 +117,7 @@ def test_the_policy_of_the_page_stops_what_was_put_into_it(chromium, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_figures_zoom_by_wheel_button_and_key_and_come_back(chromium, tmp_path):
     """The point under the pointer stays there; drag moves; double click fills a panel and gives the
     whole back.
@@ -156,6 +158,7 @@ def test_figures_zoom_by_wheel_button_and_key_and_come_back(chromium, tmp_path):
     assert chromium.said() == []
 
 
+@pytest.mark.slow
 def test_the_strongest_zoom_has_an_end_and_stays_inside(chromium, tmp_path):
     """A hundred times + and every arrow: a fortieth of the figure is shown, and no more than the
     figure.
@@ -177,6 +180,7 @@ def test_the_strongest_zoom_has_an_end_and_stays_inside(chromium, tmp_path):
     assert y + height == pytest.approx(whole[3], rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_reading_at_the_pointer_is_that_of_the_axes(chromium, tmp_path):
     """On each point of three panels the page reads its coordinates to a pixel: 1 % of a decade, 0.3
     % of a linear axis.
@@ -196,6 +200,7 @@ def test_the_reading_at_the_pointer_is_that_of_the_axes(chromium, tmp_path):
     assert chromium.value("document.querySelector('.reading').textContent") == ""
 
 
+@pytest.mark.slow
 def test_two_fingers_zoom_and_one_moves_on_a_touch_screen(chromium, tmp_path):
     """Two fingers twice as far apart show half of the figure."""
     opened(
@@ -221,6 +226,7 @@ def test_two_fingers_zoom_and_one_moves_on_a_touch_screen(chromium, tmp_path):
     assert chromium.said() == []
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext on this machine")
 def test_a_rejected_run_says_so_on_every_printed_sheet(chromium, tmp_path):
     """The print holds everything, what is folded up too, and each sheet begins with REJECTED."""
@@ -246,6 +252,7 @@ def test_a_rejected_run_says_so_on_every_printed_sheet(chromium, tmp_path):
     assert "line 199 of a long recipe" in sheets[-1]
 
 
+@pytest.mark.slow
 def test_dark_and_light_letters_can_be_read(chromium, tmp_path):
     """Text has a contrast of at least 4.5 to its ground, in both themes, in tables, bands and
     figures.
@@ -273,6 +280,7 @@ def luminance(colour):
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
 def test_the_first_screen_holds_verdict_picture_values_and_what_to_check(chromium, path):
     """In a window of 1280 × 900 all of it is seen without a scroll, one picture, everything else

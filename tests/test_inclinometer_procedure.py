@@ -286,6 +286,7 @@ def test_random_stations_are_within_five_hundredths_of_a_degree_on_the_command_l
     assert np.median(stated) < 4.5 * np.sqrt(np.mean(after**2))
 
 
+@pytest.mark.slow
 def test_a_single_station_states_an_interval_that_holds(tmp_path):
     """Noise known from one degree of freedom: of 40 tools with one station each at least 34
     azimuths are within the U printed.

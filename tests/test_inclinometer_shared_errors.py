@@ -187,6 +187,7 @@ def test_mounting_and_index_errors_are_stated_and_widen_the_azimuth():
             assert 0.01 < np.median(added) < 0.4
 
 
+@pytest.mark.slow
 def test_s_that_differs_from_log_to_log_is_within_its_u():
     """50 tools with five logs whose s differ by 3e-4: s at 70 °C is covered by Student's t in
     88 % of them, and the component is found.

@@ -27,6 +27,7 @@ print(resident() - before)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="a setting of glibc")
 def test_columns_that_were_let_go_are_not_kept():
     """Of 100 MB of columns 20 MB or less stay; a bound that none of them reaches would keep nearly

@@ -13,7 +13,7 @@ import pytest
 
 from calibkit import native
 from calibkit.native import compiling
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 COMPILER = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
 
@@ -74,7 +74,7 @@ def test_a_library_of_other_sources_is_not_used(sources, monkeypatch):
 
 
 @pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
-@pytest.mark.parametrize("kept", [0.0, 0.001, 0.1, 0.5, 0.99])
+@pytest.mark.parametrize("kept", slow_after(1, [0.0, 0.001, 0.1, 0.5, 0.99]))
 def test_a_cut_off_library_is_called_damaged(sources, kept):
     """A library that is not whole is not loaded, which might end the process, and is not called one
     that was never compiled.

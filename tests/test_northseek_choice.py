@@ -447,6 +447,7 @@ def test_s_over_temperature_follows_the_truth():
     assert over.model.valid[1] > 110.0
 
 
+@pytest.mark.slow
 def test_s_over_temperature_has_honest_uncertainty():
     """Ideal tools, 60 of them: the line's value at 60 °C is within 1.96 standard uncertainties in
     88 to 100 %.

@@ -63,6 +63,7 @@ def test_likelihoods_of_orders_are_not_restricted_and_have_sizes_of_their_own():
         assert likelihood.unrestricted(fit.solution) == pytest.approx(least, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_where_a_slope_is_as_large_as_the_noise_intervals_of_the_average_hold_the_truth():
     """At the end of the range U holds 92 % of 80 campaigns of 24 stations, that of the likeliest
     order fewer; it is at most 1.3 standard deviations of a station.

@@ -102,6 +102,7 @@ def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_pa
     assert not judged.lacks
 
 
+@pytest.mark.slow
 def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
     """Of 12 campaigns: no further from it than four standard errors beside 7 %."""
     benchmark = load_benchmark("planned_campaigns")

@@ -399,6 +399,7 @@ def test_every_planner_has_its_device_on_the_sample_bench():
     assert Path(plans.__file__).with_name("planning").joinpath(equipment.SAMPLE).is_file()
 
 
+@pytest.mark.slow
 def test_predicted_uncertainty_is_the_scatter_of_campaigns(planned):
     """Of 30 campaigns with all errors of the plan: 0.93 to 1.07 beside what chance allows."""
     ratio, spread, coverage = judge(planned, 30, "run_triad")
@@ -438,6 +439,7 @@ def test_a_plan_of_a_rate_table_spans_the_rates_and_the_range(planned_runs):
     assert {one.log for one in held} - {one.log for one in fitted}
 
 
+@pytest.mark.slow
 def test_predicted_uncertainty_of_a_rate_table_is_the_scatter_of_campaigns(planned_runs):
     """Of 60 campaigns with all errors of the plan: 0.93 to 1.07 beside what chance allows."""
     ratio, spread, coverage = judge(planned_runs, 60, "run_table")
@@ -562,6 +564,7 @@ def test_a_plan_of_ramps_keeps_its_hours_and_withholds_one(planned_ramps):
     assert [log for log in logs if log.startswith("withheld/")] == [list(logs)[-1]]
 
 
+@pytest.mark.slow
 def test_predicted_uncertainty_of_the_drift_is_the_scatter_of_campaigns(planned_ramps):
     """Of 12 campaigns of gyros as the plan assumes them: 0.85 to 1.15 beside what chance allows."""
     ratio, spread, coverage = judge(planned_ramps, 12, "run_gyro")

@@ -86,6 +86,7 @@ def test_an_earlier_calibration_of_the_device_itself_counts_where_its_logs_are_o
     assert again.document["pooled"][0]["sha256"] == first.document["sha256"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.0, 0.5, 1.0, 3.0])
 def test_intervals_by_pooled_components_cover_and_are_narrow(size):
     """100 campaigns of seven soaks and a cubic, zeros that differ by this many dwell noises, three

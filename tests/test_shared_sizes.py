@@ -173,6 +173,7 @@ def test_no_spare_row_is_refused():
         fit_of(np.eye(3), np.ones(3), [])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("zero", "widest"), [(0.0, 1.3), (10.0, 1.25), (60.0, 1.25)])
 def test_intervals_of_the_zero_cover_with_errors_of_soaks(zero, widest):
     """300 campaigns of 7 soaks: 95 % intervals cover 92 to 99.9 %, and are at most 1.3 × as wide as

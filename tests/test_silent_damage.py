@@ -8,7 +8,7 @@ import pytest
 
 from attacks import campaigns, silent
 from calibkit.check import thermometers
-from conftest import ROOT
+from conftest import ROOT, slow_after
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def bias(tmp_path_factory):
     return campaigns.make("bias_temperature", tmp_path_factory.mktemp("attacks"))
 
 
-@pytest.mark.parametrize("kind", silent.KINDS)
+@pytest.mark.parametrize("kind", slow_after(1, silent.KINDS))
 def test_no_damage_of_a_station_log_changes_a_coefficient_in_silence(inclinometer, kind):
     """Eight damages of each kind."""
     outcomes = [silent.attack(inclinometer, kind, [11, seed]) for seed in range(8)]

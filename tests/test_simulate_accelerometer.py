@@ -162,6 +162,7 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     assert truth.figures["toolface_sin_max_deg"] < 0.03
 
 
+@pytest.mark.slow
 def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     """A second campaign of the same triad errs within the propagated uncertainty and the dwell
     noise, 90 % of the time.

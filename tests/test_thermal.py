@@ -21,6 +21,7 @@ from calibkit.numeric.thermal import coil, evaluate, pooled_fit
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
+from conftest import slow_after
 from firmware_log import chain_of, correct
 
 RECIPE = """
@@ -111,7 +112,7 @@ def true_family_rms(plant, case, taus, held, indication, out):
     return float(np.sqrt(np.mean(fit(best.x)[out] ** 2)))
 
 
-@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("plant", slow_after(1, PLANTS))
 @pytest.mark.parametrize("seed", range(40, 44))
 def test_a_left_out_quarter_is_left_as_by_the_true_family(plant, seed):
     """A sweep 52 → −18 → 74 → 36 °C with one thermometer: the rms on a quarter that is not
@@ -175,6 +176,7 @@ def coverage():
     return np.array(shares)
 
 
+@pytest.mark.slow
 def test_errors_on_another_thermal_history_are_within_their_uncertainty(coverage):
     """Of diffusing heat that the model only approximates: 92 to 99.9 % of all blocks."""
     assert 0.92 <= coverage.mean() <= 0.999
