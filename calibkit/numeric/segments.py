@@ -22,6 +22,8 @@ FINEST_DEGC_MIN = 0.1
 """Slope [°C/min] that one step of a coarsely quantised thermometer causes in the longest window."""
 MOVED = 4.0
 """Quantisation steps that a window must span: the slope of that many steps is right within 5 %."""
+MOST_IN_WINDOW = 500
+"""Rows of a window beyond which the slope is that of means: it is no better known by more."""
 UNSEEN_STEPS = 2.0
 """Expected quantisation steps since the last change of the reading above which the temperature is
 at rest; noise near the next step is allowed for.
@@ -43,8 +45,16 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
     ends at each sample.
 
     The slope is causal: only samples up to an instant enter. It is 0 until half a window has
-    passed. A window of tens of seconds suppresses the quantisation steps of the thermometer.
+    passed. A window of tens of seconds suppresses the quantisation steps of the thermometer. Where
+    a window has more than MOST_IN_WINDOW rows, the slope is that of means of rows, and each row has
+    that of the means before it.
     """
+    usual = window_s * time.size / max(float(time[-1] - time[0]), window_s)
+    of_mean = max(int(usual / MOST_IN_WINDOW), 1)
+    if of_mean > 1:
+        means = (chunks.block_means(column, of_mean) for column in (time, temperature))
+        of_means = np.append(0.0, causal_slope(*means, window_s))
+        return np.repeat(of_means, of_mean)[1 : time.size + 1]
     slope, begin = np.empty(time.size), 0
     for a, b in chunks.ranges(time.size):
         # sums that begin near the windows lose no digits to the rows before them
