@@ -52,8 +52,8 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
     usual = window_s * time.size / max(float(time[-1] - time[0]), window_s)
     of_mean = max(int(usual / MOST_IN_WINDOW), 1)
     if of_mean > 1:
-        means = (chunks.block_means(column, of_mean) for column in (time, temperature))
-        of_means = np.append(0.0, causal_slope(*means, window_s))
+        mean_time, mean_degc = (chunks.block_means(x, of_mean) for x in (time, temperature))
+        of_means = np.append(0.0, causal_slope(mean_time, mean_degc, window_s))
         return np.repeat(of_means, of_mean)[1 : time.size + 1]
     slope, begin = np.empty(time.size), 0
     for a, b in chunks.ranges(time.size):
