@@ -1,35 +1,36 @@
 """Denoising judged by the truth of simulated gyros, not by looks: trend, edges, noise; the table
 behind the recipe's default.
 
-    PYTHONPATH=. python benchmarks/denoising.py [gyros [first seed]]
+    python benchmarks/denoising.py [gyros [first seed]]
 
 Each gyro's true drift on ramps of ±1, ±5, ±10 °C/min (the ramp alone, as a recipe cuts it) with
 white noise of its angle random walk, several draws of it, each with its opposite. Of what each
 denoiser returns, rms over all ramps [°/h]:
 
-    trend   mean over the draws less the truth, inside: what the denoiser bends, noise apart edge
-    mean over the draws less the truth, in the first and last minute noise   scatter over the draws;
-    beside it the noise that went in over it error   of one draw against the truth; and of its 10 s
-    means, which is what a drift model is fitted to
+    trend   mean over the draws less the truth, inside: what the denoiser bends, noise apart
+    edge    mean over the draws less the truth, in the first and last minute
+    noise   scatter over the draws; beside it the noise that went in over it
+    error   of one draw against the truth; and of its 10 s means, which is what a drift model is
+            fitted to
 
 The transform is decimated, as published, but for the last rows, whose coarsest levels are averaged
 over all shifts as those of a fit are: choices that differ by what falls between two samples differ
 less there, and are judged on whole logs (`denoising_logs.py`). Exit code 1 where another entry of
-the table leaves 5 % less error in 10 s means than the recipe's default, those rows apart.
+the table leaves 5 % less error in 10 s means than the default, those rows apart.
 """
 
 from __future__ import annotations
 
+import inspect
 import sys
+from functools import partial
 from typing import TYPE_CHECKING
 
+import lumped_gyro
 import numpy as np
+from denoising_logs import moving_average
 
-from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.bias import simulate_fog as fog
-from calibkit.instruments.bias.recipe import Denoise
-from calibkit.numeric.wavelet import denoise
-from calibkit.simulate.chamber import Chamber
+import calibkit
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,14 +52,8 @@ def entries() -> dict[str, Callable[[Array], Array]]:
     """Denoisers by name: the default, one thing changed at a time, and what is simpler."""
 
     def wavelet(**options: str | int) -> Callable[[Array], Array]:
-        chosen = {
-            "wavelet": "cdf97",
-            "threshold": "universal",
-            "rule": "firm",
-            "extension": "trend",
-            "shifted": 0,
-        } | options
-        return lambda signal: denoise.denoise(signal, **chosen).signal  # type: ignore[arg-type]
+        options = {"shifted": 0} | options
+        return lambda signal: calibkit.denoise(signal, **options).signal  # type: ignore[arg-type]
 
     table: dict[str, Callable[[Array], Array]] = {"none": lambda signal: signal, DEFAULT: wavelet()}
     for key, values in {
@@ -68,34 +63,23 @@ def entries() -> dict[str, Callable[[Array], Array]]:
         "extension": ("antisymmetric", "symmetric"),
     }.items():
         table |= {f"  {key} = {value}": wavelet(**{key: value}) for value in values}
-    table |= {f"moving average, {width} s": moving(width) for width in (11, 61)}
+    for width in (11, 61):
+        table[f"moving average, {width} s"] = partial(moving_average, cuts=[], width=width)
+    shifts = inspect.signature(calibkit.denoise).parameters["shifted"].default
     return table | {
-        f"{name}{SHIFTED}": wavelet(wavelet=name, shifted=denoise.SHIFTED)
+        f"{name}{SHIFTED}": wavelet(wavelet=name, shifted=shifts)
         for name in ("cdf97", "db2", "haar")
     }
-
-
-def moving(width: int) -> Callable[[Array], Array]:
-    """Centred moving average over an odd number of samples, the ends with what there is."""
-
-    def average(signal: Array) -> Array:
-        total = np.concatenate([[0.0], np.cumsum(signal)])
-        first = np.maximum(np.arange(signal.size) - width // 2, 0)
-        last = np.minimum(np.arange(signal.size) + width // 2 + 1, signal.size)
-        return (total[last] - total[first]) / (last - first)
-
-    return average
 
 
 def ramps(seed: int) -> list[tuple[Array, float]]:
     """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white
     noise at 1 Hz.
     """
-    device = fog.FogGyro.draw(seed)
-    made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
-    white = device.N * np.sqrt(SECONDS_PER_HOUR)
+    device = lumped_gyro.LumpedGyro.draw(seed)
+    white = lumped_gyro.ANGLE_RANDOM_WALK * 60.0
     found = []
-    for name, log in made.items():
+    for name, log in lumped_gyro.record(device, lumped_gyro.ramps(RATES), seed).items():
         rate = float(name.removesuffix(".csv").rsplit("_", 1)[1])
         found.append((log.drift[600 : 600 + round(100.0 / rate * 60.0)], white))
     return found
@@ -133,9 +117,10 @@ def main() -> int:
     """Run and report."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     first = int(sys.argv[2]) if len(sys.argv) > 2 else FIRST_SEED
-    recipe = Denoise()
-    if f"{recipe.wavelet} {recipe.threshold} {recipe.rule} {recipe.extension}" != DEFAULT:
-        raise SystemExit("the recipe's default is another one")
+    defaults = inspect.signature(calibkit.denoise).parameters
+    stated = (defaults[key].default for key in ("wavelet", "threshold", "rule", "extension"))
+    if " ".join(stated) != DEFAULT:
+        raise SystemExit("calibkit's default is another one")
     table = entries()
     found: dict[str, list[Array]] = {name: [] for name in table}
     for seed in range(first, first + count):

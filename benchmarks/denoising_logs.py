@@ -1,12 +1,12 @@
 """Denoising of whole logs, soaks and ramp ends included, against what else is used: least error by
 simulated truth.
 
-    PYTHONPATH=. python benchmarks/denoising_logs.py [gyros [first seed]]
+    python benchmarks/denoising_logs.py [gyros [first seed]]
 
 Each gyro's true drift on ±1, ±5, ±10 °C/min with white and flicker noise, 1 Hz. Every method has
 one setting for all logs, which is the best of its list on other gyros. Printed: rms error [°/h]
 over all logs, in the first and last ten minutes, and speed over that of PyWavelets. Exit code 1
-where another method has less error than the recipe's default, or this is not 15 % below the
+where another method has less error than calibkit's default, or this is not 15 % below the
 denoising of each segment by itself.
 """
 
@@ -17,18 +17,18 @@ import time
 from functools import partial
 from typing import TYPE_CHECKING
 
+import lumped_gyro
 import numpy as np
 
-from calibkit.instruments.bias import simulate_fog as fog
-from calibkit.instruments.bias.recipe import Denoise
-from calibkit.numeric.wavelet import denoise
+import calibkit
 from calibkit.simulate import noise
-from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from calibkit.arrays import Array
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 RATES = (1.0, 5.0, 10.0)
 SOAK_BEFORE = 600
@@ -40,27 +40,14 @@ DEFAULT = "calibkit, log in one piece"
 SEGMENTS = "calibkit, each segment"
 
 
-def options() -> dict[str, str | None]:
-    """Options of the recipe's default."""
-    spec = Denoise()
-    return {
-        "wavelet": spec.wavelet,
-        "levels": None,
-        "threshold": spec.threshold,
-        "rule": spec.rule,
-        "extension": spec.extension,
-    }
-
-
 def whole(signal: Array, cuts: list[int]) -> Array:  # noqa: ARG001 (as every method)
     """What a fit does."""
-    return denoise.denoise(signal, **options()).signal  # type: ignore[arg-type]
+    return calibkit.denoise(signal).signal
 
 
 def segments(signal: Array, cuts: list[int]) -> Array:
     """Each soak and ramp by itself."""
-    parts = np.split(signal, cuts)
-    return np.concatenate([denoise.denoise(part, **options()).signal for part in parts])  # type: ignore[arg-type]
+    return np.concatenate([calibkit.denoise(part).signal for part in np.split(signal, cuts)])
 
 
 def pywavelets(signal: Array, cuts: list[int], level: int) -> Array:  # noqa: ARG001
@@ -113,12 +100,13 @@ SETTINGS: dict[str, tuple[Callable[..., Array], tuple[float, ...]]] = {
 
 def logs(seed: int) -> Iterator[tuple[Array, Array, list[int]]]:
     """True drift [n, °/h], its noisy indication [n, °/h] and the ends of soak and ramp [rows]."""
-    device = fog.FogGyro.draw(seed)
-    for name, log in fog.logs(device, fog.programmes(RATES, ()), seed, Chamber()).items():
+    device = lumped_gyro.LumpedGyro.draw(seed)
+    for name, log in lumped_gyro.record(device, lumped_gyro.ramps(RATES), seed).items():
         rate = float(name.removesuffix(".csv").rsplit("_", 1)[1])
         rng = np.random.default_rng([seed, *name.encode()])
         size = log.drift.size
-        noisy = noise.angle_random_walk(device.N, size, rng) + noise.flicker(device.B, size, rng)
+        noisy = noise.angle_random_walk(lumped_gyro.ANGLE_RANDOM_WALK, size, rng)
+        noisy += noise.flicker(device.flicker_dph, size, rng)
         yield log.drift, log.drift + noisy, [SOAK_BEFORE, SOAK_BEFORE + round(6000.0 / rate)]
 
 

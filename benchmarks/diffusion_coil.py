@@ -12,17 +12,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import flicker, intervals
-from calibkit.numeric.thermal import pooled_fit
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme
 
 if TYPE_CHECKING:
-    from calibkit.arrays import Array
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 STEP_S = 5.0
 NODES = 36
-INTERVAL_S = 10.0
+BLOCK_S = 60
+"""Means that the limit of the noise is computed from."""
+FINER = 8
+"""Samples of flicker noise per such mean: with 100 its variogram is 2 % lower."""
 REFERENCE_DEGC = 25.0
 RATES = (1.0, 5.0, 8.0, 10.0)
 SOAK_S = 1800.0
@@ -60,18 +64,6 @@ class Coil:
     resolution_degc: float = 0.0625
     reading_degc: float = 0.02
     mean_dph: float = 8.0
-
-
-@dataclass(frozen=True)
-class Made:
-    """One log: block means as they are fitted, the true drift [n, °/h] of its blocks, and the terms
-    [n, layers + 4] that it is the sum of.
-    """
-
-    log: pooled_fit.ThermalLog
-    drift: Array
-    terms: Array
-    turn_on_dph: float
 
 
 def draw(seed: int, kind: str = "plain") -> Coil:
@@ -187,8 +179,8 @@ def _bias(coil: Coil, nodes: Array, state: float | None) -> tuple[Array, Array, 
 
 @dataclass(frozen=True)
 class Recorded:
-    """One log at 1 Hz: true drift and terms of every row, and the state (case, nodes, play) at the
-    end.
+    """One log at 1 Hz: what is read, the true drift [n, °/h], the terms [n, layers + 4] that it is
+    the sum of, and the state (case, nodes, play) at the end.
     """
 
     time: Array
@@ -199,6 +191,18 @@ class Recorded:
     terms: Array
     turn_on_dph: float
     last: tuple[float, Array, float | None]
+
+    def frame(self, every: int = 1) -> pd.DataFrame:
+        """What is logged, or every so many-th row of it."""
+        import pandas as pd
+
+        columns = {
+            "time_s": self.time,
+            "temp_case_degc": self.case,
+            "temp_env_degc": self.env,
+            "gyro_dph": self.indication,
+        }
+        return pd.DataFrame({name: values[::every] for name, values in columns.items()})
 
 
 def record(
@@ -242,15 +246,10 @@ def record(
     )
 
 
-def _average(name: str, recorded: Recorded) -> Made:
-    """Block means of a log, as they are fitted."""
-    held = intervals.Intervals.find(recorded.time, INTERVAL_S)
-    columns = (recorded.time, recorded.case, recorded.env)
-    log = pooled_fit.thermal_blocks(
-        name, held, [held.means(c) for c in columns], recorded.indication
-    )
-    terms = np.column_stack([held.means(term) for term in recorded.terms.T])
-    return Made(log, held.means(recorded.drift), terms, recorded.turn_on_dph)
+def means(values: Array, size: int = BLOCK_S) -> Array:
+    """Means over groups of that size; the rest is left out."""
+    whole = values.shape[0] // size * size
+    return np.asarray(values[:whole].reshape(-1, size, *values.shape[1:]).mean(axis=1))
 
 
 def campaign(
@@ -261,11 +260,11 @@ def campaign(
     ways: tuple[int, ...] = (1, -1),
     soak_s: float = SOAK_S,
     cycled: bool = False,
-) -> list[Made]:
+) -> dict[str, Recorded]:
     """Heating and cooling logs at each rate, which start at rest; `cycled`: each starts as the log
     before ended.
     """
-    made: list[Made] = []
+    logs: dict[str, Recorded] = {}
     state = None
     for rate in rates:
         for way in ways:
@@ -273,10 +272,9 @@ def campaign(
             programme = Programme.ramp(*ends, rate, soak_before_s=soak_s, soak_after_s=soak_s)
             rng = np.random.default_rng([seed, 23, round(10 * rate), way + 1])
             name = f"{'heating' if way > 0 else 'cooling'}_{rate:g}"
-            recorded = record(coil, programme, rng, state)
-            state = recorded.last if cycled else None
-            made.append(_average(name, recorded))
-    return made
+            logs[name] = record(coil, programme, rng, state)
+            state = logs[name].last if cycled else None
+    return logs
 
 
 def unseen_programmes(seed: int) -> dict[str, Programme]:
@@ -303,15 +301,29 @@ def unseen_programmes(seed: int) -> dict[str, Programme]:
     return programmes
 
 
-def unseen(coil: Coil, seed: int) -> list[Made]:
+def unseen(coil: Coil, seed: int) -> dict[str, Recorded]:
     """Logs of the programmes that are not fitted, each from rest."""
-    return [
-        _average(name, record(coil, programme, np.random.default_rng([seed, 31, k])))
+    return {
+        name: record(coil, programme, np.random.default_rng([seed, 31, k]))
         for k, (name, programme) in enumerate(unseen_programmes(seed).items())
-    ]
+    }
 
 
-def noise_limit(coil: Coil, fitted: list[Made], judged: list[Made]) -> Array:
+def flicker_covariance(count: int) -> Array:
+    """Covariance [count, count] of successive means of flicker noise of level 1, that starts with
+    the log.
+    """
+    from scipy.linalg import toeplitz
+
+    lags = np.arange(1, count * FINER)
+    response = np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))
+    # what each white sample has added to the integral of the flicker noise by the end of each mean
+    integral = toeplitz(np.cumsum(response), np.zeros(count * FINER))[FINER - 1 :: FINER]
+    loadings = np.diff(integral, axis=0, prepend=0.0) / FINER
+    return np.asarray(loadings @ loadings.T)
+
+
+def noise_limit(coil: Coil, fitted: dict[str, Recorded], judged: dict[str, Recorded]) -> Array:
     """Reduction of the drift [logs] that the noise of the fitted logs allows to a model that knows
     the physics, its temperatures, and how large each weight may be.
     """
@@ -319,19 +331,19 @@ def noise_limit(coil: Coil, fitted: list[Made], judged: list[Made]) -> Array:
     sizes = np.array([np.std(coil.weights)] * layers + list(STATIC))
     precision = np.diag(np.concatenate([[0.0], sizes**-2.0, np.full(len(fitted), 2500.0)]))
     right = np.zeros(precision.shape[0])
-    for k, made in enumerate(fitted):
-        size = made.drift.size // 6 * 6
-        columns = np.zeros((size // 6, precision.shape[0]))
+    for k, log in enumerate(fitted.values()):
+        terms, indication = means(log.terms), means(log.indication)
+        columns = np.zeros((indication.size, precision.shape[0]))
         columns[:, 0] = columns[:, 1 + sizes.size + k] = 1.0
-        columns[:, 1 : 1 + sizes.size] = made.terms[:size].reshape(-1, 6, sizes.size).mean(axis=1)
-        noise_ = (coil.walk * 60.0) ** 2 / 60.0 * np.eye(size // 6)
-        noise_ += coil.flicker_dph**2 * flicker.kernel(size // 6)
-        weighted = np.linalg.solve(noise_, columns)
+        columns[:, 1 : 1 + sizes.size] = terms
+        covariance = (coil.walk * 60.0) ** 2 / BLOCK_S * np.eye(indication.size)
+        covariance += coil.flicker_dph**2 * flicker_covariance(indication.size)
+        weighted = np.linalg.solve(covariance, columns)
         precision += columns.T @ weighted
-        right += weighted.T @ made.log.indication[:size].reshape(-1, 6).mean(axis=1)
-    found = np.linalg.solve(precision, right)[1 : 1 + sizes.size]
+        right += weighted.T @ indication
+    weights = np.linalg.solve(precision, right)[1 : 1 + sizes.size]
     return np.array(
-        [np.std(made.drift) / np.std(made.drift - made.terms @ found) for made in judged]
+        [np.std(log.drift) / np.std(log.drift - log.terms @ weights) for log in judged.values()]
     )
 
 

@@ -10,8 +10,9 @@ import pytest
 
 from calibkit.instruments.bias import compensate, drift_choice as decision
 from calibkit.instruments.bias.numeric import bank, bank_fit, choice, evidence
+from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.thermal import fits, left_out
-from calibkit.numeric.thermal.pooled_fit import BlockNoise
+from calibkit.numeric.thermal.pooled_fit import BlockNoise, thermal_blocks
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
 from conftest import ROOT, slow_after
 
@@ -32,14 +33,36 @@ def plant():
     return module
 
 
+def with_drift(recorded):
+    """Logs that the plant records as they are fitted, means over 10 s, with those of the drift."""
+    logs = []
+    for name, log in recorded.items():
+        intervals = Intervals.find(log.time, 10.0)
+        means = [intervals.means(column) for column in (log.time, log.case, log.env)]
+        made = thermal_blocks(name, intervals, means, log.indication)
+        logs.append((made, intervals.means(log.drift)))
+    return logs
+
+
+def blocks(recorded):
+    """Logs as they are fitted, means over 10 s."""
+    return [log for log, _ in with_drift(recorded)]
+
+
+def reductions(coil, seed, model):
+    """How many times a model reduces the drift of each log that was not fitted."""
+    return [
+        np.std(drift) / np.std(drift - bank.evaluate(model, log.time, log.case, log.env).drift)
+        for log, drift in with_drift(plant().unseen(coil, seed))
+    ]
+
+
 @cache
 def fitted(seed, kind="plain", candidates="bank", **options):
     """Return the coil of a seed and what is chosen for its eight ramps."""
     coil = plant().draw(seed, kind)
-    made = plant().campaign(coil, seed, **options)
-    found = choice.choose(
-        [one.log for one in made], BANK if candidates == "bank" else choice.CANDIDATES
-    )
+    logs = blocks(plant().campaign(coil, seed, **options))
+    found = choice.choose(logs, BANK if candidates == "bank" else choice.CANDIDATES)
     return coil, found
 
 
@@ -98,21 +121,22 @@ def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_a
     model reaches that knows the physics, and no log below a third of it; U covers the
     errors about their mean.
     """
-    reductions, shares, covered = [], [], []
+    reached, shares, covered = [], [], []
     for seed in (200, 201, 202):
         coil, found = fitted(seed)
+        campaign = plant().campaign(coil, seed)
         unseen = plant().unseen(coil, seed)
-        limits = plant().noise_limit(coil, plant().campaign(coil, seed), unseen)
-        for made, limit in zip(unseen, limits, strict=True):
-            log, model = made.log, found.model
+        limits = plant().noise_limit(coil, campaign, unseen)
+        model = found.model
+        for (log, drift), limit in zip(with_drift(unseen), limits, strict=True):
             there = bank.evaluate(model, log.time, log.case, log.env)
             rows = there.sensitivities - there.sensitivities.mean(axis=0)
             u = np.sqrt(np.sum(rows @ model.covariance * rows, axis=1) + model.model_error**2)
-            reductions.append(np.std(made.drift) / np.std(made.drift - there.drift))
-            shares.append(reductions[-1] / limit)
-            away = made.drift - there.drift
+            away = drift - there.drift
+            reached.append(np.std(drift) / np.std(away))
+            shares.append(reached[-1] / limit)
             covered.append(np.mean(np.abs(away - away.mean()) <= 2.0 * u))
-    assert np.median(reductions) > 20.0
+    assert np.median(reached) > 20.0
     assert np.median(shares) > 0.6
     assert min(shares) > 1.0 / 3.0
     assert np.mean(covered) > 0.9
@@ -126,20 +150,7 @@ def test_a_level_model_that_does_not_fit_draws_no_bank_towards_itself():
     medians = []
     for seed in (960_000, 960_003, 960_010):
         coil, found = fitted(seed)
-        medians.append(
-            np.median(
-                [
-                    np.std(made.drift)
-                    / np.std(
-                        made.drift
-                        - bank.evaluate(
-                            found.model, made.log.time, made.log.case, made.log.env
-                        ).drift
-                    )
-                    for made in plant().unseen(coil, seed)
-                ]
-            )
-        )
+        medians.append(np.median(reductions(coil, seed, found.model)))
     assert np.exp(np.mean(np.log(medians))) > 52.0
 
 
@@ -148,13 +159,8 @@ def test_a_bank_is_chosen_where_each_log_starts_as_the_one_before_ended():
     median; models that take the starts for drift leave 1/10.
     """
     coil, found = fitted(610_000, candidates="all", cycled=True)
-    reductions = []
-    for made in plant().unseen(coil, 610_000):
-        log = made.log
-        drift = bank.evaluate(found.model, log.time, log.case, log.env).drift
-        reductions.append(np.std(made.drift) / np.std(made.drift - drift))
     assert isinstance(found.model, bank.BankModel)
-    assert np.median(reductions) > 20.0
+    assert np.median(reductions(coil, 610_000, found.model)) > 20.0
 
 
 def test_a_hysteresis_that_ramps_from_rest_do_not_show_is_in_the_uncertainty_at_rest():
@@ -199,17 +205,13 @@ def test_weights_that_grow_with_the_temperature_of_their_layer_are_followed():
     """Weights that grow by 0.4 %/°C, almost no noise: what is left of the drift of logs that were
     not fitted is below 1/120 in the median, and below 1/30 on every log.
     """
-    reductions = []
+    reached = []
     for seed in (200, 201):
         coil = replace(plant().draw(seed), per_degc=0.004, walk=6e-5, flicker_dph=1e-6)
-        logs = [one.log for one in plant().campaign(coil, seed)]
-        model = choice.choose(logs, BANK).model
-        for made in plant().unseen(coil, seed):
-            log = made.log
-            drift = bank.evaluate(model, log.time, log.case, log.env).drift
-            reductions.append(np.std(made.drift) / np.std(made.drift - drift))
-    assert np.median(reductions) > 120.0
-    assert min(reductions) > 30.0
+        model = choice.choose(blocks(plant().campaign(coil, seed)), BANK).model
+        reached += reductions(coil, seed, model)
+    assert np.median(reached) > 120.0
+    assert min(reached) > 30.0
 
 
 @pytest.mark.parametrize(
@@ -232,7 +234,7 @@ def test_a_term_is_added_where_the_logs_have_what_it_describes(kind, name):
 def test_the_static_lag_is_found_beside_a_hysteresis(seed):
     """The lag of the best evidence is the one that its own linear equations imply, within 5 %."""
     coil = plant().draw(seed, "strong hysteresis")
-    stacked = choice.Stack.of_logs([one.log for one in plant().campaign(coil, seed)])
+    stacked = choice.Stack.of_logs(blocks(plant().campaign(coil, seed)))
     found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows, "h"))
     implied = bank_fit.STATIC_MEAN + found.posterior.coefficients[found.problem.by_lag]
     assert implied == pytest.approx(found.lag, abs=0.05)
@@ -346,8 +348,7 @@ def test_white_noise_is_what_the_fit_leaves(seed):
 def test_the_search_for_variances_ends_at_the_largest_evidence():
     """No variance of a fitted bank can be changed by a tenth to a larger evidence."""
     coil = plant().draw(204)
-    logs = [one.log for one in plant().campaign(coil, 204)]
-    stacked = choice.Stack.of_logs(logs)
+    stacked = choice.Stack.of_logs(blocks(plant().campaign(coil, 204)))
     found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows))
     best = found.posterior
     for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):

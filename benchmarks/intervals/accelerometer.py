@@ -20,7 +20,7 @@ from scipy.optimize import least_squares
 
 from intervals import exact
 from intervals.physics.accelerometer import AXES, UP, fit_k, k_design
-from intervals.physics.campaigns import Campaign, Truth, fit
+from intervals.physics.campaigns import Campaign, Truth, compare, fit
 from intervals.physics.triad import ROOM_DEGC, SPOTS_DEG, Triad, draw, gravity
 from intervals.rows import GROUPS, NONE, RATIOS, Case, Outcome
 
@@ -37,8 +37,6 @@ LOW_DEGC, HIGH_DEGC = -40.0, 125.0
 SOAK_H, DWELL_H = 1.5, 2.0 / 60.0
 BETWEEN_DEGC = np.array([-30.0, 0.0, 40.0, 80.0, 115.0])
 """Temperatures at which corrected vectors are judged, in two opposite faces each."""
-U_OVER_95 = 2.0 / exact.NORMAL_95
-"""U of a result over its 95 % half-width."""
 ZEROS, PARAMETERS, VECTOR, ANGLES = "K4–K7", "parameters", "corrected vector", "Q"
 ZERO, SCALE, INDEX, TILT, ECCENTRIC, SECOND, DRIFT = (
     "zero of a soak",
@@ -309,16 +307,7 @@ def simulate(case: Case, number: int) -> Outcome:
     truth = [*_true_coefficients(case.procedure, triad, plan)]
     truth += _true_vectors(case.procedure, triad, second)
     fitted = fit(Campaign(_recipe(case, plan), _logs(case, plan, indicated), truth))
-    if fitted.refused:
-        return Outcome({}, {}, refused=fitted.flags[0])
-    inside = {
-        name: (np.abs(error) <= fitted.half_width[name]).astype(np.float64)
-        for name, error in fitted.error.items()
-    }
-    wide = _exact(case)
-    width = {name: half / (U_OVER_95 * wide[name]) for name, half in fitted.half_width.items()}
-    warned = any(text in flag for flag in fitted.notes for text in FEW)
-    return Outcome(inside, width, warned=warned, rejected=fitted.rejected)
+    return compare(fitted, _exact(case), FEW)
 
 
 def _logs(case: Case, plan: _Plan, indicated: Array) -> dict[str, pd.DataFrame]:

@@ -14,12 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from calibkit.errors import CalibkitError
-from calibkit.frame import Log
-from calibkit.instruments.bias import bias_temperature
-from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
-from calibkit.numeric import gum
 from intervals import exact
+from intervals.physics.campaigns import Campaign, Difference, Truth, compare, fit
 from intervals.rows import GROUPS, NONE, RATIOS, Case, Outcome
 
 if TYPE_CHECKING:
@@ -32,6 +28,7 @@ ROWS, NOISE_DPH = 300, 1.0
 LOW_DEGC, HIGH_DEGC = 15.0, 50.0
 ORDER = 3
 TURN_ON, WANDER = "turn-on bias of a log", "wander of the bias in a log"
+COEFFICIENTS = f"p0…p{ORDER}"
 FEW = ("degrees of freedom, so intervals are wide", "so it is in no uncertainty")
 
 
@@ -79,16 +76,16 @@ def _wander() -> Array:
     return np.asarray(shape / shape.std())
 
 
-def _logs(degc: Array, gyro: Array) -> list[Log]:
+def _logs(degc: Array, gyro: Array) -> dict[str, pd.DataFrame]:
     """Logs of the warm-ups."""
-    found = []
-    for number, (t, y) in enumerate(zip(degc, gyro, strict=True)):
-        columns = {"time_s": np.arange(float(ROWS)), "temp_case_degc": t, "gyro_dph": y}
-        found.append(Log(f"w{number}", f"w{number}.csv", "", ROWS, pd.DataFrame(columns)))
-    return found
+    time = np.arange(float(ROWS))
+    return {
+        f"w{number}.csv": pd.DataFrame({"time_s": time, "temp_case_degc": t, "gyro_dph": y})
+        for number, (t, y) in enumerate(zip(degc, gyro, strict=True))
+    }
 
 
-def _recipe(case: Case) -> BiasTemperatureRecipe:
+def _recipe(case: Case) -> dict[str, object]:
     """Recipe of a case."""
     bias = {"abscissa": "temp_case_degc", "bias": [{"indication": "gyro_dph", "order": ORDER}]}
     tables: dict[str, object] = {
@@ -99,7 +96,7 @@ def _recipe(case: Case) -> BiasTemperatureRecipe:
     if case.given:
         stated = {"group": "log", "effect": "turn-on bias", "value": case.ratio * NOISE_DPH}
         tables["errors"] = {"component": [{**stated, "unit": "deg/h", "dof": 1000.0}]}
-    return BiasTemperatureRecipe.model_validate(tables, strict=False)
+    return tables
 
 
 def simulate(case: Case, number: int) -> Outcome:
@@ -112,30 +109,15 @@ def simulate(case: Case, number: int) -> Outcome:
         gyro = gyro + size * rng.normal(size=(case.groups, 1))
     if case.error == WANDER:
         gyro = gyro + size * rng.normal(size=(case.groups, 1)) * _wander()
-    spec = _recipe(case)
-    try:
-        fits = bias_temperature.fit_channels(_logs(degc, gyro), spec.polynomials, spec.errors)
-        (model,) = (channel.model for channel in fits)
-    except CalibkitError as error:
-        return Outcome({}, {}, refused=str(error))
-    truth = np.polynomial.Polynomial.fit(degc.ravel(), clean.ravel(), ORDER).convert().coef
-    covariance = np.array(model.covariance)
-    dof = np.array([model.dof_of(c) for c in model.coefficients], dtype=np.float64)
-    values = np.array([c.value for c in model.coefficients])
-    rows = {f"p0…p{ORDER}": np.eye(ORDER + 1), "drift": _drift()}
-    true = {
-        f"p0…p{ORDER}": truth,
-        "drift": np.diff(_bias(constants, np.array([LOW_DEGC, HIGH_DEGC]))),
-    }
-    inside, width, wide = {}, {}, _exact(case)
-    for name, part in rows.items():
-        u = np.sqrt(np.einsum("mp,pq,mq->m", part, covariance, part))
-        own = [gum.degrees_of_freedom(row, covariance, dof) for row in part]
-        half = u * [gum.coverage_factor(d, probability=0.95) for d in own]
-        inside[name] = (np.abs(part @ values - true[name]) <= half).astype(np.float64)
-        width[name] = half / wide[name]
-    flags = [flag for one in fits for flag in one.flags]
-    return Outcome(inside, width, warned=any(text in flag for flag in flags for text in FEW))
+    coefficients = np.polynomial.Polynomial.fit(degc.ravel(), clean.ravel(), ORDER).convert().coef
+    truth = [
+        Truth(COEFFICIENTS, f"gyro_dph.p{k}", float(value)) for k, value in enumerate(coefficients)
+    ]
+    ends = (LOW_DEGC, HIGH_DEGC)
+    true_drift = float(np.diff(_bias(constants, np.array(ends)))[0])
+    drift = Difference("drift", "gyro_dph", "temp_case_degc", ends, true_drift)
+    campaign = Campaign(_recipe(case), _logs(degc, gyro), truth, differences=(drift,))
+    return compare(fit(campaign), _exact(case), FEW)
 
 
 def _drift() -> Array:
@@ -152,5 +134,5 @@ def _exact(case: Case) -> dict[str, Array]:
     shapes = {TURN_ON: own, WANDER: own * np.tile(_wander(), case.groups)[:, None]}
     shared = case.ratio * NOISE_DPH * shapes.get(case.error, np.zeros((degc.size, 1)))
     design = np.vander(degc, ORDER + 1, increasing=True)
-    rows = {f"p0…p{ORDER}": np.eye(ORDER + 1), "drift": _drift()}
+    rows = {COEFFICIENTS: np.eye(ORDER + 1), "drift": _drift()}
     return {name: exact.half_widths(design, shared, NOISE_DPH, part) for name, part in rows.items()}

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import diffusion_coil
 import numpy as np
-import pandas as pd
 
 from calibkit.simulate.chamber import Programme
 from intervals.physics.campaigns import Applied, Campaign, Fault, Truth
@@ -20,10 +19,13 @@ from intervals.physics.campaigns import Applied, Campaign, Fault, Truth
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from diffusion_coil import Coil, Recorded
+    import pandas as pd
+    from diffusion_coil import Coil
 
 COLD_DEGC, HOT_DEGC, BUMP_DEGC = -40.0, 60.0, 10.0
 SOAK_S, SHORT_SOAK_S = 7200.0, 1800.0
+ROW_S = 5
+"""Time between two rows of a log."""
 SETTLED_DEGC = (COLD_DEGC, HOT_DEGC)
 BIAS, DRIFT, APPLIED = "bias at rest", "drift at rest", "drift of a log"
 RAMPS = ((1.0, 1), (1.0, -1), (5.0, 1), (5.0, -1), (10.0, 1), (10.0, -1))
@@ -41,17 +43,6 @@ def _programme(rate: float, way: int, soak_s: float = SOAK_S) -> Programme:
     return Programme.ramp(*ends, rate, soak_before_s=soak_s, soak_after_s=soak_s)
 
 
-def _frame(recorded: Recorded) -> pd.DataFrame:
-    """What is logged, a row every five seconds."""
-    columns = {
-        "time_s": recorded.time,
-        "temp_case_degc": recorded.case,
-        "temp_env_degc": recorded.env,
-        "gyro_dph": recorded.indication,
-    }
-    return pd.DataFrame({name: values[::5] for name, values in columns.items()})
-
-
 def _record(
     rng: np.random.Generator,
     coil: Coil,
@@ -66,7 +57,7 @@ def _record(
         recorded = diffusion_coil.record(coil, _programme(rate, way, soak_s), rng, state)
         state = recorded.last if cycled else None
         side = "heating" if way > 0 else "cooling"
-        logs[f"{number}_{side}_{rate:g}.csv"] = _frame(recorded)
+        logs[f"{number}_{side}_{rate:g}.csv"] = recorded.frame(ROW_S)
     return logs
 
 
@@ -95,9 +86,9 @@ def _applied(rng: np.random.Generator, coil: Coil, programme: Programme) -> Appl
     recorded = diffusion_coil.record(coil, programme, rng)
     return Applied(
         APPLIED,
-        _frame(recorded),
+        recorded.frame(ROW_S),
         "gyro_drift_dph",
-        recorded.drift[::5],
+        recorded.drift[::ROW_S],
         "gyro_standard_uncertainty_dph",
         {"output__drift": True, "output__rate_uncertainty": True},
     )
@@ -140,7 +131,7 @@ def _anomaly_with_soaks(rng: np.random.Generator, size: float) -> Campaign:
     for name, degc in (("up", levels), ("down", levels[::-1])):
         time_s = (0.0, *ends_s.tolist())
         stairs = Programme(time_s, tuple(np.repeat(degc, 2).tolist()), np.sign(degc[-1]) * 2.0)
-        logs[f"stairs_{name}.csv"] = _frame(diffusion_coil.record(coil, stairs, rng))
+        logs[f"stairs_{name}.csv"] = diffusion_coil.record(coil, stairs, rng).frame(ROW_S)
     return Campaign(_recipe(), logs, _at_rest(coil, DRIFT, (BUMP_DEGC,)))
 
 

@@ -11,10 +11,11 @@ from unittest import mock
 import numpy as np
 from scipy.stats import t as student
 
-from calibkit import api
-from calibkit.errors import CalibkitError
+import calibkit
 from calibkit.report import figures, svg
 from calibkit.results import evaluation
+from intervals import exact
+from intervals.rows import Outcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 DATE = "2026-11-21"
 PROBABILITY_95 = 0.97725
 """One-sided, so that U is 2 u where the degrees of freedom are infinite."""
+U_OVER_95 = 2.0 / exact.NORMAL_95
+"""U of a result over its 95 % half-width."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +45,17 @@ class Truth:
     value: float
     at: Mapping[str, float] | None = None
     """Inputs of the quantity."""
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Results of a model at two points of its one input, the second less the first."""
+
+    quantity: str
+    model: str
+    column: str
+    points: tuple[float, float]
+    value: float
 
 
 @dataclass(frozen=True)
@@ -67,6 +81,7 @@ class Campaign:
     logs: Mapping[str, pd.DataFrame]
     truth: Sequence[Truth]
     applied: Applied | None = None
+    differences: Sequence[Difference] = ()
 
 
 @dataclass(frozen=True)
@@ -116,8 +131,8 @@ def fit(campaign: Campaign) -> Fitted:
             mock.patch.object(figures, "settle", return_value=None),
             mock.patch.object(svg, "inline", lambda drawn: (["<svg></svg>"] * len(drawn), False)),
         ):
-            run = api.fit(campaign.recipe, logs=campaign.logs, runs=None, date=DATE)
-    except CalibkitError as error:
+            run = calibkit.fit(campaign.recipe, logs=campaign.logs, runs=None, date=DATE)
+    except calibkit.CalibkitError as error:
         return Fitted({}, {}, (str(error),), refused=True)
     numbers = run.numbers()
     numbers = numbers[numbers["kind"].isin(("coefficient", "figure"))]
@@ -139,6 +154,10 @@ def fit(campaign: Campaign) -> Fitted:
             value, expanded = _evaluate(results, truth.key, truth.at)
         error[truth.quantity].append(value - truth.value)
         half_width[truth.quantity].append(expanded)
+    for difference in campaign.differences:
+        value, expanded = _subtract(run, difference)
+        error[difference.quantity].append(value - difference.value)
+        half_width[difference.quantity].append(expanded)
     applied = campaign.applied
     if applied is not None:
         error[applied.quantity], half_width[applied.quantity] = _apply(run, applied)
@@ -151,7 +170,33 @@ def fit(campaign: Campaign) -> Fitted:
     )
 
 
-def _apply(run: api.Run, applied: Applied) -> tuple[Array, Array]:
+def compare(fitted: Fitted, known: Mapping[str, Array], few: Sequence[str]) -> Outcome:
+    """Outcome of a campaign beside the half-widths of intervals whose standard deviations are
+    known; `few` are texts of which a flag has one where groups are too few.
+    """
+    if fitted.refused:
+        return Outcome({}, {}, refused=fitted.flags[0])
+    inside = {
+        name: (np.abs(error) <= fitted.half_width[name]).astype(np.float64)
+        for name, error in fitted.error.items()
+    }
+    width = {name: half / (U_OVER_95 * known[name]) for name, half in fitted.half_width.items()}
+    warned = any(text in flag for flag in fitted.notes for text in few)
+    return Outcome(inside, width, warned=warned, rejected=fitted.rejected)
+
+
+def _subtract(run: calibkit.Run, difference: Difference) -> tuple[float, float]:
+    """Value and U of a difference; the constant of the model drops out of it."""
+    stated = run.model(difference.model).evaluate(**{difference.column: list(difference.points)})
+    signs = np.array([-1.0, 1.0])
+    u = float(np.sqrt(signs @ stated.covariance @ signs))
+    numbers = run.numbers()
+    slopes = numbers[(numbers["model"] == difference.model) & (numbers["name"] != "p0")]
+    dof = float(slopes["dof"].astype(float).min())
+    return float(signs @ stated.value), student.ppf(PROBABILITY_95, dof) * u
+
+
+def _apply(run: calibkit.Run, applied: Applied) -> tuple[Array, Array]:
     """Errors and U [n] of a compensated log; angles are compared on the circle."""
     frame = run.apply(applied.log, **applied.settings)
     error = frame[applied.column].to_numpy() - applied.truth

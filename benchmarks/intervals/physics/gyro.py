@@ -100,8 +100,9 @@ def log_run(
     *,
     rates_dps: Array = RATES_DPS,
     scale_error: Mapping[str, Array | float] | None = None,
-    zero_dps: Mapping[str, float] | None = None,
+    zero_dps: Mapping[str, Array | float] | None = None,
     noise_dps: float = NOISE_DPS,
+    interval_s: float = HOLD_S,
 ) -> pd.DataFrame:
     """Log of a table that turns about an axis [3] in space through rates in the order given.
 
@@ -109,12 +110,13 @@ def log_run(
     ----------
     degc : case temperature of the held rates, [n] or one [°C].
     scale_error : gyro → relative error of its scale factor in this run, [n] or one.
-    zero_dps : gyro → error of its bias in this run [°/s].
-    noise_dps : standard deviation of the mean over a held rate [°/s].
+    zero_dps : gyro → error of its bias in this run, [n] or one [°/s].
+    noise_dps : standard deviation of a row, the mean over a held rate [°/s].
+    interval_s : time from row to row.
 
     """
     degc = np.broadcast_to(np.asarray(degc, dtype=np.float64), rates_dps.shape)
-    frame = {"time_s": HOLD_S * (np.arange(rates_dps.size) + 0.5)}
+    frame = {"time_s": interval_s * (np.arange(rates_dps.size) + 0.5)}
     frame |= {"table_rate_dps": rates_dps, "temp_case_degc": degc}
     rate = rates_dps + EARTH_DPS * np.sin(np.radians(LATITUDE_DEG))
     for name, gyro in gyros.items():
