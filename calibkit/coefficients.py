@@ -6,19 +6,20 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import asdict, dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from collections.abc import Mapping  # noqa: TC003 (pydantic reads annotations)
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 from calibkit import names
 from calibkit.errors import CoefficientError
-from calibkit.sealed import seal, unseal
+from calibkit.left_out import LeftOut  # noqa: TC001 (as above)
+from calibkit.plugins import Plugin  # noqa: TC001 (as above)
+from calibkit.sealed import read_as, seal, unseal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Sequence
 
     from calibkit.frame import Log
-    from calibkit.left_out import LeftOut
-    from calibkit.plugins import Plugin
 
 FORMAT = "calibkit-coefficients/2"
 _FORM = re.compile(r"[a-z][a-z0-9-]*/[1-9][0-9]*")
@@ -146,6 +147,13 @@ class Model:
     parameters: tuple[Parameter, ...] = ()
     components: tuple[Component, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not _FORM.fullmatch(self.form):
+            raise ValueError(f"model form {self.form!r:.40} is no name with a version")
+        size = len(self.coefficients)
+        if self.covariance and [len(row) for row in self.covariance] != [size] * size:
+            raise ValueError(f"model '{self.name}': a covariance that is not {size} × {size}")
+
     def dof_of(self, coefficient: Coefficient) -> float:
         """Effective degrees of freedom of a coefficient's standard uncertainty: its own, else those
         of the model.
@@ -167,6 +175,8 @@ class Model:
 @dataclass(frozen=True, slots=True)
 class Record:
     """A coefficient file's content; complete when made."""
+
+    __pydantic_config__ = {"extra": "forbid"}
 
     stage: str
     serial: str
@@ -287,90 +297,16 @@ def loads(text: str, name: str) -> Record:
     """
     document = unseal(text, name, FORMAT)
     document.pop("sha256")
-    try:
-        record = _typed(
-            Record,
-            {
-                **document,
-                "inputs": tuple(_typed(Input, entry) for entry in document["inputs"]),
-                "conditions": tuple(_typed(Condition, entry) for entry in document["conditions"]),
-                "models": tuple(_model(entry) for entry in document["models"]),
-                "figures": tuple(_typed(Figure, entry) for entry in document["figures"]),
-                "flags": tuple(_plain(flag, "str") for flag in document["flags"]),
-            },
-        )
-        _require_sound(record)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    record = read_as(Record, document, name, "a coefficient record")
+    if not names.is_serial(record.serial):
         raise CoefficientError(
-            f"{name}: not a coefficient record: {error}", hint="restore it from the run's copy"
-        ) from None
+            f"{name}: serial {record.serial!r:.40} is none that fit takes",
+            hint="do not use it",
+        )
     return record
 
 
-def _require_sound(record: Record) -> None:
-    """Raise ValueError for a serial that names no device."""
-    if not names.is_serial(record.serial):
-        raise ValueError(f"serial {record.serial!r:.40} is none that fit takes")
-
-
-def _model(entry: Mapping[str, Any]) -> Model:
-    """Model of its JSON object; its covariance is square, one row per coefficient, or absent."""
-    model = _typed(
-        Model,
-        {
-            **entry,
-            "coefficients": tuple(_typed(Coefficient, item) for item in entry["coefficients"]),
-            "covariance": tuple(
-                tuple(_plain(value, "float") for value in row) for row in entry["covariance"]
-            ),
-            "valid": {
-                column: (_plain(low, "float"), _plain(high, "float"))
-                for column, (low, high) in entry["valid"].items()
-            },
-            "parameters": tuple(_typed(Parameter, item) for item in entry.get("parameters", ())),
-            "components": tuple(_typed(Component, item) for item in entry.get("components", ())),
-        },
-    )
-    if not _FORM.fullmatch(model.form):
-        raise ValueError(f"model form {model.form!r:.40} is no name with a version")
-    size = len(model.coefficients)
-    if model.covariance and [len(row) for row in model.covariance] != [size] * size:
-        raise ValueError(f"model '{model.name}': a covariance that is not {size} × {size}")
-    return model
-
-
-_PLAIN: dict[str, tuple[tuple[type, ...], str]] = {
-    "str": ((str,), "text"),
-    "float": ((int, float), "number"),
-    "float | None": ((int, float), "number"),
-    "int": ((int,), "whole number"),
-}
-"""Annotation of a field → types that its value may have, and their name. What is made of other
-records was checked when they were made.
-"""
-
-
-def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401 (a value of JSON)
-    """A JSON value of the type that an annotation names, or TypeError."""
-    types, name = _PLAIN[annotation]
-    if isinstance(value, bool) or not isinstance(value, types):
-        raise TypeError(f"{value!r:.40} where a {name} is expected")
-    return value
-
-
-_Made = TypeVar("_Made")
 SetBy = Literal["recipe", "calibkit"]
-
-
-def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
-    """A record whose plain fields hold what their annotations state; TypeError for another type, a
-    key too many or too few.
-    """
-    kinds = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
-    for name, value in values.items():
-        if kinds.get(name) in _PLAIN:
-            _plain(value, kinds[name])
-    return kind(**values)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,11 @@
 The names of the fields are keys of run.json.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
-from calibkit.errors import CoefficientError
+from calibkit.sealed import read_as
 
 Kind = Literal["rows", "samples", "positions", "stations"]
 Cause = Literal["excluded", "incomplete", "missing", "outlier", "unsolved"]
@@ -33,13 +33,6 @@ def dumps(facts: Iterable[LeftOut]) -> list[dict[str, Any]]:
     return [asdict(fact) for fact in facts]
 
 
-def loads(entries: Iterable[Mapping[str, Any]], name: str) -> tuple[LeftOut, ...]:
+def loads(entries: object, name: str) -> tuple[LeftOut, ...]:
     """Facts of a run.json; CoefficientError for what is none."""
-    try:
-        stated_facts = tuple(LeftOut(**entry) for entry in entries)
-    except TypeError:
-        raise CoefficientError(f"{name}: left_out is no list of facts", hint="fit again") from None
-    for fact in stated_facts:
-        if fact.what not in get_args(Kind) or fact.cause not in get_args(Cause):
-            raise CoefficientError(f"{name}: left_out: {fact!r:.80}", hint="fit again")
-    return stated_facts
+    return read_as(tuple[LeftOut, ...], entries, name, "a list of what was left out")

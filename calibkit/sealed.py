@@ -1,11 +1,20 @@
-"""JSON documents with their own digest inside: whoever changes one is noticed."""
+"""JSON documents with their own digest inside: whoever changes one is noticed, and what does not
+hold what its dataclass states is refused.
+"""
 
 import hashlib
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
+
+_Stored = TypeVar("_Stored")
+_ADAPTERS: "dict[object, TypeAdapter[Any]]" = {}
+"""Dataclass → what checks values of it; each is made where it is needed first."""
 
 
 def _digest(document: Mapping[str, Any]) -> str:
@@ -75,3 +84,28 @@ def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     if len(json_object) != len(pairs):
         raise ValueError("a key stands twice")
     return json_object
+
+
+def read_as(kind: type[_Stored], content: object, name: str, title: str) -> _Stored:
+    """Dataclass of a value of JSON: numbers where it states numbers, no key that it requires left
+    out. CoefficientError names the file, the place in it, what was found and what was expected.
+    """
+    from pydantic import TypeAdapter, ValidationError
+
+    if kind not in _ADAPTERS:
+        _ADAPTERS[kind] = TypeAdapter(kind)
+    try:
+        # as JSON, in which a list is a tuple; only there does a strict check know that
+        stored: _Stored = _ADAPTERS[kind].validate_json(json.dumps(content), strict=True)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        reason = str(first.get("ctx", {}).get("error", ""))
+        if not reason:
+            found = "nothing" if first["type"] == "missing" else f"{first['input']!r:.40}"
+            reason = f"found {found}, {first['msg'].replace('Input should be', 'expected')}"
+        raise CoefficientError(
+            f"{name}: not {title}: {': '.join(filter(None, (place, reason)))}",
+            hint="calibkit did not write it so; restore it from a copy",
+        ) from None
+    return stored

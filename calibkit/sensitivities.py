@@ -6,13 +6,14 @@ that input shifted, its model, orders and weights held.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from collections.abc import Mapping  # noqa: TC003 (pydantic reads annotations)
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
-from calibkit.errors import CoefficientError
+from calibkit.sealed import read_as
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable
 
     from calibkit.coefficients import StageResult
 
@@ -64,7 +65,7 @@ class Sensitivity:
     """
 
     input: str
-    kind: Kind
+    error: Kind
     derivatives: Mapping[str, float]
 
 
@@ -112,30 +113,9 @@ def _values(results: Iterable[StageResult]) -> dict[str, tuple[float, float]]:
 
 def dumps(sensitivities: Iterable[Sensitivity]) -> list[dict[str, Any]]:
     """Sensitivities as JSON objects of run.json."""
-    return [
-        {
-            "input": sensitivity.input,
-            "error": sensitivity.kind,
-            "derivatives": dict(sensitivity.derivatives),
-        }
-        for sensitivity in sensitivities
-    ]
+    return [asdict(sensitivity) for sensitivity in sensitivities]
 
 
 def loads(entries: object, name: str) -> tuple[Sensitivity, ...]:
     """Sensitivities of a run.json; CoefficientError for what is none."""
-    sensitivities = []
-    for entry in entries if isinstance(entries, list) else [entries]:
-        fields = entry if isinstance(entry, dict) else {}
-        derivatives = fields.get("derivatives")
-        if (
-            not isinstance(fields.get("input"), str)
-            or fields.get("error") not in get_args(Kind)
-            or not isinstance(derivatives, dict)
-            or not all(type(value) in {int, float} for value in derivatives.values())
-        ):
-            raise CoefficientError(
-                f"{name}: sensitivities: {entry!r:.60} is not one of an input", hint="fit again"
-            )
-        sensitivities.append(Sensitivity(fields["input"], fields["error"], derivatives))
-    return tuple(sensitivities)
+    return read_as(tuple[Sensitivity, ...], entries, name, "a list of sensitivities")

@@ -271,7 +271,6 @@ def load(folder: Path) -> StoredRun:
     trusted.
     """
     document = run_document.loads(read_utf8(folder / RUN_FILE), f"{folder / RUN_FILE}")
-    run_document.require_shape(document, f"{folder / RUN_FILE}")
     records = {
         path.name: _own_record(document, path)
         for path in _listed(folder, document, RUN_FILE)

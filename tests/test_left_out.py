@@ -98,7 +98,7 @@ def test_every_fact_has_words_in_both_languages(what, cause):
 )
 def test_what_is_no_fact_is_refused(entry):
     """A run.json that was changed by hand."""
-    with pytest.raises(CoefficientError, match=r"run\.json: left_out"):
+    with pytest.raises(CoefficientError, match=r"run\.json: not a list of what was left out: 0"):
         left_out.loads([entry], "run.json")
 
 

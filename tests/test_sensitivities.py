@@ -142,7 +142,7 @@ def merged(sensitivities, column, kind):
     return {
         key: value
         for one in sensitivities
-        if (one.input, one.kind) == (column, kind)
+        if (one.input, one.error) == (column, kind)
         for key, value in one.derivatives.items()
     }
 
@@ -238,5 +238,5 @@ def test_the_axis_of_a_gyro_moves_its_bias_by_the_earths_rate():
 )
 def test_what_is_no_sensitivity_is_refused_with_its_file(entry):
     """A run.json that was changed by hand, with a digest that is right."""
-    with pytest.raises(CoefficientError, match=r"run\.json: sensitivities"):
+    with pytest.raises(CoefficientError, match=r"run\.json: not a list of sensitivities: 0"):
         sensitivities.loads([entry], "run.json")

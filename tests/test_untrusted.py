@@ -275,7 +275,7 @@ def test_a_sealed_run_whose_inputs_are_no_tables_is_refused(golden, inputs, cali
     reseal(golden, inputs=inputs)
     outcome = calibkit("show", golden)
     assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
-    assert "inputs: " in outcome.err
+    assert "inputs.0" in outcome.err
 
 
 def test_a_coefficient_file_states_the_stage_that_it_is_named_by(golden, tmp_path, calibkit):

@@ -53,7 +53,7 @@ class Stated:
             derivatives = sensitivity.derivatives
             total = sum(w * derivatives.get(key, 0.0) for key, w in weights.items())
             if total:
-                influences[sensitivity.input, sensitivity.kind] = total
+                influences[sensitivity.input, sensitivity.error] = total
         return influences
 
     def of_models(

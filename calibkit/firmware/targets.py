@@ -208,12 +208,13 @@ def _manifest(
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
     document = sealed.unseal(store.read_utf8(path), str(path), MANIFEST)
-    entries = run_document.list_manifest(document, str(path))
-    for entry in entries:
-        file = path.parent / entry["name"]
-        if hashlib.sha256(store.read_bytes(file)).hexdigest() != entry["sha256"]:
+    manifest = sealed.read_as(run_document.Manifest, document, str(path), "a manifest")
+    listed = [*manifest.files, *(entry for unit in manifest.units for entry in unit.files)]
+    for entry in listed:
+        file = path.parent / entry.name
+        if hashlib.sha256(store.read_bytes(file)).hexdigest() != entry.sha256:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )
-    mark = c_text.list_verdicts({unit["serial"]: unit["accepted"] for unit in document["units"]})
-    return f"manifest of {len(document['units'])} devices, {len(entries)} files{mark}"
+    mark = c_text.list_verdicts({unit.serial: unit.accepted for unit in manifest.units})
+    return f"manifest of {len(manifest.units)} devices, {len(listed)} files{mark}"
