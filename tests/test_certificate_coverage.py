@@ -48,14 +48,6 @@ def test_a_campaign_of_every_procedure_is_held_against_its_truth(benchmark, tmp_
     ]
 
 
-def test_campaigns_are_drawn_from_a_first_number_on(benchmark, tmp_path):
-    """Campaigns 3 and 4 of a procedure, and no others, are simulated."""
-    kept = tmp_path / "rows.jsonl"
-    asked = ["--only", "gyro_noise", "--sets", "2", "--first", "3", "--results", str(kept)]
-    benchmark.main(asked)
-    assert sorted(benchmark.kept(kept, "gyro_noise")) == [3, 4]
-
-
 def test_a_row_fails_where_its_binomial_interval_lies_outside(benchmark):
     """95 of 100 and all of 200 pass, 85 of 100 and all of 2,000 fail, and so does a refusal."""
 

@@ -555,14 +555,6 @@ def test_a_recipe_that_a_windows_shell_or_editor_saved_is_read(tmp_path, calibki
     ]  # it names the recipe's file
 
 
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_the_completion_script_is_printed(calibkit, shell):
-    """Each shell gets a script that asks calibkit; another shell is usage."""
-    assert "_CALIBKIT_COMPLETE" in calibkit("completion", shell).out
-    assert calibkit("completion", shell, "--json").json["shell"] == shell
-    assert calibkit("completion", "cmd").code == 2
-
-
 # exit codes: one test each, as the contract lists them
 
 

@@ -47,42 +47,6 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     assert all(row.quantity in text and row.cell in text for row in rows)
 
 
-def test_a_page_that_is_missing_is_named_before_anything_is_simulated(benchmark, tmp_path, capsys):
-    """One line and exit code 2."""
-    command, _ = benchmark
-    page = tmp_path / "coverage.md"
-    assert command.main(["--page", str(page)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err == f"--page {page}: no such file; copy docs/coverage.md to it\n"
-
-
-def test_campaigns_are_drawn_from_a_first_number_on(benchmark, tmp_path):
-    """Campaigns 3 and 4 of a case are those that the row is judged by, and are kept apart."""
-    command, rows = benchmark
-    results = tmp_path / "rows.jsonl"
-    pair = ["--only", "gyro_pair", "--only", "'none'", "--results", str(results)]
-    command.main([*pair, "--sets", "1"])
-    command.main([*pair, "--sets", "2", "--first", "3"])
-    (case,) = (key for key in command.kept(results) if "from" not in key)
-    module = importlib.import_module("intervals.gyro_pair")
-    (plan,) = (one for one in module.list_cases() if str(one) == case)
-    drawn = rows.judge(plan, [module.simulate(plan, number) for number in (3, 4)])
-    assert command.kept(results)[f"{case} from 3"] == drawn
-
-
-def test_another_interpreter_is_given_all_other_arguments(benchmark, tmp_path, capfd):
-    """A program in place of the interpreter prints what it is called with."""
-    command, _ = benchmark
-    python = tmp_path / "python"
-    python.write_text('#!/bin/sh\necho "${PYTHONPATH-none}" "$@"\n', encoding="utf-8")
-    python.chmod(0o755)
-    assert command.main(["--sets", "2", "--python", str(python), "--only", "pair"]) == 0
-    printed = capfd.readouterr().out.split(maxsplit=2)
-    assert printed[0] == "none"
-    assert printed[2] == "--sets 2 --only pair\n"
-
-
 @pytest.mark.slow
 def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmark):
     """Logs with a fault differ from those without, which are the same each time; the first fault

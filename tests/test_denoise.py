@@ -72,14 +72,14 @@ def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp()
     assert errors["trend"] < 0.8 * errors["symmetric"]
 
 
-@pytest.mark.parametrize("extension", ["antisymmetric", "trend"])
-@pytest.mark.parametrize("wavelet", ["cdf53", "cdf97", "db4"])
 @pytest.mark.parametrize("rule", sorted(RULES))
-def test_a_straight_line_passes_unchanged_to_rounding(extension, wavelet, rule):
+def test_a_straight_line_passes_unchanged_to_rounding(rule):
     """A linear drift of 5 °/h over a ramp keeps every sample, ends included, to 1e-12 °/h."""
     line = -2.0 + 5.0 * np.arange(1201) / 1200.0
-    found = denoise(line, wavelet=wavelet, extension=extension, rule=rule)
-    assert np.max(np.abs(found.signal - line)) < 1e-11
+    for extension in ("antisymmetric", "trend"):
+        for wavelet in ("cdf53", "cdf97", "db4"):
+            found = denoise(line, wavelet=wavelet, extension=extension, rule=rule)
+            assert np.max(np.abs(found.signal - line)) < 1e-11
 
 
 def test_symmetric_extension_bends_a_straight_line_at_both_ends():
@@ -109,9 +109,8 @@ def test_the_slope_of_a_noisy_linear_drift_is_kept():
     assert abs(slopes[1] - slopes[0]) < 0.3 * standard_error
 
 
-@pytest.mark.parametrize("wavelet", ["haar", "cdf53", "cdf97", "db4", "sym5"])
 @pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
-@pytest.mark.parametrize("length", [1024, 1501])
+@pytest.mark.parametrize(("wavelet", "length"), [("haar", 1501), ("cdf97", 1501), ("db4", 1024)])
 def test_only_marked_samples_change_with_the_extension(wavelet, threshold, length):
     """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all
     extensions.

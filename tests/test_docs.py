@@ -138,17 +138,6 @@ def test_every_page_is_in_the_contents():
     assert [name for name in names if f"\n{name}\n" not in index] == []
 
 
-def test_a_wheel_is_installed_by_a_path_that_keeps_its_extras():
-    """Pipx drops the extras of a wheel that is named without its folder."""
-    named = [
-        word
-        for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))
-        for word in re.findall(r"[^\s'`]+\.whl\[", page.read_text(encoding="utf-8"))
-    ]
-    assert named
-    assert [word for word in named if not word.startswith("./")] == []
-
-
 def test_a_schema_refuses_a_coefficient_without_its_unit():
     """The golden file passes; the same without one unit does not."""
     golden = json.loads(

@@ -99,7 +99,7 @@ def test_apply_and_firmware_agree_from_minus_55_to_90_degrees(name, number, runs
     assert np.abs(drift - truth(this, time, case)).max() <= bound + NOISE
 
 
-@pytest.mark.parametrize("name", ["lagged", "bank", "grown"])
+@pytest.mark.parametrize("name", slow_after(1, ["lagged", "bank", "grown"]))
 def test_gaps_up_to_the_longest_are_bridged_as_apply_bridges_them(name, runs):
     """Calls that do not come, and numbers that are none: behind each the drift is that of `apply`
     to the rows that are left, and that of the whole log within what the header states.

@@ -16,7 +16,7 @@ from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
 from transforms import clean_details, extend, extend_by, forward, inverse
 
 BANKS = [name for name in pywt.wavelist(kind="discrete") if name != "dmey"]
-SOME = ["haar", "cdf53", "cdf97", "db2", "db4", "db9", "sym8", "coif3", "bior3.5", "rbio2.2"]
+SOME = ["haar", "cdf97", "db4", "bior3.5"]
 
 
 def noise(size, seed=7):
@@ -40,17 +40,17 @@ def interior_details(signal, bank, levels):
     return out
 
 
-@pytest.mark.parametrize("bank", [name for name in BANKS if name not in LIFTING])
-def test_every_other_wavelet_has_the_details_of_pywavelets_at_the_same_index(bank):
+def test_every_other_wavelet_has_the_details_of_pywavelets_at_the_same_index():
     """Three levels, away from the ends."""
-    signal, most = noise(2003), pywt.dwt_max_level(2003, bank)
-    levels = min(3, most)
-    ours = clean_details(signal, bank, levels)
-    for (detail, first), theirs in zip(ours, interior_details(signal, bank, levels), strict=True):
-        index = np.flatnonzero(~np.isnan(theirs))
-        index = index[(index >= first) & (index - first < detail.size)]
-        assert index.size > 30
-        assert np.array_equal(detail[index - first], theirs[index])
+    signal = noise(2003)
+    for bank in set(BANKS) - set(LIFTING):
+        levels = min(3, pywt.dwt_max_level(2003, bank))
+        ours, known = clean_details(signal, bank, levels), interior_details(signal, bank, levels)
+        for (detail, first), theirs in zip(ours, known, strict=True):
+            index = np.flatnonzero(~np.isnan(theirs))
+            index = index[(index >= first) & (index - first < detail.size)]
+            assert index.size > 30, bank
+            assert np.array_equal(detail[index - first], theirs[index]), bank
 
 
 @pytest.mark.parametrize(
@@ -153,8 +153,7 @@ def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments)
     assert np.min(np.abs(following)) > 0.01
 
 
-@pytest.mark.parametrize("name", ["cdf53", "cdf97", "db2", "db4", "sym8", "coif1"])
-@pytest.mark.parametrize("length", [200, 501])
+@pytest.mark.parametrize(("name", "length"), [("cdf53", 200), ("cdf97", 501), ("sym8", 501)])
 def test_a_straight_line_has_no_details_even_at_its_ends(name, length):
     """The extensions that keep a linear trend leave none to two vanishing moments."""
     line = 3.0 - 0.25 * np.arange(length)

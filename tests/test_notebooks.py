@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-import pages
 from conftest import ROOT
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
@@ -52,25 +51,6 @@ def test_an_own_model_beside_calibkit_s(tmp_path, monkeypatch, start):
     assert np.ptp(directions["own"]) > 0.05
     assert np.ptp(directions["residual_dph"]) < 1e-9
     assert {path.name for path in tmp_path.rglob("*")} <= {"datasets", "docs", "notebooks"}
-
-
-def test_the_picture_of_the_how_to_is_labelled_and_its_legends_cover_no_curve(
-    tmp_path, monkeypatch
-):
-    """Axes have units, and each legend stands beside its axes."""
-    monkeypatch.setenv("MPLBACKEND", "agg")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
-    text = (ROOT / "docs" / "how_to" / "13_my_own_model.md").read_text(encoding="utf-8")
-    names = {}
-    exec(pages.BLOCK.findall(text)[0][1], names)  # noqa: S102 (the page's own code)
-    axes = names["figure"].axes
-    assert [ax.get_ylabel() for ax in axes] == ["100 s means [°/h]"] * 2
-    assert axes[-1].get_xlabel() == "time [min]"
-    for ax in axes:
-        beside, curves = (one.get_window_extent() for one in (ax.get_legend(), ax))
-        assert not beside.overlaps(curves)
-        assert beside.x1 <= names["figure"].bbox.x1
 
 
 def test_statistics_of_a_fleet(tmp_path, monkeypatch):

@@ -45,31 +45,6 @@ def k_applied(fitted, indicated, temperature):
     return np.column_stack(parts)
 
 
-def test_the_log_is_canonical():
-    """One log of 378 dwells under canonical columns, finite, with its truth beside it."""
-    campaign = simulate.campaign(1)
-    assert list(campaign.logs) == ["positions.csv"]
-    log = campaign.logs["positions.csv"]
-    assert list(log) == [
-        "temp_case_degc",
-        "inclination_deg",
-        "toolface_deg",
-        "accel_x_g",
-        "accel_y_g",
-        "accel_z_g",
-    ]
-    assert {len(values) for values in log.values()} == {378}
-    assert all(np.isfinite(values).all() for values in log.values())
-    assert set(campaign.files()) == {"positions.csv", "truth.json"}
-    assert len(campaign.truth["inclination_deg"]) == 378
-
-
-def test_same_seed_same_bytes_other_seed_other_triad():
-    """A campaign is a function of its seed."""
-    assert simulate.campaign(3).files() == simulate.campaign(3).files()
-    assert simulate.campaign(3).files() != simulate.campaign(4).files()
-
-
 def test_indications_are_positive_along_gravity():
     """Upright the z axis reads +1 g, head down −1 g; with the high side up x reads −1 g."""
     log = simulate.campaign(2).logs["positions.csv"]

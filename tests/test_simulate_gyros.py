@@ -2,7 +2,6 @@
 not the fitted model.
 """
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -11,27 +10,6 @@ import pytest
 from calibkit.instruments.gyro_scale import simulate as gyros
 from calibkit.instruments.inclinometer import simulate
 from test_northseek import forward
-
-MADE = {
-    "rate_table": gyros.rate_table,
-    "gyro_pair": gyros.pair,
-    "inclinometer": simulate.campaign,
-}
-
-
-@pytest.mark.parametrize("make", MADE.values(), ids=MADE)
-def test_the_same_seed_gives_the_same_bytes(make):
-    """Two campaigns of seed 3 are equal byte for byte, seed 4 is another."""
-    one, two, other = make(3).files(), make(3).files(), make(4).files()
-    assert one == two
-    assert one != other
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_the_truth_is_json_and_names_its_procedure(name):
-    """truth.json parses, names procedure and seed."""
-    truth = json.loads(MADE[name](5).files()["truth.json"])
-    assert (truth["procedure"], truth["seed"]) == (name, 5)
 
 
 def test_logs_have_the_columns_of_the_contract():
@@ -55,32 +33,11 @@ def test_logs_have_the_columns_of_the_contract():
     assert all("gyro_x_lsb" in log for log in gyros.rate_table(1).logs.values())
 
 
-def test_files_keep_what_a_fit_needs():
-    """Rounding in the CSV is far below noise: 0.1 counts a second, 1e-7 g, 1e-5 °/h, 1e-6 °/s."""
-    text = gyros.pair(1).files()["table_axis_a.csv"].decode()
-    row = text.splitlines()[1].split(",")
-    assert [len(cell.partition(".")[2]) for cell in row] == [1, 6, 4, 2, 1, 1]
-
-
 def plain(**constants):
     """A gyro of a straight line without noise, errors of temperature or lag."""
     gyro = gyros.RateGyro.draw(np.random.default_rng(0), noise_lsb=0.0)
     straight = {"ripple_dps": 0.0, "asymmetry": 0.0, "K_per_degc": 0.0, "bias_dps_per_degc": 0.0}
     return replace(gyro, **(straight | {"bias_dps": 0.0, "lag_s": 1e-3} | constants))
-
-
-def test_the_table_accelerates_holds_and_turns_whole_revolutions():
-    """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
-    most.
-    """
-    table, rng = gyros.TurnedTable(unevenness=0.0), np.random.default_rng(0)
-    log = gyros.run({"gyro_x_lsb": plain()}, table, (1.0, 50.0, -50.0), 25.0, rng)
-    turned = log["table_rate_dps"]
-    assert np.abs(np.diff(turned)).max() / table.interval_s == pytest.approx(20.0, rel=1e-6)
-    for rate in (1.0, 50.0, -50.0):
-        held = np.isclose(turned, rate, rtol=1e-9)
-        assert abs(turned[held].sum() * table.interval_s) > 360.0
-    assert turned[[0, -1]] == pytest.approx([0.0, 0.0])
 
 
 def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
@@ -157,16 +114,3 @@ def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():
                 accel[:, j].mean() - gravity[k] - pair["accel_bias_g"]
             ) < 4.0 * 2e-5 / np.sqrt(count)
             assert abs(gyro[:, j].mean() - rate[k] - pair["bias_dph"]) < 4.0 * 0.01 / np.sqrt(count)
-
-
-def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_polynomial():
-    """S of both pairs differs, moves with temperature, and its wave is left over by a cubic."""
-    pair = simulate.draw(np.random.default_rng(1), gyro_noise_dph=0.01, ideal=False)
-    temperature = np.linspace(20.0, 150.0, 400)
-    rng = np.random.default_rng(0)
-    attitudes = simulate.draw_attitudes(400, (5.0, 50.0), rng)
-    s = simulate.Tool((pair, pair)).stations(attitudes, 34.2, temperature, rng)[1][:, 0]
-    left = s - np.polynomial.Polynomial.fit(temperature, s, 3)(temperature)
-    assert left.std() > 1.2 * pair["s_repeat"]
-    truth = simulate.campaign(1).truth["stations"]
-    assert truth["s_x"] != truth["s_y"]

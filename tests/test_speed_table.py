@@ -81,52 +81,6 @@ def test_calibkits_side_of_every_row_runs():
         assert all(np.isfinite(np.asarray(values)).all() for values in found.values())
 
 
-@pytest.mark.parametrize("text", [None, "a page without a place for it"])
-def test_a_page_that_cannot_be_written_is_told_before_anything_is_measured(tmp_path, capsys, text):
-    """A page that is not there, or that has no lines to write between, ends the run with a usage
-    error.
-    """
-    run = importlib.import_module("run")
-    page = tmp_path / "page.md"
-    if text is not None:
-        page.write_text(text, encoding="utf-8")
-    with pytest.raises(SystemExit) as ended:
-        run.main(["--only", "mad", "--page", str(page)])
-    assert ended.value.code == 2
-    assert "--page" in capsys.readouterr().err
-
-
-def test_every_row_of_the_table_names_its_target():
-    """Each row has a peer, rows and a target, but for the two that stand for their own sake."""
-    from speed.peers import PEERS
-
-    goals = importlib.import_module("run").goals()
-    assert {goal.name for goal in goals if goal.target is None} == {"turntable", "autopilot"}
-    assert {goal.name: goal.target for goal in goals if goal.target is not None} == {
-        "csv": 1.5,
-        "denoise": 2.5,
-        "linear": 5.0,
-        "accelerometer_k": 6.0,
-        "magnitude": 5.0,
-        "mad": 2.5,
-        "allan": 3.0,
-        "fit": 2.5,
-        "fit_memory": 1.3,
-        "help": 6.0,
-        "pool": 1.6,
-        "ramps": 1.0,
-        "devices": 1.6,
-        "sample_gyro_pair": 0.6,
-        "sample_rate_table": 0.6,
-        "sample_gyro_triad": 0.6,
-        "sample_accelerometer": 0.6,
-        "sample_inclinometer": 0.6,
-        "sample_gyro_noise": 0.6,
-        "sample_fog_thermal": 1.0,
-    }
-    assert {goal.peer for goal in goals} <= {*PEERS, "bare Python", "one process", "calibkit 0.1.0"}
-
-
 def test_numbers_that_differ_are_no_success():
     """A difference in the sixth digit is told as such, and so are another shape, a NaN and another
     digest.

@@ -21,10 +21,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
@@ -33,6 +32,9 @@ from calibkit.numeric.dispersion import MAD_TO_SIGMA, mad_sigma
 from calibkit.numeric.flicker import Turned, kernel
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
 """Grid of flicker levels, in standard deviations of the white noise of a group."""
@@ -317,10 +319,12 @@ class WhitenedRows:
         return np.asarray(self._averaging @ values, dtype=np.float64)
 
     @cached_property
-    def _averaging(self) -> csr_array:
+    def _averaging(self) -> "csr_array":
         """Matrix [m, n] of the means over the groups; sparse, it is many times faster than sums of
         slices of many columns.
         """
+        from scipy.sparse import csr_array  # not before a fit needs it
+
         sizes = np.diff(np.append(self.starts, self.blocks.size))
         group = np.repeat(np.arange(sizes.size), sizes)
         shape = (sizes.size, self.stacked.indication.size)
