@@ -179,6 +179,7 @@ def triad(seed, spec, arcsec):
     return angles, true
 
 
+@pytest.mark.slow
 def test_mountings_that_repeat_to_ten_arcseconds_are_in_the_angles_once_stated():
     """Three mountings tilted by 10″: without a word of it u is named incomplete; stated, the
     angles cover.

@@ -124,6 +124,7 @@ def test_the_scale_factor_is_within_its_expanded_uncertainty(rates, largest_ppm)
         assert u / found < largest_ppm * 1e-6
 
 
+@pytest.mark.slow
 def test_the_stated_uncertainty_covers_the_truth():
     """600 runs of 22 rates: the expanded uncertainties of K and F0 cover 93.5 to 98 %."""
     rng = np.random.default_rng(5)

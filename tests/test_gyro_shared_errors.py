@@ -257,7 +257,7 @@ def sweeps(seed, *, count=18, one_way=False, by_temperature=False):
 
 @pytest.mark.parametrize(
     ("seeds", "by_temperature"),
-    slow_after(1, [(20, False), (20, True)]),
+    slow_after(0, [(20, False), (20, True)]),
     ids=["alternating", "by temperature"],
 )
 def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperature):

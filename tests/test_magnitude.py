@@ -112,6 +112,7 @@ def test_axes_of_very_different_scale_still_converge():
     np.testing.assert_allclose(parameters, truth, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth():
     """Over simulated sets the 95 % intervals cover 93 to 97 % of the nine parameters."""
     fits = [fitted(indications(sphere(18), seed)) for seed in range(100)]

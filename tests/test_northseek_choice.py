@@ -20,7 +20,7 @@ from calibkit.instruments.inclinometer import (
 from calibkit.instruments.inclinometer.forms import ScaleModel
 from calibkit.instruments.inclinometer.published import NO_NOISE
 from calibkit.instruments.inclinometer.recipe import HistorySpec, LimitSpec
-from conftest import AUTHORITIES
+from conftest import AUTHORITIES, slow_after
 from test_northseek import closed, components_of, forward, vector_components, wrapped
 
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
@@ -172,7 +172,7 @@ def test_near_c_zero_s_is_its_prior_and_azimuth_is_not_made_worse():
     assert found.flags[gated]
 
 
-@pytest.mark.parametrize("used", [True, False])
+@pytest.mark.parametrize("used", slow_after(1, [True, False]))
 def test_the_covariance_is_that_of_drawn_readings(used):
     """20,000 draws at six attitudes: covariances of θ, φ, s, ψ agree to 5 % of the uncertainties,
     prior included.
