@@ -173,9 +173,13 @@ class LumpedGyro:
 
 @dataclass(frozen=True)
 class LumpedLog:
-    """A log as it is read, and its true drift and hysteresis [n, °/h]."""
+    """A log as it is read, and what is true of it: temperatures of air and case [n, °C], the drift
+    and the hysteresis in it [n, °/h].
+    """
 
     frame: pd.DataFrame
+    air: Array
+    case: Array
     drift: Array
     hysteresis: Array
 
@@ -218,9 +222,9 @@ def record(
     chamber = Chamber()
     earth = EARTH_RATE_DPH * np.sin(np.radians(LATITUDE_DEG))
     simulated = {}
-    for name, programme in programmes.items():
+    for name in sorted(programmes):
         rng = np.random.default_rng(np.random.SeedSequence([seed, *name.encode()]))
-        time, set_degc = programme.set_points()
+        time, set_degc = programmes[name].set_points()
         air = chamber.air(set_degc, rng)
         heat = device.heat_flow(air, float(set_degc[0]))
         drift, hysteresis = device.drift(air, heat)
@@ -233,5 +237,5 @@ def record(
         random += noise.flicker(device.flicker_dph, time.size, rng)
         random += noise.rate_random_walk(device.rate_random_walk, time.size, rng)
         columns["gyro_dph"] = noise.pulses(steady + drift + random, device.resolution_dph)
-        simulated[name] = LumpedLog(pd.DataFrame(columns), drift, hysteresis)
+        simulated[name] = LumpedLog(pd.DataFrame(columns), air, heat[0], drift, hysteresis)
     return simulated

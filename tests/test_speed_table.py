@@ -23,7 +23,7 @@ def _found():
     sys.path.insert(0, str(BENCHMARKS))
     yield
     sys.path.remove(str(BENCHMARKS))
-    for name in [name for name in sys.modules if name.split(".")[0] in {"speed", "truth", "run"}]:
+    for name in [name for name in sys.modules if name.split(".")[0] in {"speed", "run"}]:
         del sys.modules[name]
 
 
@@ -126,26 +126,3 @@ def _module(name):
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
-
-
-def test_the_simulated_turntable_is_the_model_that_it_is_judged_by():
-    """Without noise six positions give the accelerometers to rounding, and whole turns both ways
-    the gyros without the earth.
-    """
-    from truth import turntable
-
-    unit = turntable.Unit(5)
-    unit.NOISE_G = unit.NOISE_DPS = 0.0
-    faces = np.array(
-        [[unit.still(axis, sign)[:, :3].mean(axis=0) for sign in (1.0, -1.0)] for axis in range(3)]
-    )
-    matrix = (faces[:, 0] - faces[:, 1]).T / 2.0
-    assert max(turntable.errors(matrix, unit.accel)) < 1e-6
-    np.testing.assert_allclose(faces.mean(axis=(0, 1)), unit.accel_bias, atol=1e-12)
-    turns = []
-    for axis in range(3):
-        rates, samples = unit.turned(axis)
-        means = [samples[rates == rate, 3:].mean(axis=0) for rate in (100.0, -100.0)]
-        turns.append((means[0] - means[1]) / 200.0)
-    assert max(turntable.errors(np.array(turns).T, unit.gyro)) < 1e-6
-    assert turntable.errors(unit.gyro * 1.001, unit.gyro)[0] == pytest.approx(999.0, abs=0.01)

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -14,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import fleet
+import lumped_gyro
 import numpy as np
 
+from speed import units
 from speed.goals import Goal, Line
 from speed.pairs import ONE_THREAD, ROOT, Spread, Worker
 
@@ -50,8 +50,6 @@ print(os.waitstatus_to_exitcode(status), wall, cpu, usage.ru_maxrss)
 """
 LEAST = 10_000
 """Rows of four ramps at an interval that a fit accepts."""
-MOST = 50_000
-"""Rows that the autopilot's tool is given."""
 RATES = (1.0, 2.0, 5.0, 10.0)
 READ = "import polars as pl, sys\nfor path in sys.argv[1:]: pl.read_csv(path)"
 CALIBKIT = (sys.executable, "-m", "calibkit")
@@ -142,33 +140,26 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
     """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all:
     name → columns.
     """
-    from calibkit.instruments.bias import simulate_fog as fog
-    from calibkit.simulate.chamber import Chamber
-
     programmes = {
         f"{programme.rate_degc_per_min:g}_degc_per_min": programme
-        for programme in fog.programmes(RATES, ()).values()
+        for programme in lumped_gyro.ramps(RATES).values()
         if programme.rate_degc_per_min > 0.0
     }
-    gyro = fog.FogGyro.draw(7)
-    made = fog.logs(gyro, programmes, 7, Chamber())
-    interval = sum(log.columns["time_s"][-1] for log in made.values()) / rows
+    gyro = lumped_gyro.LumpedGyro.draw(7)
+    simulated = lumped_gyro.record(gyro, programmes, 7)
+    interval = sum(log.frame["time_s"].iloc[-1] for log in simulated.values()) / rows
     rng = np.random.default_rng(7)
+    noise = 60.0 * lumped_gyro.ANGLE_RANDOM_WALK / np.sqrt(interval)
     logs = {}
-    for name, log in made.items():
-        at = np.asarray(log.columns["time_s"], dtype=np.float64)
+    for name, log in simulated.items():
+        at = log.frame["time_s"].to_numpy()
         t = np.arange(0.0, at[-1], interval)
-        noise = 60.0 * gyro.N / np.sqrt(interval)
-        logs[name] = {
-            "time_s": t,
-            "temp_case_degc": (
-                np.interp(t, at, log.heat.case) + rng.normal(0.0, gyro.case_noise_degc, t.size)
-            ),
-            "temp_env_degc": np.interp(t, at, log.air) + rng.normal(0.0, 0.03, t.size),
-            "gyro_dph": (
-                np.interp(t, at, log.drift) + gyro.bias_dph + 8.5 + rng.normal(0.0, noise, t.size)
-            ),
-        }
+        case = np.interp(t, at, log.case) + rng.normal(0.0, lumped_gyro.CASE_NOISE_DEGC, t.size)
+        air = np.interp(t, at, log.air) + rng.normal(0.0, 0.03, t.size)
+        drift = np.interp(t, at, log.drift)
+        gyro_dph = drift + gyro.bias_dph + 8.5 + rng.normal(0.0, noise, t.size)
+        columns = {"time_s": t, "temp_case_degc": case, "temp_env_degc": air, "gyro_dph": gyro_dph}
+        logs[name] = columns
     return logs
 
 
@@ -241,9 +232,9 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
     del python
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        fleet.write_units(folder / "units", rows, 2000)
+        units.write_units(folder / "units", rows, 2000)
         recipe = folder / "bias.toml"
-        recipe.write_text(fleet.RECIPE, encoding="utf-8")
+        recipe.write_text(units.RECIPE, encoding="utf-8")
         command = [*CALIBKIT, "fleet", recipe, "--data", folder / "units", *DATE]
         pairs = []
         for turn in range(turns):
@@ -252,60 +243,11 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
                 for jobs in (2, 1)
             ]
             pairs.append((both[0], both[1]))
-        same = fleet.tree(folder / "0_1") == fleet.tree(folder / "0_2")
+        same = units.tree(folder / "0_1") == units.tree(folder / "0_2")
     if not same:
         raise RuntimeError("one and two processes wrote different bytes")
     halves = [(Spent(a.wall, a.cpu / 2.0, a.peak), b) for a, b in pairs]
     return [line(goal, rows, halves, digits=17.0, memory=False) for goal in goals]
-
-
-def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """Temperature calibration of ardupilot-methodic-configurator beside `calibkit fit`, each on its
-    own format of one data.
-    """
-    import drift_peers
-
-    if rows > MOST:
-        said = f"not run: the peer's time grows with the square of the rows, stopped at {MOST:,}"
-        return [Line(goal.name, rows, {}, (0.0, 0.0), (0, 0), None, said) for goal in goals]
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "logs").mkdir()
-        logs = ramps(rows)
-        for log, columns in logs.items():
-            table = np.column_stack(list(columns.values()))
-            np.savetxt(
-                folder / "logs" / f"{log}.csv",
-                table,
-                "%.4f",
-                ",",
-                header=",".join(columns),
-                comments="",
-            )
-        degc, dph = (
-            np.concatenate([c[key] for c in logs.values()])
-            for key in ("temp_case_degc", "gyro_dph")
-        )
-        drift_peers.flight_log(folder / "log.bin", np.arange(dph.size) + 1.0, degc, dph)
-        ours = [*CALIBKIT, "fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", *DATE]
-        module = "ardupilot_methodic_configurator.tempcal_imu"
-        theirs = [
-            python("ardupilot-methodic-configurator"),
-            "-m",
-            module,
-            "--no-graph",
-            "--outfile",
-            folder / "found",
-        ]
-        pairs = []
-        for turn in range(turns):
-            one = spent([*ours, "--out", folder / f"out_{turn}"], accepted=(0, 1))
-            pairs.append((one, spent([*theirs, folder / "log.bin"])))
-        if not re.search(
-            r"^INS_TCAL1_GYR3_Z", (folder / "found").read_text(encoding="utf-8"), flags=re.MULTILINE
-        ):
-            raise RuntimeError("the peer wrote no coefficients")
-    return [line(goal, dph.size, pairs) for goal in goals]
 
 
 @dataclass(frozen=True, slots=True)
@@ -377,23 +319,5 @@ COMMANDS = (
         ),
         pool,
         lambda rows: [4] if max(rows) <= LEAST else [20, 100] if max(rows) > 100_000 else [20],
-    ),
-    Command(
-        (
-            Goal(
-                "autopilot",
-                "drift over temperature from logs",
-                "ardupilot-methodic-configurator",
-                None,
-                MOST,
-                clock="cpu",
-                note=(
-                    "another, smaller model; a whole process on each side; the peer's time grows"
-                    " with the square"
-                ),
-            ),
-        ),
-        autopilot,
-        lambda rows: [LEAST, MOST, 1_000_000] if max(rows) > LEAST else [LEAST],
     ),
 )

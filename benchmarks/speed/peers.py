@@ -12,12 +12,10 @@ from pathlib import Path
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """A package, what is installed beside it, and whether its own requirements are left out."""
+    """A package, and what is installed beside it."""
 
     package: str
     beside: tuple[str, ...] = ()
-    alone: bool = False
-    """Its further requirements serve windows that are not opened: only `beside` is installed."""
 
 
 NUMPY = "numpy==2.4.6"
@@ -28,11 +26,6 @@ PEERS = {
     "lmfit": Peer("lmfit==1.3.4", (NUMPY, "scipy==1.17.1")),
     "allantools": Peer("allantools==2024.6", (NUMPY, "scipy==1.17.1")),
     "imucal": Peer("imucal==2.6.0", (NUMPY, "pandas==3.1.1")),
-    "ardupilot-methodic-configurator": Peer(
-        "ardupilot-methodic-configurator==5.0.1",
-        ("pymavlink==2.4.50", "matplotlib==3.11.2", "numpy==2.0.2"),
-        alone=True,
-    ),
 }
 DONE = "installed.txt"
 """Written last into an environment: what is in it."""
@@ -70,14 +63,10 @@ def environment(name: str, folder: Path) -> Path:
         "--quiet",
         "--disable-pip-version-check",
     ]
-    steps = (
-        [[*peer.beside], ["--no-deps", peer.package]]
-        if peer.alone
-        else [[peer.package, *peer.beside]]
+    done = subprocess.run(
+        [*install, peer.package, *peer.beside], check=False, capture_output=True, text=True
     )
-    for step in steps:
-        done = subprocess.run([*install, *step], check=False, capture_output=True, text=True)
-        if done.returncode:
-            raise RuntimeError(f"{peer.package} could not be installed:\n{done.stderr[-2000:]}")
+    if done.returncode:
+        raise RuntimeError(f"{peer.package} could not be installed:\n{done.stderr[-2000:]}")
     (place / DONE).write_text(wanted(peer), encoding="utf-8")
     return python_in(place)

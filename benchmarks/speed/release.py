@@ -11,8 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import fleet
-
+from speed import units
 from speed.commands import CALIBKIT, DATE, LEAST, Command, line, spent, with_all_rows, written
 from speed.goals import Goal, Line
 from speed.pairs import ROOT
@@ -102,15 +101,15 @@ def devices(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> lis
     """A fleet of `rows` units by two processes; a unit has the bytes of its own fit."""
     del python
     with _released() as (folder, release):
-        serials = fleet.write_units(folder / "units", rows, 2000)
+        serials = units.write_units(folder / "units", rows, 2000)
         recipe = folder / "bias.toml"
-        recipe.write_text(fleet.RECIPE, encoding="utf-8")
+        recipe.write_text(units.RECIPE, encoding="utf-8")
         command = [*CALIBKIT, "fleet", recipe, "--data", folder / "units", "--jobs", 2, *DATE]
         pairs = _beside(command, folder, release, turns)
         single = ["--data", folder / "units" / serials[-1], "--serial", serials[-1], *DATE]
         spent([*CALIBKIT, "fit", recipe, *single, "--out", folder / "single"])
-        alone = fleet.tree(folder / "single" / serials[-1])
-        if alone != fleet.tree(folder / "now_0" / serials[-1]):
+        alone = units.tree(folder / "single" / serials[-1])
+        if alone != units.tree(folder / "now_0" / serials[-1]):
             raise RuntimeError("a unit of the fleet has other bytes than its own fit")
     return [line(goal, rows, pairs, digits=17.0) for goal in goals]
 
