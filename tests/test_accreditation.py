@@ -17,7 +17,6 @@ from calibkit.certificate import (
     checklist,
     content,
     dcc,
-    dcc_check,
     dcc_xml,
     pdf,
     profile,
@@ -322,7 +321,7 @@ def test_the_dcc_states_digest_and_validity_of_a_standards_certificate(run, tmp_
     """dcc:certificate with SHA-256 and whether it held on the day; schema 3.3.0."""
     pytest.importorskip("lxml")
     made = dcc.render(built(run, path=with_standard(tmp_path)), "en")
-    root = dcc_check.check(made, REAL / "dcc-schema" if REAL.is_dir() else None)
+    root = dcc_xml.read(made, REAL / "dcc-schema" if REAL.is_dir() else None)
     one = root.findall(".//dcc:measuringEquipment/dcc:certificate", dcc_xml.NAMES)[-1]
     names = ("referralID", "procedure", "value", "inValidityRange")
     texts = [one.findtext(f"dcc:{name}", "", dcc_xml.NAMES) for name in names]

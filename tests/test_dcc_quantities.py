@@ -5,7 +5,7 @@ uncertainties, intervals, conditions, lists and covariances, each in hand-comput
 import numpy as np
 import pytest
 
-from calibkit.certificate import dcc_results, dcc_xml as xml
+from calibkit.certificate import dcc, dcc_results, dcc_xml as xml
 from calibkit.certificate.dcc_units import ATOMS, dsi
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
 from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
@@ -14,7 +14,7 @@ from calibkit.coefficients import Coefficient, Model
 
 pytest.importorskip("lxml")
 
-NOTATION = xml.Notation("en", 9.8)
+NOTATION = dcc_results.Notation("en", 9.8)
 """English, and the local gravity [m/s²] of these certificates."""
 ACCELERATION = r"\metre\second\tothe{-2}"
 UNITS = [
@@ -39,6 +39,14 @@ def result(value, unit, **more):
     return Result("stage.model.a", "stage.json", "a", Words("a"), value, unit, **more)
 
 
+def made(macro, *arguments):
+    """Return the element that a macro of the template makes."""
+    template = dcc.templates().get_template("dcc_results.xml.j2")
+    text = getattr(template.make_module(dcc.wording(NOTATION)), macro)(*arguments)
+    names = " ".join(f'xmlns:{prefix}="{name}"' for prefix, name in xml.NAMES.items())
+    return xml.etree().fromstring(f"<part {names}>{text}</part>")
+
+
 def numbers(element, name):
     """Return the numbers of all `si:` elements of a name, in their order."""
     found = element.iter(f"{{{xml.SI}}}{name}")
@@ -54,32 +62,32 @@ def texts(element, name):
 def test_a_result_and_its_expanded_uncertainty_are_converted(unit, size, spelling):
     """3 ± 0.25 of a unit, at a condition of 20 of the same unit."""
     at = (("input", 20.0, unit),)
-    made = dcc_results._quantity(result(3.0, unit, uncertainty=stated(0.25), at=at), NOTATION)
-    assert numbers(made, "value") == pytest.approx([3.0 * size, 20.0 * size], rel=1e-14)
-    assert texts(made, "unit") == [spelling, spelling]
-    assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
-    assert numbers(made, "coverageFactor") == [2.0]
+    quantity = made("quantity", result(3.0, unit, uncertainty=stated(0.25), at=at))
+    assert numbers(quantity, "value") == pytest.approx([3.0 * size, 20.0 * size], rel=1e-14)
+    assert texts(quantity, "unit") == [spelling, spelling]
+    assert numbers(quantity, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
+    assert numbers(quantity, "coverageFactor") == [2.0]
 
 
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_a_coverage_interval_is_converted(unit, size, spelling):
     """3 with the standard uncertainty 0.5 in the interval from 2 to 4.5 of a unit."""
     one = result(3.0, unit, uncertainty=stated(0.25), interval=(2.0, 4.5))
-    made = dcc_results._quantity(one, NOTATION)
-    assert texts(made, "unit") == [spelling]
-    assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
-    assert numbers(made, "valueStandardMU") == pytest.approx([0.5 * size], rel=1e-14)
-    assert numbers(made, "intervalMin") == pytest.approx([2.0 * size], rel=1e-14)
-    assert numbers(made, "intervalMax") == pytest.approx([4.5 * size], rel=1e-14)
+    quantity = made("quantity", one)
+    assert texts(quantity, "unit") == [spelling]
+    assert numbers(quantity, "value") == pytest.approx([3.0 * size], rel=1e-14)
+    assert numbers(quantity, "valueStandardMU") == pytest.approx([0.5 * size], rel=1e-14)
+    assert numbers(quantity, "intervalMin") == pytest.approx([2.0 * size], rel=1e-14)
+    assert numbers(quantity, "intervalMax") == pytest.approx([4.5 * size], rel=1e-14)
 
 
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_a_condition_and_its_standard_uncertainty_are_converted(unit, size, spelling):
     """An influence condition of 20 with u = 0.1 of a unit."""
-    made = dcc_results.influence("local_input", 20.0, unit, NOTATION, 0.1)
-    assert numbers(made, "value") == pytest.approx([20.0 * size], rel=1e-14)
-    assert texts(made, "unit") == [spelling]
-    assert numbers(made, "valueStandardMU") == pytest.approx([0.1 * size], rel=1e-14)
+    quantity = made("influence", "local_input", 20.0, unit, 0.1)
+    assert numbers(quantity, "value") == pytest.approx([20.0 * size], rel=1e-14)
+    assert texts(quantity, "unit") == [spelling]
+    assert numbers(quantity, "valueStandardMU") == pytest.approx([0.1 * size], rel=1e-14)
 
 
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
@@ -98,11 +106,11 @@ def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
             title, Words("input"), (title,), (unit,), ("10", "20"), tuple((r,) for r in column)
         )
     )
-    made = dcc_results.tabulate_results(table, NOTATION)
+    quantity = made("table", table)
     expected = np.array([10.0, 20.0, 1.0, 3.0]) * size
-    assert numbers(made, "valueXMLList") == pytest.approx(expected, rel=1e-14)
-    assert texts(made, "unitXMLList") == [spelling] * 2
-    assert numbers(made, "valueExpandedMUXMLList") == pytest.approx(
+    assert numbers(quantity, "valueXMLList") == pytest.approx(expected, rel=1e-14)
+    assert texts(quantity, "unitXMLList") == [spelling] * 2
+    assert numbers(quantity, "valueExpandedMUXMLList") == pytest.approx(
         [0.25 * size, 0.5 * size], rel=1e-14
     )
 
@@ -113,10 +121,10 @@ def test_a_covariance_is_written_symmetric():
     """
     coefficients = (Coefficient("b", 2.0, "g", 3.0), Coefficient("c", 5.0, "g", 4.0))
     model = Model("x", "form/1", coefficients, ((9.0, 6.0), (6.00000004, 16.0)), 10, 0.1, "g", {})
-    made = dcc_results.parameters("accel", model, NOTATION)
+    quantity = made("parameters", "accel", model)
     _, upper, lower, _ = (
         float(entry.text)
-        for covariance in made.iter(f"{{{xml.SI}}}covarianceXMLList")
+        for covariance in quantity.iter(f"{{{xml.SI}}}covarianceXMLList")
         for entry in covariance.iterfind("si:valueXMLList", xml.NAMES)
     )
     assert upper == lower
@@ -134,16 +142,16 @@ def test_parameters_and_their_covariance_are_converted():
         "g",
         {},
     )
-    made = dcc_results.parameters("accel", model, NOTATION)
+    quantity = made("parameters", "accel", model)
     values, *covariance = (
-        [float(v) for v in one.text.split()] for one in made.iter(f"{{{xml.SI}}}valueXMLList")
+        [float(v) for v in one.text.split()] for one in quantity.iter(f"{{{xml.SI}}}valueXMLList")
     )
     # 2 · 9.8e-3 m/s², 5 · 1e-6 / 9.8e-3 s²/m
     assert values == pytest.approx([0.0196, 5.102040816326531e-4], rel=1e-14)
     # 9 · 9.604e-5 m²/s⁴, 6e-6, 16 · (1e-6 / 9.8e-3)² s⁴/m²
     expected = [8.6436e-4, 6e-6, 6e-6, 1.6659725114535610e-7]
     assert [entry for (entry,) in covariance] == pytest.approx(expected, rel=1e-14)
-    assert texts(made, "unitXMLList") == [
+    assert texts(quantity, "unitXMLList") == [
         rf"{ACCELERATION} \metre\tothe{{-1}}\second\tothe{{2}}",
         r"\metre\tothe{2}\second\tothe{-4}",
         r"\one",
@@ -156,10 +164,11 @@ def test_parameters_and_their_covariance_are_converted():
 def test_as_found_and_as_left_are_converted(unit, size, spelling):
     """A figure of a validation, 3 with U = 0.25 of a unit."""
     row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25, 2.0)
-    made = dcc_results.as_found_as_left(AsFoundAsLeft((row,), (), (), (), (), ""), NOTATION)
-    assert numbers(made, "value") == pytest.approx([3.0 * size] * 2, rel=1e-14)
-    assert texts(made, "unit") == [spelling] * 2
-    assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
+    states = dcc_results.split_states(AsFoundAsLeft((row,), (), (), (), (), ""))
+    quantity = made("as_found_as_left", states)
+    assert numbers(quantity, "value") == pytest.approx([3.0 * size] * 2, rel=1e-14)
+    assert texts(quantity, "unit") == [spelling] * 2
+    assert numbers(quantity, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,5 @@
 """The certificate as a digital calibration certificate: DCC 3.3.0 of the PTB with quantities of
-D-SI 2.2.1.
+D-SI 2.2.1, as the templates dcc.xml.j2 and dcc_results.xml.j2 read.
 
 It holds what the PDF holds, and besides every parameter with its covariance and the coefficient
 files themselves. What the schema requires and nobody has stated is given as "not stated", a country
@@ -9,244 +9,261 @@ as ZZ, a date of work as 0001-01-01, and the certificate is a DRAFT.
 from __future__ import annotations
 
 import base64
-from typing import TYPE_CHECKING
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from calibkit import coefficients
-from calibkit.certificate import dcc_administrative, dcc_check, dcc_results, dcc_xml as xml, names
+from calibkit.certificate import circumstances, dcc_results, dcc_xml, names, tables
 from calibkit.certificate.content import Attachment, Relationship
-from calibkit.certificate.dcc_administrative import ITEM, SERIAL_NUMBER, digest, identification
-from calibkit.certificate.dcc_xml import Notation, node, one_line
-from calibkit.certificate.words import CONDITIONS, HEADINGS, Words
-from calibkit.errors import OutputError
+from calibkit.certificate.dcc_results import Notation
+from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words
+from calibkit.new_files import RUN_FILE
+from calibkit.numeric import gum
+from calibkit.version import __version__
 
 if TYPE_CHECKING:
-    import datetime as dt
-    from pathlib import Path
+    from collections.abc import Sequence
 
-    from lxml.etree import _Element
+    import jinja2
 
+    from calibkit.certificate.conformity import ConformityStatement
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.profile import Standard
-    from calibkit.certificate.results import Block
     from calibkit.certificate.words import Lang
+    from calibkit.coefficients import Model
+
+    _Stated: TypeAlias = tuple[Words, Sequence[Words | str], str]
 
 FILE = "dcc.xml"
-RELEASE = dcc_administrative.RELEASE
+RELEASE = f"v{__version__}"
 CERTIFICATE = Words("calibration certificate", "校准证书")
-VERSION = xml.SCHEMA.version
 DESCRIBED: tuple[str, Relationship, str] = (
     "application/xml",
     "alternative",
-    f"digital calibration certificate, DCC {VERSION}",
+    f"digital calibration certificate, DCC {dcc_xml.VERSION}",
 )
 """Media type, what the file is to the PDF, and what it is called there."""
+VERDICTS = {
+    "pass": "pass",
+    "fail": "fail",
+    "conditional pass": "conditionalPass",
+    "conditional fail": "conditionalFail",
+}
+"""Verdict → its name in the schema, which has none for a statement that is not possible."""
+PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
+"""Places of work that the schema knows; any other text stands in a statement."""
+REF_TYPES = {
+    "calibkit_toleranceLimit": Words("limit of a specification that a result is judged by"),
+    "calibkit_acceptanceLimit": Words(
+        "limit that the decision rule derives from a tolerance limit"
+    ),
+    "calibkit_asFound": Words("result before the correction that the certificate states"),
+    "calibkit_asLeft": Words("result after the correction that the certificate states"),
+    "calibkit_expandedUncertainty": Words("largest expanded uncertainty of a standard"),
+    "calibkit_range": Words("range of a standard"),
+}
+"""Types that the published databases lack."""
 
 
 def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
-    """The DCC as a file of the certificate, its structure checked, and validated against the schema
-    where a folder has it.
-    """
+    """The DCC as a file of the certificate, validated against the schema where a folder has it."""
     document = render(certificate, lang)
-    dcc_check.check(document, schema_dir)
+    dcc_xml.read(document, schema_dir)
     return Attachment(FILE, document, *DESCRIBED)
 
 
 def render(certificate: Certificate, lang: Lang) -> bytes:
     """XML of a certificate, the same bytes for the same certificate."""
-    gravity = (c.value for c in certificate.run.conditions if c.name == "local_gravity")
+    run, profile = certificate.run, certificate.profile
+    dates, place = profile.dates, profile.laboratory.place_of_work.strip()
+    gravity = (c.value for c in run.conditions if c.name == "local_gravity")
     notation = Notation(
         lang,
-        next(gravity, certificate.profile.conditions.local_gravity_mps2),
-        bool(certificate.profile.accreditation.number.strip()),
+        next(gravity, profile.conditions.local_gravity_mps2),
+        bool(profile.accreditation.number.strip()),
     )
-    root = node(
-        "dcc:digitalCalibrationCertificate",
-        dcc_administrative.write(certificate, notation),
-        _measurements(certificate, notation),
-        schemaVersion=VERSION,
-    )
-    root.set(f"{{{xml.XSI}}}schemaLocation", xml.SCHEMA.location)
-    xml.identify(root)
-    document: bytes = xml.etree().tostring(
-        root, xml_declaration=True, encoding="UTF-8", pretty_print=True
-    )
-    return document
-
-
-def _measurements(certificate: Certificate, notation: Notation) -> _Element:
-    """One measurement result per coefficient file, then as found and as left."""
-    dates = certificate.profile.dates
-    used = dates.performed_until or dates.performed
-    equipment = [_equipment(standard, used, notation) for standard in certificate.profile.standard]
-    refers = " ".join([ITEM, *(f"measuringEquipment{k + 1}" for k in range(len(equipment)))])
-    files = {a.name: a for a in certificate.attachments}
-    results = [
-        notation.named(
-            "dcc:measurementResult",
-            block.title,
-            notation.rich("dcc:description", block.notes),
-            _methods(certificate, block, notation),
-            _influences(certificate, notation),
-            node(
-                "dcc:results",
-                *(dcc_results.tabulate_results(table, notation) for table in block.tables),
-                *(_file(files[block.file], notation) if block.file in files else ()),
-            ),
-            refId=refers,
+    equipment = (f"measuringEquipment{k + 1}" for k in range(len(profile.standard)))
+    text = (
+        templates()
+        .get_template("dcc.xml.j2")
+        .render(
+            **wording(notation),
+            certificate=certificate,
+            run=run,
+            profile=profile,
+            languages=dcc_results.LANGUAGES[lang],
+            place=place if place in PLACES else "laboratory",
+            used=dates.performed_until or dates.performed,
+            refers_to=" ".join(["item1", *equipment]),
+            attachments={a.name: a for a in certificate.attachments},
+            statements=_list_statements(certificate),
+            condition_texts=_list_conditions(certificate),
+            method_facts=_list_method_facts(certificate),
+            recipe=_describe_recipe(certificate),
         )
-        for block in certificate.blocks
-    ]
-    if not certificate.blocks or certificate.as_found is not None:
-        results.append(dcc_results.as_found_as_left(certificate.as_found, notation))
-    return node(
-        "dcc:measurementResults",
-        node("dcc:measuringEquipments", *equipment) if equipment else None,
-        *results,
+    )
+    return dcc_xml.finish(text)
+
+
+def wording(notation: Notation) -> dict[str, Any]:
+    """What the template needs of every certificate."""
+    return {
+        "notation": notation,
+        "version": dcc_xml.VERSION,
+        "release": RELEASE,
+        "ref_types": REF_TYPES,
+        "verdicts": VERDICTS,
+        "headings": HEADINGS,
+        "region": dcc_results.REGION,
+        "two_sigma": gum.TWO_SIGMA,
+        "not_stated": dcc_xml.NOT_STATED,
+        # user-assigned code of ISO 3166-1 that stands for an unknown country
+        "no_country": "ZZ",
+        "no_date": "0001-01-01",
+        "certificate_name": CERTIFICATE,
+        "previous_name": Words("calibration certificate before this one", "上一份校准证书"),
+        "serial_number": Words("serial number", "编号"),
+        "order_name": Words("order", "委托单号"),
+        "identification_name": Words("identification", "标识"),
+    }
+
+
+@cache
+def templates() -> jinja2.Environment:
+    """Templates of a certificate and of its results, with their filters."""
+    import jinja2
+
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters.update(
+        {
+            "base64": lambda content: base64.b64encode(content).decode(),
+            "columns": dcc_results.split_columns,
+            "condition_name": names.name_condition,
+            "covariance_columns": dcc_results.covariance_columns,
+            "dsi_unit": lambda unit, notation: notation.unit(unit),
+            "factor": dcc_results.spell_factor,
+            "file_name": lambda a: Words(f"Coefficient file {a.name}", f"系数文件 {a.name}"),
+            "label": dcc_results.spell_label,
+            "model_name": dcc_results.name_model,
+            "model_notes": dcc_results.model_notes,
+            "notes": dcc_results.table_notes,
+            "number": dcc_results.spell_number,
+            "one_line": dcc_xml.one_line,
+            "own_unit": lambda standard: f"{standard.expanded_uncertainty!r} {standard.unit}",
+            "parameter_key": dcc_results.parameter_key,
+            "probability": dcc_results.spell_probability,
+            "record": lambda a: coefficients.loads(a.content.decode("utf-8"), a.name),
+            "region_factor": _region_factor,
+            "result_name": dcc_results.name_result,
+            "row_name": dcc_results.name_row,
+            "standard_facts": _describe_standard,
+            "stated": dcc_results.stated,
+            "states": dcc_results.split_states,
+            "verdict": _state_verdict,
+        }
+    )
+    return environment
+
+
+def _region_factor(model: Model) -> float:
+    """Factor of the region that the covariance of a model spans."""
+    return dcc_results.region_factor(
+        len(model.coefficients), min(map(model.dof_of, model.coefficients))
     )
 
 
-def _equipment(standard: Standard, used: dt.date | None, notation: Notation) -> _Element:
-    """A standard with the certificate that makes it traceable, its range and uncertainty."""
-    facts = [
-        f"{word} {value}"
-        for word, value in (
-            ("calibrated by", standard.laboratory),
-            ("on", standard.date),
-            ("valid until", standard.valid_until),
-        )
-        if value
-    ]
-    identifications = [
-        identification(
-            "manufacturer", standard.serial, SERIAL_NUMBER, notation, refType="basic_serialNumber"
-        ),
-        identification("other", standard.certificate, CERTIFICATE, notation),
-    ]
-    certificate = None
-    if standard.sha256:
-        until = standard.valid_until
-        validity = None
-        if until is not None and used is not None:
-            validity = node("dcc:inValidityRange", str(used <= until).lower())
-        certificate = digest(
-            *("dcc:certificate", CERTIFICATE, standard.certificate, standard.sha256),
-            notation,
-            validity,
-        )
-    quantities = _quantities(standard, notation)
-    return notation.named(
-        "dcc:measuringEquipment",
-        standard.name,
-        notation.rich("dcc:description", [", ".join(facts)]),
-        certificate,
-        None if identifications == [None, None] else node("dcc:identifications", *identifications),
-        node("dcc:measuringEquipmentQuantities", *quantities) if quantities else None,
+def _describe_standard(standard: Standard) -> str:
+    """Who calibrated a standard, when, and how long that holds."""
+    facts = (
+        ("calibrated by", standard.laboratory),
+        ("on", standard.date),
+        ("valid until", standard.valid_until),
     )
+    return ", ".join(f"{word} {value}" for word, value in facts if value)
 
 
-def _measured_range(name: str, low: float, high: float, notation: Notation) -> _Element:
-    """An influence condition that the logs measured: its lowest and its highest value."""
-    ends = (("math_minimum", low), ("math_maximum", high))
-    quantities = (
-        dcc_results.typed("dcc:quantity", value, "degC", notation, kind) for kind, value in ends
-    )
-    return notation.named(
-        "dcc:influenceCondition", names.name_condition(name), node("dcc:data", *quantities)
-    )
-
-
-def _quantities(standard: Standard, notation: Notation) -> list[_Element]:
-    """Range and expanded uncertainty of a standard, as far as it states them."""
-    tag, elements = "dcc:measuringEquipmentQuantity", []
-    if standard.range.strip():
-        text_element = notation.rich("dcc:noQuantity", [standard.range])
-        elements.append(node(tag, text_element, refType="calibkit_range"))
-    U, kind = standard.expanded_uncertainty, "calibkit_expandedUncertainty"
-    if U is not None:
-        try:
-            elements.append(dcc_results.typed(tag, U, standard.unit, notation, kind))
-        except OutputError:  # a unit of the laboratory's own
-            text_element = notation.rich("dcc:noQuantity", [f"{U!r} {standard.unit}"])
-            elements.append(node(tag, text_element, refType=kind))
-    return elements
-
-
-def _methods(certificate: Certificate, block: Block, notation: Notation) -> _Element:
-    """The laboratory's procedure, and how calibkit evaluated it, with the equations."""
-    method, run = certificate.profile.method, certificate.run
+def _list_method_facts(certificate: Certificate) -> list[Words]:
+    """Facts of the laboratory's procedure."""
+    method = certificate.profile.method
     facts = [
         (Words("Revision: ", "版本："), method.revision),
         (Words("Deviations from the method: ", "对方法的偏离："), method.deviations),
         (Words("From external providers: ", "外部提供的部分："), method.external_providers),
     ]
-    description = [label + Words(text) for label, text in facts if text.strip()]
-    recipe = Words(
+    return [label + Words(text) for label, text in facts if text.strip()]
+
+
+def _describe_recipe(certificate: Certificate) -> Words:
+    """Recipe of a run with its digest."""
+    run = certificate.run
+    return Words(
         f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of"
         " run.json): ",
         f"配方 {run.recipe}，文本及 --set 修改的摘要（run.json 的 recipe.sha256 字段）：",
     ) + Words(run.recipe_sha256)
-    letter_meanings = [equation.where for equation in block.equations]
-    latex = [equation.latex for equation in block.equations]
-    return node(
-        "dcc:usedMethods",
-        notation.named(
-            "dcc:usedMethod", method.name, notation.rich("dcc:description", description)
-        ),
-        notation.named(
-            "dcc:usedMethod",
-            f"{run.software}: {run.procedure}, {block.stage}",
-            notation.rich("dcc:description", [recipe, run.content_digest, *letter_meanings], latex),
-        ),
-    )
 
 
-def _influences(certificate: Certificate, notation: Notation) -> _Element:
-    """Conditions of the laboratory in words, and those of the computation as numbers."""
+def _list_conditions(certificate: Certificate) -> list[tuple[Words, str]]:
+    """Conditions of the laboratory in words; "not stated" where there are none of any kind."""
     lab_conditions = certificate.profile.conditions
     texts = [(words, str(getattr(lab_conditions, key))) for key, words in CONDITIONS]
     texts += [(Words("Further conditions", "其他条件"), text) for text in lab_conditions.others]
-    condition_texts = [(words, text) for words, text in texts if text.strip()]
-    if not condition_texts and not certificate.run.conditions:
-        condition_texts = [(HEADINGS["conditions"], xml.NOT_STATED)]
-    return node(
-        "dcc:influenceConditions",
-        *(
-            notation.named(
-                "dcc:influenceCondition", words, node("dcc:data", notation.text("dcc:text", text))
-            )
-            for words, text in condition_texts
-        ),
-        *(_measured_range(*measured, notation) for measured in certificate.run.measured),
-        *(
-            dcc_results.influence(c.name, c.value, c.unit, notation, c.standard_uncertainty)
-            for c in certificate.run.conditions
-        ),
-    )
+    stated = [(words, text) for words, text in texts if text.strip()]
+    if not stated and not certificate.run.conditions:
+        return [(HEADINGS["conditions"], dcc_xml.NOT_STATED)]
+    return stated
 
 
-def _file(attached: Attachment, notation: Notation) -> list[_Element]:
-    """Parameters with covariance of every model of a coefficient file, and the file itself."""
-    record = coefficients.loads(attached.content.decode("utf-8"), attached.name)
+def _list_statements(certificate: Certificate) -> list[_Stated]:
+    """Statements on the whole certificate: what they are called, their texts, their refType."""
+    profile, run = certificate.profile, certificate.run
+    numbering = profile.certificate
+    missing = Words("DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺")
+    accredited = circumstances.describe_accreditation(certificate)
+    remarks = circumstances.describe_remarks(len(run.flags), RUN_FILE)
+    outside = any(result.outside_scope for result in certificate.results)
     return [
-        *(
-            dcc_results.parameters(record.stage, model, notation)
-            for model in record.models
-            if model.coefficients
+        (Words("Validity", "有效范围"), [SENTENCES["only_item"]], ""),
+        (missing, [Words(f"{m.key}: ") + m.description for m in certificate.missing], ""),
+        (
+            Words("Traceability", "溯源性"),
+            [numbering.traceability or SENTENCES["traceability"]] if profile.standard else [],
+            "basic_metrologicallyTraceableToSI",
         ),
-        notation.named(
-            "dcc:result",
-            Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"),
-            notation.rich("dcc:description", [f"SHA-256 {attached.sha256}"]),
-            node("dcc:data", _file_data(attached)),
+        (
+            Words("Accreditation", "认可"),
+            [accredited, *([tables.OUTSIDE] if outside else [])] if accredited.en else [],
+            "basic_isInCMC",
         ),
+        (
+            Words("Reproduction", "复制"),
+            [numbering.reproduction or SENTENCES["reproduction"]],
+            "",
+        ),
+        (Words("Place of work", "校准地点"), [profile.laboratory.place_of_work], ""),
+        (Words("Adjustment", "调整"), [profile.adjustment.statement], ""),
+        (Words("Amendment", "修改说明"), numbering.changes, "basic_revision"),
+        (Words("Remarks", "备注"), profile.remarks, ""),
+        (
+            Words("Left out", "剔除数据"),
+            [
+                *(f"{item}: {reason} ({person})" for item, reason, person in run.excluded),
+                *map(circumstances.describe_left_out, run.left_out),
+            ],
+            "",
+        ),
+        (Words("Remarks of the evaluation", "数据处理备注"), [remarks], ""),
     ]
 
 
-def _file_data(attachment: Attachment) -> _Element:
-    """`dcc:byteData` of a file."""
-    return node(
-        "dcc:byteData",
-        node("dcc:fileName", one_line(attachment.name)),
-        node("dcc:mimeType", attachment.media_type),
-        node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
-    )
+def _state_verdict(statement: ConformityStatement) -> Words:
+    """Verdict of a statement of conformity, with its reason."""
+    verdict = Words(statement.verdict)
+    return verdict + Words(": ") + statement.reason if statement.reason.en else verdict

@@ -1,54 +1,33 @@
-"""Elements of a digital calibration certificate: names of the two schemas, and texts in their
-languages.
+"""The XML of a digital calibration certificate: namespaces of the two schemas, texts that XML can
+hold, identifiers of elements, validation by the schemas where the user has them.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit import extras
-from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.words import character_code
+from calibkit.errors import OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from pathlib import Path
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.dcc_units import DccUnit
-    from calibkit.certificate.words import Lang, Words
-
+VERSION = "3.3.0"
+"""Version of the DCC that is written, with quantities of D-SI 2.2.1."""
 DCC = "https://ptb.de/dcc"
 SI = "https://ptb.de/si"
-XSI = "http://www.w3.org/2001/XMLSchema-instance"
-NAMES = {"dcc": DCC, "si": SI, "xsi": XSI}
+NAMES = {"dcc": DCC, "si": SI}
 IDENTIFIED = (
     *("respPerson", "statement", "usedMethod", "measuringEquipment", "influenceCondition"),
     *("measurementResult", "result", "list", "quantity"),
 )
 """Elements that get an identifier: their name and a number."""
-
-
-@dataclass(frozen=True, slots=True)
-class Schema:
-    """A version of the schema with that of its quantities (D-SI)."""
-
-    version: str
-    quantities: str
-
-    @property
-    def location(self) -> str:
-        """Namespace and address of the schema."""
-        return f"{DCC} {DCC}/v{self.version}/dcc.xsd"
-
-
-SCHEMAS = {schema.version: schema for schema in (Schema("3.3.0", "2.2.1"),)}
-"""Versions that calibkit writes."""
-SCHEMA = SCHEMAS["3.3.0"]
-"""Version that is written."""
-LANGUAGES: dict[Lang, tuple[str, ...]] = {"en": ("en",), "zh": ("zh",), "both": ("en", "zh")}
+SCHEMA = "dcc.xsd"
+SCHEMAS = (SCHEMA, "SI_Format.xsd", "qudt.xsd", "xmldsig-core-schema.xsd")
 NOT_STATED = "not stated"
 _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
@@ -66,19 +45,48 @@ def one_line(text: str) -> str:
     return " ".join(clean.split()) or NOT_STATED
 
 
-def node(name: str, *content: _Element | str | None, **attributes: str) -> _Element:
-    """Element `dcc:name` or `si:name` with a text or with elements; None is left out."""
-    prefix, _, local = name.partition(":")
-    element: _Element = etree().Element(f"{{{NAMES[prefix]}}}{local}", attributes, nsmap=NAMES)
-    for part in content:
-        if isinstance(part, str):
-            element.text = part
-        elif part is not None:
-            element.append(part)
-    return element
+def read(document: bytes, schema_dir: Path | None = None) -> _Element:
+    """Root of a certificate, read without entities or network, which fits the schemas where a
+    folder has them; OutputError for anything else, UsageError for a folder without schemas.
+    """
+    root = _parse(document)
+    is_certificate = root.tag == f"{{{DCC}}}digitalCalibrationCertificate"
+    if not is_certificate or not root.findtext(".//dcc:uniqueIdentifier", "", NAMES).strip():
+        raise OutputError(
+            f"dcc.xml: root element {root.tag}, expected a digitalCalibrationCertificate with a"
+            " uniqueIdentifier",
+            hint="restore the certificate",
+        )
+    if schema_dir is not None:
+        _validate(root, schema_dir)
+    return root
 
 
-def identify(root: _Element) -> None:
+def _parse(document: bytes) -> _Element:
+    """Root of an XML text without entities or network; OutputError for anything else."""
+    parser = etree().XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
+    try:
+        root: _Element = etree().fromstring(document, parser)
+    except etree().XMLSyntaxError as error:
+        raise OutputError(f"dcc.xml: not XML: {error}", hint="restore the certificate") from None
+    return root
+
+
+def finish(text: str) -> bytes:
+    """A filled template as it is written: elements with identifiers, one a line."""
+    root = _parse(text.encode())
+    for element in root.iter():
+        element.tail = None
+        if element.text is not None and not element.text.strip():
+            element.text = None
+    _identify(root)
+    document: bytes = etree().tostring(
+        root, xml_declaration=True, encoding="UTF-8", pretty_print=True
+    )
+    return document
+
+
+def _identify(root: _Element) -> None:
     """Give elements their identifiers in the order of the document, and put those of quantities in
     place of the keys that statements refer to.
     """
@@ -101,53 +109,26 @@ def identify(root: _Element) -> None:
         statement.set("refId", identifiers.get(key) or identifiers[key.replace(" ", "_")])
 
 
-@dataclass(frozen=True, slots=True)
-class Notation:
-    """How a document writes texts and values: its languages, the local gravity [m/s²] that values
-    in g are converted with, where it is known, and whether results state that they are in the scope
-    of an accreditation.
+def _validate(root: _Element, folder: Path) -> None:
+    """Validate a document by the schemas in a folder; OutputError with the first faults, UsageError
+    without schemas.
     """
-
-    lang: Lang
-    gravity: float | None
-    accredited: bool = False
-
-    def unit(self, unit: str) -> DccUnit:
-        """D-SI unit of a unit."""
-        return dsi(unit).with_gravity(self.gravity)
-
-    def _contents(self, words: Words | str) -> list[_Element]:
-        """`dcc:content` in each language of the certificate; a user's text has no language of its
-        own.
-        """
-        if isinstance(words, str):
-            return [node("dcc:content", one_line(words))]
-        if not words.zh and self.lang != "en":  # the same in both, a symbol or a name
-            return [node("dcc:content", one_line(words.en))]
-        texts = {code: words.zh if code == "zh" else words.en for code in LANGUAGES[self.lang]}
-        return [node("dcc:content", one_line(text), lang=code) for code, text in texts.items()]
-
-    def text(self, name: str, words: Words | str) -> _Element:
-        """Element of the schema's text type."""
-        return node(name, *self._contents(words))
-
-    def named(
-        self, name: str, words: Words | str, *content: _Element | None, **attributes: str
-    ) -> _Element:
-        """Element that begins with a `dcc:name`."""
-        return node(name, self.text("dcc:name", words), *content, **attributes)
-
-    def rich(
-        self, name: str, texts: Iterable[Words | str], latex: Iterable[str] = ()
-    ) -> _Element | None:
-        """Element of the schema's rich content type with texts and formulas; None where there are
-        none.
-        """
-        parts = [part for words in non_empty(texts) for part in self._contents(words)]
-        parts += [node("dcc:formula", node("dcc:latex", formula)) for formula in latex]
-        return node(name, *parts) if parts else None
-
-
-def non_empty(texts: Iterable[Words | str]) -> list[Words | str]:
-    """Texts that are not empty."""
-    return [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
+    absent = [name for name in SCHEMAS if not (folder / name).is_file()]
+    if absent:
+        raise UsageError(
+            f"--schema-dir {folder}: no {', '.join(absent)}", hint=f"it holds {', '.join(SCHEMAS)}"
+        )
+    parser = etree().XMLParser(no_network=True)
+    try:
+        schema = etree().XMLSchema(etree().parse(str(folder / SCHEMA), parser))
+    except (etree().XMLSchemaParseError, etree().XMLSyntaxError) as error:
+        raise UsageError(
+            f"--schema-dir {folder}: {error}", hint=f"restore the schemas of DCC {VERSION}"
+        ) from None
+    if not schema.validate(root):
+        faults = "; ".join(
+            f"line {entry.line}: {entry.message}" for entry in list(schema.error_log)[:3]
+        )
+        raise OutputError(
+            f"dcc.xml does not fit {SCHEMA}: {faults}", hint=f"use the schemas of DCC {VERSION}"
+        )

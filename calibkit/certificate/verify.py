@@ -9,6 +9,7 @@ certificate can be checked no further: nothing states who made it.
 from __future__ import annotations
 
 import base64
+import binascii
 import hashlib
 import io
 import math
@@ -21,7 +22,7 @@ from calibkit.certificate import (
     checklist,
     content,
     dcc,
-    dcc_check,
+    dcc_xml,
     pdf,
     profile,
     sheet,
@@ -31,7 +32,8 @@ from calibkit.certificate import (
     verify_text,
 )
 from calibkit.certificate.content import Attachment
-from calibkit.certificate.dcc_xml import LANGUAGES, NAMES, SI
+from calibkit.certificate.dcc_results import LANGUAGES
+from calibkit.certificate.dcc_xml import NAMES, SI
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFiles
 from calibkit.certificate.signing_key import quiet
 from calibkit.errors import CalibkitError, CoefficientError, NotCheckedError, OutputError
@@ -156,7 +158,7 @@ def _alone(
     one of the PDFs beside it holds the same bytes.
     """
     try:
-        root = dcc_check.check(document, schema_dir)
+        root = dcc_xml.read(document, schema_dir)
         files = {
             element.findtext("dcc:fileName", "", NAMES): element
             for element in root.iterfind(".//dcc:byteData", NAMES)
@@ -164,10 +166,10 @@ def _alone(
         for name, element in files.items():
             data = base64.b64decode(element.findtext("dcc:dataBase64", "", NAMES))
             coefficients.loads(data.decode("utf-8"), name)
-    except (OutputError, CoefficientError, UnicodeDecodeError) as error:
+    except (OutputError, CoefficientError, UnicodeDecodeError, binascii.Error) as error:
         raise _failed(path, [_message(error)]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    description = f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files"
+    description = f"DCC {dcc_xml.VERSION} of certificate {number}, {len(files)} coefficient files"
     embedded_dccs = {pdf: verified.dcc for pdf, verified in pdfs.items()} or _held_beside(path)
     matching_pdfs = [pdf for pdf, embedded_dcc in embedded_dccs.items() if embedded_dcc == document]
     if embedded_dccs and not matching_pdfs:
@@ -294,7 +296,7 @@ def _remade(
     """
     attached_dcc = attached[dcc.FILE]
     try:
-        root = dcc_check.check(attached_dcc, schema_dir)
+        root = dcc_xml.read(attached_dcc, schema_dir)
         lang, issued, release = _facts(root)
     except (OutputError, ValueError) as error:
         return [_message(error)], 0, False, ""
@@ -313,7 +315,7 @@ def _remade(
         return [fault], 0, False, release
     faults = [
         f"{dcc.FILE}: {difference}{release_note}"
-        for difference in _differences(root, dcc_check.parse(remade_dcc), words=words)
+        for difference in _differences(root, dcc_xml.read(remade_dcc), words=words)
     ]
     data = Attachment(dcc.FILE, attached_dcc, *dcc.DESCRIBED)
     with_dcc = replace(certificate, attachments=(*certificate.attachments, data))
@@ -422,7 +424,7 @@ def _what(
 ) -> str:
     """A certificate in one line."""
     run = _document(attached)
-    number = dcc_check.parse(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
+    number = dcc_xml.read(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
     signed = "".join(f", {signature}" for signature in signatures)
     return (
         f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)}"

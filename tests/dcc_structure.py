@@ -1,26 +1,14 @@
-"""Checks of a digital calibration certificate: its structure always, the schemas where the user has
-them.
+"""Structure of a digital calibration certificate, where the schemas are not there: what stands in
+every one, how numbers are spelled, how long lists are.
 """
-
-from __future__ import annotations
 
 import base64
 import binascii
 import math
 import re
-from typing import TYPE_CHECKING
 
 from calibkit.certificate import dcc_xml as xml
-from calibkit.errors import OutputError, UsageError
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from pathlib import Path
-
-    from lxml.etree import _Element
-
-SCHEMA = "dcc.xsd"
-SCHEMAS = (SCHEMA, "SI_Format.xsd", "qudt.xsd", "xmldsig-core-schema.xsd")
 NEEDED = (
     "dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release",
     "dcc:administrativeData/dcc:coreData/dcc:countryCodeISO3166_1",
@@ -57,33 +45,7 @@ FORMATS = {
 """Element of D-SI → what each of its items looks like."""
 
 
-def check(document: bytes, schema_dir: Path | None = None) -> _Element:
-    """Root of a document whose structure is right and which fits the schema, where a folder has it.
-
-    Raises OutputError that lists faults, UsageError for a folder without schemas.
-    """
-    root = parse(document)
-    faults = list(_faults(root))
-    if faults:
-        raise OutputError(f"dcc.xml: {'; '.join(faults[:5])}", hint="this is a bug")
-    if schema_dir is not None:
-        _validate(root, schema_dir)
-    return root
-
-
-def parse(document: bytes) -> _Element:
-    """Root of an XML text without entities or network; OutputError for anything else."""
-    etree = xml.etree()
-    try:
-        root: _Element = etree.fromstring(
-            document, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
-        )
-    except etree.XMLSyntaxError as error:
-        raise OutputError(f"dcc.xml: not XML: {error}", hint="restore the certificate") from None
-    return root
-
-
-def _faults(root: _Element) -> Iterator[str]:
+def find_faults(root):
     """Everything that is wrong with a document."""
     yield from _missing_elements(root)
     for element in root.iter(f"{{{xml.SI}}}*"):
@@ -97,7 +59,7 @@ def _faults(root: _Element) -> Iterator[str]:
             yield "data that are no base 64"
 
 
-def _missing_elements(root: _Element) -> Iterator[str]:
+def _missing_elements(root):
     """Elements that every certificate has and this one lacks."""
     if root.tag != f"{{{xml.DCC}}}digitalCalibrationCertificate" or not root.get("schemaVersion"):
         yield f"root element {root.tag!r}"
@@ -112,7 +74,7 @@ def _missing_elements(root: _Element) -> Iterator[str]:
             yield "measurement result without name or results"
 
 
-def _format_faults(element: _Element) -> Iterator[str]:
+def _format_faults(element):
     """Items of a D-SI element that are not written as the schema asks."""
     name = str(element.tag).rpartition("}")[2]
     if name in FORMATS:
@@ -122,7 +84,7 @@ def _format_faults(element: _Element) -> Iterator[str]:
             yield f"{name} '{wrong}'"
 
 
-def _list_faults(values: _Element) -> Iterator[str]:
+def _list_faults(values):
     """Faults of a list: parts that differ in length, a covariance of another size or not
     symmetric.
     """
@@ -145,33 +107,7 @@ def _list_faults(values: _Element) -> Iterator[str]:
         yield "covariance that is not symmetric"
 
 
-def _alike(matrix: list[list[float]], i: int, j: int) -> bool:
+def _alike(matrix, i, j):
     """Whether entries (i, j) and (j, i) are equal but for their last digits."""
     scale = math.sqrt(abs(matrix[i][i] * matrix[j][j]))
     return math.isclose(matrix[i][j], matrix[j][i], rel_tol=1e-9, abs_tol=1e-9 * scale)
-
-
-def _validate(root: _Element, folder: Path) -> None:
-    """Validate a document by the schemas in a folder; OutputError with the first faults, UsageError
-    without schemas.
-    """
-    etree = xml.etree()
-    absent = [name for name in SCHEMAS if not (folder / name).is_file()]
-    if absent:
-        raise UsageError(
-            f"--schema-dir {folder}: no {', '.join(absent)}", hint=f"it holds {', '.join(SCHEMAS)}"
-        )
-    parser = etree.XMLParser(no_network=True)
-    try:
-        schema = etree.XMLSchema(etree.parse(str(folder / SCHEMA), parser))
-    except (etree.XMLSchemaParseError, etree.XMLSyntaxError) as error:
-        raise UsageError(
-            f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0"
-        ) from None
-    if not schema.validate(root):
-        faults = "; ".join(
-            f"line {entry.line}: {entry.message}" for entry in list(schema.error_log)[:3]
-        )
-        raise OutputError(
-            f"dcc.xml does not fit {SCHEMA}: {faults}", hint="use the schemas of DCC 3.3.0"
-        )
