@@ -321,6 +321,41 @@ def test_a_further_signature_that_is_seen_or_follows_a_change_is_refused(plain, 
     assert any("by more than" in one for one in faults(attacks.signed(noted, keys / "head.p12")))
 
 
+def test_a_further_signature_by_another_program_is_accepted_and_hides_no_other_title(plain, keys):
+    """The writer of pyHanko as it comes: it writes itself, a date and a later version of PDF beside
+    the signature. Another title with it, or any of these without a signature, is a change.
+    """
+    from pyhanko.pdf_utils import generic
+    from pyhanko.pdf_utils.incremental_writer import IncrementalPdfFileWriter
+    from pyhanko.sign import signers
+
+    document = attacks.signed(plain, keys / "laboratory.p12")
+    head = signing_key.Key(keys / "head.p12", authority.SECRET, authority.NOW).load_signer()
+    meta = signers.PdfSignatureMetadata(field_name="Second", reason="checked")
+    writer = IncrementalPdfFileWriter(io.BytesIO(document))
+    further = signers.sign_pdf(writer, meta, signer=head).getvalue()
+    first, second = check(further, trust=(keys / "own.pem",))
+    assert (first.faults, second.faults, second.role) == ((), (), "checked")
+    writer = IncrementalPdfFileWriter(io.BytesIO(document))
+    info = writer.trailer.raw_get("/Info")
+    info.get_object()["/Title"] = generic.pdf_string("FORGED-2026-999")
+    writer.mark_update(info)
+    retitled = signers.sign_pdf(writer, meta, signer=head).getvalue()
+    writer = IncrementalPdfFileWriter(io.BytesIO(document))
+    described = writer.root.raw_get("/Metadata")
+    stream = described.get_object()
+    stream._data = stream.data.replace(b"SAMPLE-2026-003", b"FORGED-2026-999")
+    stream._encoded_data = None
+    writer.mark_update(described)
+    redescribed = signers.sign_pdf(writer, meta, signer=head).getvalue()
+    for forged in (retitled, redescribed):
+        assert any("by more than" in fault for fault in faults(forged))
+    for what in ("version", "metadata"):
+        unsigned = attacks.edited(document, what, behind=True)
+        writer = IncrementalPdfFileWriter(io.BytesIO(unsigned))
+        assert faults(signers.sign_pdf(writer, meta, signer=head).getvalue()), what
+
+
 def test_what_issuers_say_on_revocation_is_in_the_signature(plain, tmp_path, stamps, passphrase):
     """OCSP and a list of revoked certificates, served here: embedded and covered; a revoked key
     does not sign; an issuer that does not answer is a warning.

@@ -15,7 +15,7 @@ from calibkit.certificate import (
     pdf,
     profile,
     run_files,
-    signature_traces,
+    signature_bytes,
 )
 from calibkit.certificate.checklist import Missing
 from calibkit.certificate.signing_key import Key
@@ -112,7 +112,7 @@ def certify(
         pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
     )
     certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
-    if trace := signature_traces.find_mark(document):
+    if trace := signature_bytes.find_mark(document):
         raise RecipeError(
             f"the texts of the certificate hold {trace}, which verify takes for a signature's",
             hint="write the number, the title and the names otherwise",

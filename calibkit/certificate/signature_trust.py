@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import clock, extras
-from calibkit.certificate import signature_container, signing_key
+from calibkit.certificate import signing_key
 from calibkit.errors import UsageError
 
 ROLES = {"checked": "checked", "approved": "approved"}
@@ -108,7 +108,6 @@ class JudgedSignature:
     the earliest time by which a trusted time stamp says that it was there.
     """
 
-    document: bytes
     embedded: Any
     demands: Demands
     roots: tuple[list[Any], list[Any]]
@@ -120,13 +119,15 @@ class JudgedSignature:
 
     async def judge(self) -> Signature:
         """What the signature states, and what is wrong with it."""
-        self.faults += signature_container.list_changes(self.document, self.embedded)
+        from pyhanko.sign.validation import generic_cms
+
         embedded = self.embedded
         if embedded.sig_object_type == "/DocTimeStamp":
             trusted = await self._read_stamp(embedded.signed_data, embedded.compute_digest)
             return self._stated(STAMP, trusted=trusted)
-        for token in signature_container.find_stamps(embedded.signer_info):
-            await self._read_stamp(token["content"], _imprint(embedded.signer_info))
+        imprint = generic_cms.message_imprint_checker(embedded.signer_info)
+        for token in generic_cms.extract_tst_data_iter(embedded.signer_info, signed=False):
+            await self._read_stamp(token, imprint)
         await self._judge_signer()
         reason = str(embedded.sig_object.get("/Reason", ""))
         return self._stated(ROLES.get(reason, ""), trusted=bool(self.demands.trust))
@@ -253,11 +254,3 @@ class JudgedSignature:
             self.warnings.append(
                 f"its signer states {claimed:%Y-%m-%d}, and it was signed on {moment:%Y-%m-%d}"
             )
-
-
-def _imprint(signer_info: Any) -> Any:  # noqa: ANN401 (classes of an optional library)
-    """What the time stamp of a signature has to be of: the digest of the signature's value."""
-    import hashlib
-
-    value = signer_info["signature"].native
-    return lambda digest: hashlib.new(digest, value).digest()

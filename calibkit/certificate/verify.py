@@ -26,7 +26,7 @@ from calibkit.certificate import (
     pdf,
     profile,
     sheet,
-    signature_traces,
+    signature_bytes,
     signature_trust,
     verify_signature,
     verify_text,
@@ -224,7 +224,7 @@ def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str], str]
             raise CoefficientError(f"{len(reader.pages)} pages, at most {MOST_PAGES} are read")
         pages = [page.extract_text() for page in reader.pages]
         attachments = {name: list(contents) for name, contents in reader.attachments.items()}
-        trace = signature_traces.find_trace(document, reader, pages)
+        trace = signature_bytes.find_trace(document, reader, pages)
     return (
         pages,
         {name: contents[0] for name, contents in attachments.items()},
