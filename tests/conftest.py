@@ -8,8 +8,10 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported; see calibkit.cli
 
+import importlib.util
 import json
 import signal
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -79,10 +81,15 @@ def slow_after(count, values):
     return [*values[:count], *rest]
 
 
-def called(*arguments):
-    """Run the command line in this process and return its exit code."""
+def called(*arguments, **options):
+    """Run the command line in this process and return its exit code; an option may be a keyword,
+    `log_file=path` for --log-file.
+    """
+    words = [*arguments]
+    for name, value in options.items():
+        words += [f"--{name.replace('_', '-')}", value]
     with pytest.raises(SystemExit) as stopped:
-        cli.main([str(argument) for argument in arguments])
+        cli.main([str(word) for word in words])
     return stopped.value.code
 
 
@@ -90,13 +97,22 @@ def called(*arguments):
 def calibkit(capfd):
     """Run the command line in this process and return its outcome."""
 
-    def run(*arguments):
+    def run(*arguments, **options):
         capfd.readouterr()
-        code = called(*arguments)
+        code = called(*arguments, **options)
         captured = capfd.readouterr()
         return Outcome(code, captured.out, captured.err)
 
     return run
+
+
+def load_script(path):
+    """A script as a module, under the name of its file, which its own imports may need."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module
+    spec.loader.exec_module(module)
+    return module
 
 
 def write_log(path, **columns):

@@ -249,3 +249,20 @@ def _function(one):
         + "\n".join(lines)
         + f'\n        }}\n    }}\n    say("{p}", total, {p}_selftest());\n}}\n'
     )
+
+
+C_ONLY = ("-Wstrict-prototypes", "-Wmissing-prototypes")
+
+
+WARNINGS = (
+    *(
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wconversion",
+        "-Wsign-conversion",
+        "-Wdouble-promotion",
+        "-Wfloat-equal",
+    ),
+    *("-Wshadow", "-Wundef", "-Wcast-qual", "-Werror"),
+)

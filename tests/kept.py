@@ -3,6 +3,8 @@ test states them.
 """
 
 import hashlib
+from dataclasses import replace
+from pathlib import Path
 
 from calibkit import run_document, sealed, store
 from calibkit.coefficients import Coefficient, Identity, Input, Model, Parameter, StageResult
@@ -86,3 +88,17 @@ def keep(
         if folder is not None:
             return folder
     return None
+
+
+RECIPES = Path(__file__).resolve().parents[1] / "recipes"
+
+
+LIMITED = "[acceptance]\nmax_scale_factor_error_ppm = 30.0"
+
+
+def rate_table(K, u=0.05, low=20.0, high=30.0, **more):
+    """Model of a gyro on a rate table."""
+    return replace(
+        model({"K": (K, "1/deg", u), "F0": (5.0, "1/s", 0.5)}, name="gyro_x", **more),
+        valid={"table_rate_dps": (-100.0, 100.0), "temp_case_degc": (low, high)},
+    )

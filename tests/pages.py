@@ -5,11 +5,14 @@ beside the sample logs.
 from __future__ import annotations
 
 import contextlib
+import json
 import re
 import shlex
 import shutil
 import subprocess
 from pathlib import Path
+
+import pytest
 
 from conftest import ROOT
 
@@ -50,3 +53,17 @@ def typed(line, calibkit):
         done = subprocess.run(["bash", "-euc", line], capture_output=True, text=True, check=False)
         code, said = done.returncode, done.stderr
     assert code == int(expected or 0), f"{line}\n{said}"
+
+
+def validators():
+    """Validator of each format that has a schema."""
+    jsonschema = pytest.importorskip("jsonschema")
+    schemas = [
+        json.loads(path.read_text(encoding="utf-8")) for path in sorted(SCHEMAS.glob("*.json"))
+    ]
+    for schema in schemas:
+        jsonschema.Draft202012Validator.check_schema(schema)
+    return {schema["title"]: jsonschema.Draft202012Validator(schema) for schema in schemas}
+
+
+SCHEMAS = ROOT / "docs" / "schemas"

@@ -4,18 +4,18 @@ pytest-xdist, as a user fits it: with its report in ink.
 Nothing may change them; a test that has to copies the folder first.
 """
 
+import datetime as dt
 import fcntl
 import hashlib
 import json
 import os
 
-import numpy as np
-import pandas as pd
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.report import figures, svg
 from conftest import REAL, ROOT, Ink
+from written_logs import warm_up
 
 SERIAL = "S-1"
 DATE = "2026-11-21"
@@ -72,11 +72,13 @@ def sample_logs(factory, name):
     return folder
 
 
-def warm_up(folder):
-    """Write a log of a gyro that warms up."""
-    rng, t = np.random.default_rng(4), np.linspace(20.0, 60.0, 4000)
-    rate = 2.0 + 0.05 * t - 4e-4 * t**2 + 2e-6 * t**3 + 0.01 * rng.standard_normal(4000)
-    frame = pd.DataFrame({"time_s": np.arange(4000.0), "temp_case_degc": t, "gyro_dph": rate})
-    folder.mkdir()
-    frame.to_csv(folder / "warm.csv", index=False, float_format="%.9g")
-    return folder
+ISSUED = dt.date(2026, 11, 21)
+
+
+def fitted(folder, name, data=None, serial="S-1", overrides=()):
+    """Run of a procedure's sample logs."""
+    source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"), overrides)
+    outcome = pipeline.fit(
+        source, data or ROOT / "datasets" / name, serial, folder, DATE, instruments.silent
+    )
+    return store.load(outcome.run.folder)

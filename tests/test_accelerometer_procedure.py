@@ -39,9 +39,7 @@ def simulated(folder, seed, log_writer, *, sign=1.0, rows=None, **conditions):
 def fit(calibkit, folder, out, *settings):
     """Fit the shipped recipe to a folder and return outcome and run."""
     arguments = [part for setting in settings for part in ("--set", setting)]
-    outcome = calibkit(
-        "fit", "accelerometer", "--data", folder, "--serial", "A", "--out", out, *arguments
-    )
+    outcome = calibkit("fit", "accelerometer", *arguments, data=folder, serial="A", out=out)
     return outcome, (store.load(store.find("A", out)) if outcome.code in (0, 1) else None)
 
 
@@ -308,9 +306,7 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     triad_model = run.records["accel_affine.json"].model("triad")
     assert triad_model.value("k_x0") == pytest.approx(1.0 / 1.01, rel=1e-4)
     assert triad_model.value("z_y0") == pytest.approx(-0.02 / 0.99, abs=1e-4)
-    outcome = calibkit(
-        "fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit"
-    )
+    outcome = calibkit("fit", "accelerometer_magnitude", *arguments, set="reference.solver=lmfit")
     assert outcome.code == 0, outcome.err
     record = store.load(tmp_path / "runs" / "M" / "r002").records["accel_q.json"]
     bounds = {figure.name: figure.value for figure in record.figures if figure.name.endswith("_95")}
@@ -329,9 +325,7 @@ def test_validation_states_before_and_after_and_holds_limits(tmp_path, calibkit,
         calibkit, tmp_path / "logs", tmp_path / "runs", "acceptance.max_inclination_error_deg=0.001"
     )
     out = tmp_path / "v.json"
-    outcome = calibkit(
-        "validate", "A", "--runs", tmp_path / "runs", "--data", tmp_path / "unseen", "--out", out
-    )
+    outcome = calibkit("validate", "A", runs=tmp_path / "runs", data=tmp_path / "unseen", out=out)
     assert outcome.code == 1
     log = json.loads(out.read_text(encoding="utf-8"))["logs"][0]
     assert log["after"]["inclination_max_deg"] < 0.2 * log["before"]["inclination_max_deg"]
@@ -349,9 +343,7 @@ def test_apply_clamps_the_temperature_and_says_so(tmp_path, calibkit, log_writer
         accel_y_g=[0.2] * 2,
         accel_z_g=[0.9] * 2,
     )
-    applied = calibkit(
-        "apply", "A", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv"
-    )
+    applied = calibkit("apply", "A", runs=tmp_path / "runs", data=hot, out=tmp_path / "o.csv")
     assert "clamped to -20.0 … 125.0 °C over 50.0 %" in applied.err
     found = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
     assert found["accel_x_g"][0] == found["accel_x_g"][1]
@@ -385,14 +377,7 @@ def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, 
     simulated(tmp_path / "other", 7, log_writer)
     fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     outcome = calibkit(
-        "validate",
-        "A",
-        "--runs",
-        tmp_path / "runs",
-        "--data",
-        tmp_path / "other",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "A", runs=tmp_path / "runs", data=tmp_path / "other", out=tmp_path / "v.json"
     )
     assert outcome.code == 1
     assert "positions.csv: rms error over its u" in outcome.out

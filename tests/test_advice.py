@@ -118,18 +118,14 @@ def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rat
         "from row to row"
         not in calibkit("check", "rate_table", "--data", held(tmp_path / "b", 1.0)).out
     )
-    wrong = calibkit(
-        "check", "rate_table", "--data", held(tmp_path / "c", 2.0, lambda rate: 1.5 * rate)
-    )
+    wrong = calibkit("check", "rate_table", data=held(tmp_path / "c", 2.0, lambda rate: 1.5 * rate))
     assert wrong.code == 3
     assert "it turns 1.5 times as fast" in wrong.out
 
 
 def test_a_table_angle_of_the_other_sign_is_advised_to_be_turned(tmp_path, calibkit):
     """The ratio is −1: state sign = -1."""
-    outcome = calibkit(
-        "check", "rate_table", "--data", held(tmp_path / "a", 0.5, lambda rate: -rate)
-    )
+    outcome = calibkit("check", "rate_table", data=held(tmp_path / "a", 0.5, lambda rate: -rate))
     assert outcome.code == 3
     assert "the other sign: state sign = -1 in [columns.table_angle_deg]" in outcome.out
 

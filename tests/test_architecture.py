@@ -1,10 +1,9 @@
 """The page on how the code is laid out: its picture is drawn from the code, its paths are there."""
 
-import importlib.util
 import re
 
 from calibkit import instruments
-from conftest import ROOT
+from conftest import ROOT, load_script
 
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PATHS = sorted(set(re.findall(r"`((?:calibkit|tests|recipes|datasets|docs)/[\w./<>]*)`", PAGE)))
@@ -13,10 +12,7 @@ FOLDERS = sorted(path.parent for path in (ROOT / "calibkit" / "instruments").glo
 
 def test_the_drawn_house_is_the_one_that_is_checked():
     """Layers and purposes in the picture are those of pyproject.toml and of the docstrings."""
-    path = ROOT / "docs" / "draw_house.py"
-    spec = importlib.util.spec_from_file_location("draw_house", path)
-    drawing = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(drawing)
+    drawing = load_script(ROOT / "docs" / "draw_house.py")
     assert drawing.OUT.read_text(encoding="utf-8") == drawing.house()
 
 

@@ -1,6 +1,5 @@
 """A bank of lags on logs of a coil through which heat diffuses: another physics than the model."""
 
-import importlib.util
 from dataclasses import replace
 from functools import cache
 from types import SimpleNamespace
@@ -14,7 +13,7 @@ from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.thermal import fits, left_out
 from calibkit.numeric.thermal.pooled_fit import BlockNoise, thermal_blocks
 from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
-from conftest import ROOT, slow_after
+from conftest import ROOT, load_script, slow_after
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
 REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
@@ -23,14 +22,7 @@ REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
 @cache
 def plant():
     """Return the module of the diffusion coil."""
-    path = ROOT / "benchmarks" / "diffusion_coil.py"
-    spec = importlib.util.spec_from_file_location("diffusion_coil", path)
-    module = importlib.util.module_from_spec(spec)
-    import sys
-
-    sys.modules["diffusion_coil"] = module
-    spec.loader.exec_module(module)
-    return module
+    return load_script(ROOT / "benchmarks" / "diffusion_coil.py")
 
 
 def with_drift(recorded):

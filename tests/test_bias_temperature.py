@@ -29,14 +29,7 @@ def test_the_published_polynomials_come_out_to_every_printed_digit(real, tmp_pat
     printed digits.
     """
     outcome = calibkit(
-        "fit",
-        "mpu6050_warmup",
-        "--data",
-        real / "mpu6050_warmup",
-        "--serial",
-        "MPU-1",
-        "--out",
-        tmp_path,
+        "fit", "mpu6050_warmup", data=real / "mpu6050_warmup", serial="MPU-1", out=tmp_path
     )
     assert outcome.code == 0, outcome.err
     run = store.load(tmp_path / "MPU-1" / "r001")
@@ -102,10 +95,7 @@ def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
     withheld = bias_log(tmp_path / "withheld", log_writer, 2, offset=7.5)
     runs = tmp_path / "runs"
     assert (
-        calibkit(
-            "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "G", "--out", runs
-        ).code
-        == 0
+        calibkit("fit", "bias_temperature", data=tmp_path / "logs", serial="G", out=runs).code == 0
     )
     out = tmp_path / "out.csv"
     assert calibkit("apply", "G", "--runs", runs, "--data", withheld, "--out", out).code == 0
@@ -119,14 +109,7 @@ def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
     logged = np.genfromtxt(withheld, delimiter=",", names=True)["gyro_dph"]
     np.testing.assert_allclose(both["gyro_drift_dph"], logged - gyro, rtol=0, atol=1e-12)
     validated = calibkit(
-        "validate",
-        "G",
-        "--runs",
-        runs,
-        "--data",
-        tmp_path / "withheld",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "G", runs=runs, data=tmp_path / "withheld", out=tmp_path / "v.json"
     )
     assert validated.code == 0
     channel = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["channels"][
@@ -206,19 +189,8 @@ def test_beyond_the_fitted_range_the_polynomial_is_clamped_and_said(tmp_path, ca
         temp_case_degc=np.linspace(25.0, 200.0, 20),
         gyro_dph=np.ones(20),
     )
-    calibkit(
-        "fit",
-        "bias_temperature",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "G",
-        "--out",
-        tmp_path / "runs",
-    )
-    applied = calibkit(
-        "apply", "G", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv"
-    )
+    calibkit("fit", "bias_temperature", data=tmp_path / "logs", serial="G", out=tmp_path / "runs")
+    applied = calibkit("apply", "G", runs=tmp_path / "runs", data=hot, out=tmp_path / "o.csv")
     assert "clamped" in applied.err
     gyro = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)["gyro_dph"]
     assert np.ptp(gyro[5:]) == 0.0

@@ -1,27 +1,19 @@
 """The benchmark of certificates' coverage runs, and judges what it is for."""
 
-import importlib.util
 import sys
 
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, load_script
 
 
 @pytest.fixture(scope="module")
 def benchmark():
     """Return the benchmark's command."""
     folder = ROOT / "benchmarks"
-    spec = importlib.util.spec_from_file_location(
-        "certificate_coverage", folder / "certificate_coverage.py"
-    )
-    command = importlib.util.module_from_spec(spec)
-    sys.modules["certificate_coverage"] = command
-    spec.loader.exec_module(command)
-    yield command
+    yield load_script(folder / "certificate_coverage.py")
     sys.path.remove(str(folder))
-    del sys.modules["certificate_coverage"]
 
 
 @pytest.mark.slow

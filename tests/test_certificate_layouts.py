@@ -2,7 +2,6 @@
 coefficient files themselves.
 """
 
-import datetime as dt
 import importlib
 import json
 import math
@@ -12,7 +11,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, pipeline, store
 from calibkit.certificate import content, pdf, profile, results, run_files, sheet, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
@@ -22,23 +21,12 @@ from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
 from conftest import ROOT, write_log
-from sample_runs import sample_run
-
-ISSUED = dt.date(2026, 11, 21)
+from sample_runs import ISSUED, fitted, sample_run
 
 
 def of_type(uncertainty, kind):
     """Standard uncertainty of type A or B alone."""
     return math.hypot(*(c.contribution for c in uncertainty.contributions if c.kind == kind))
-
-
-def fitted(folder, name, data=None, serial="S-1", overrides=()):
-    """Run of a procedure's sample logs."""
-    source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"), overrides)
-    outcome = pipeline.fit(
-        source, data or ROOT / "datasets" / name, serial, folder, "2026-11-21", silent
-    )
-    return store.load(outcome.run.folder)
 
 
 @pytest.fixture(scope="module")

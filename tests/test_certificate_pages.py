@@ -28,8 +28,7 @@ from calibkit.certificate.words import Words
 from calibkit.coefficients import at_most
 from calibkit.instruments import silent
 from conftest import ROOT, slow_after
-from sample_runs import sample_run
-from test_certificate_layouts import ISSUED
+from sample_runs import ISSUED, sample_run
 
 pytest.importorskip("typst")
 pypdf = pytest.importorskip("pypdf")

@@ -43,18 +43,7 @@ def issue(runs, tmp_path_factory):
     def write(*arguments, profile=PROFILE):
         out = folder / f"{next(count)}.pdf"
         stated = () if profile is None else ("--profile", profile)
-        code = called(
-            "certify",
-            "S-1",
-            "--runs",
-            runs,
-            "--out",
-            out,
-            "--date",
-            "2026-11-21",
-            *stated,
-            *arguments,
-        )
+        code = called("certify", "S-1", *stated, *arguments, runs=runs, out=out, date="2026-11-21")
         assert code == 0
         return out
 
@@ -385,14 +374,7 @@ def test_a_specification_that_does_not_fit_the_run_is_named_with_its_line(runs, 
             f"{start}\n[[specification]]\n{wrong}\nupper = 1.0\n", encoding="utf-8"
         )
         found = calibkit(
-            "certify",
-            "S-1",
-            "--runs",
-            runs,
-            "--profile",
-            tmp_path / "lab.toml",
-            "--out",
-            tmp_path / "c.pdf",
+            "certify", "S-1", runs=runs, profile=tmp_path / "lab.toml", out=tmp_path / "c.pdf"
         )
         assert found.code == 2
         assert f"lab.toml:{len(start.splitlines()) + 3}: [[specification]]" in found.err
@@ -481,9 +463,7 @@ def test_control_characters_and_overrides_of_direction_are_shown_by_number(issue
 def test_chinese_without_a_font_is_refused_with_what_to_do(runs, tmp_path, calibkit):
     """--lang zh needs a font that the user names: exit 2, nothing written."""
     out = tmp_path / "c.pdf"
-    outcome = calibkit(
-        "certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--lang", "zh"
-    )
+    outcome = calibkit("certify", "S-1", runs=runs, out=out, profile=PROFILE, lang="zh")
     assert outcome.code == 2
     assert "[certificate] fonts" in outcome.err
     assert not out.exists()
@@ -494,9 +474,7 @@ def test_json_gives_every_result_by_the_key_that_specifications_use(runs, tmp_pa
     their verdicts.
     """
     out = tmp_path / "c.pdf"
-    said = calibkit(
-        "certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--json"
-    ).json
+    said = calibkit("certify", "S-1", "--json", runs=runs, out=out, profile=PROFILE).json
     assert said["ok"] is True
     assert said["draft"] is False
     keys = {result["key"] for result in said["results"]}

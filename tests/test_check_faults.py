@@ -223,15 +223,7 @@ def test_what_check_warns_of_a_fit_flags(tmp_path, calibkit, campaign):
     lines[2501] = ",".join([*fields[:3], str(float(fields[3]) + 20.0)])
     target.write_text("\n".join(lines), encoding="utf-8")
     made = calibkit(
-        "fit",
-        "fog_thermal",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "runs",
-        "--json",
+        "fit", "fog_thermal", "--json", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
     )
     assert any(
         "ramp_heating_05.csv:2502" in flag and "spike" in flag for flag in made.json["flags"]

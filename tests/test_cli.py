@@ -34,9 +34,9 @@ def test_no_command_is_usage(calibkit):
 
 def test_simulate_writes_logs_with_truth_and_never_overwrites(tmp_path, calibkit):
     """A campaign is written once; a second call refuses before it writes anything."""
-    written = calibkit(
-        "simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 5, "--json"
-    ).json["files"]
+    written = calibkit("simulate", "fog_thermal", "--json", out=tmp_path / "a", seed=5).json[
+        "files"
+    ]
     assert "truth.json" in written
     assert all((tmp_path / "a" / name).is_file() for name in written)
     again = calibkit("simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 6)

@@ -48,15 +48,7 @@ def test_ramps_and_stairs_read_in_whole_degrees_are_fitted_and_generalise(
     assert any("temp_env_degc is read in steps of 1 °C" in flag for flag in drift["flags"])
     assert any("temp_case_degc is read in steps of 1 °C" in flag for flag in drift["flags"])
     done = calibkit(
-        "validate",
-        "C",
-        "--runs",
-        tmp_path,
-        "--data",
-        coarse / "withheld",
-        "--out",
-        tmp_path / "v.json",
-        "--json",
+        "validate", "C", "--json", runs=tmp_path, data=coarse / "withheld", out=tmp_path / "v.json"
     )
     assert done.code == 0
     truth = json.loads((coarse / "truth.json").read_text(encoding="utf-8"))["logs"]

@@ -16,19 +16,8 @@ from calibkit.numeric.thermal.terms import TERMS
 from calibkit.recipe import TypeB
 from calibkit.results import comparison, key_values, still_good
 from calibkit.results.evaluation import RunResults
-from kept import keep, model
-from test_evaluate import RECIPES
-from test_fog_forms import RATES, on_levels
-
-LIMITED = "[acceptance]\nmax_scale_factor_error_ppm = 30.0"
-
-
-def rate_table(K, u=0.05, low=20.0, high=30.0, **more):
-    """Model of a gyro on a rate table."""
-    return replace(
-        model({"K": (K, "1/deg", u), "F0": (5.0, "1/s", 0.5)}, name="gyro_x", **more),
-        valid={"table_rate_dps": (-100.0, 100.0), "temp_case_degc": (low, high)},
-    )
+from drift_fits import RATES, on_levels
+from kept import LIMITED, RECIPES, keep, model, rate_table
 
 
 def kept_run(tmp_path, *models, procedure="rate_table", stage="gyro_scale", limit="", **more):
@@ -247,8 +236,8 @@ def test_the_command_lists_what_changed(tmp_path, calibkit):
     later = rate_table(1.01e4)
     extra = replace(later.coefficients[1], name="L")
     covariance = np.diag([c.standard_uncertainty**2 for c in (*later.coefficients, extra)])
-    more = replace(later, coefficients=(*later.coefficients, extra))
-    more = replace(more, covariance=tuple(map(tuple, covariance.tolist())))
+    whole = tuple(map(tuple, covariance.tolist()))
+    more = replace(later, coefficients=(*later.coefficients, extra), covariance=whole)
     kept_run(tmp_path, more, limit="[acceptance]\nmax_scale_factor_error_ppm = 40.0")
     call = ("compare", "S-1@r001", "S-1@r002", "--runs", tmp_path)
     shown = calibkit(*call, "--details").out

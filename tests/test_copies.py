@@ -17,7 +17,7 @@ from calibkit.check import copies, find_copied_rows
 from calibkit.errors import FrameError
 from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
-from test_left_out import sample_logs
+from written_logs import sample_logs
 
 DATA = ROOT / "datasets"
 BIAS = """\
@@ -107,9 +107,7 @@ def test_validation_leaves_out_a_fitted_log_that_was_saved_again(name, tmp_path,
     inputs = store.load(runs / "S" / "r001").document["inputs"]
     assert all(len(one["fingerprint"]) <= KEPT_ROWS * KEPT_DIGITS for one in inputs)
     again = with_line_ends(DATA / name, tmp_path / "again")
-    outcome = calibkit(
-        "validate", "S", "--runs", runs, "--data", again, "--out", tmp_path / "v.json"
-    )
+    outcome = calibkit("validate", "S", runs=runs, data=again, out=tmp_path / "v.json")
     assert outcome.code == 3
     assert f"holds the values of {inputs[0]['name']}, which this run was fitted to" in outcome.err
     assert not (tmp_path / "v.json").exists()
@@ -145,16 +143,14 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
     (tmp_path / "r.toml").write_text(BIAS + excluded, encoding="utf-8")
     runs = tmp_path / "runs"
     assert calibkit(
-        "fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S", "--out", runs
+        "fit", tmp_path / "r.toml", data=tmp_path / "logs", serial="S", out=runs
     ).code in (
         0,
         1,
     )
     (tmp_path / "again").mkdir()
     (tmp_path / "again" / "a.csv").write_bytes(text.replace("\n", "\r\n").encode())
-    outcome = calibkit(
-        "validate", "S", "--runs", runs, "--data", tmp_path / "again", "--out", tmp_path / "v.json"
-    )
+    outcome = calibkit("validate", "S", runs=runs, data=tmp_path / "again", out=tmp_path / "v.json")
     assert outcome.code == 3
     assert "holds the values of a.csv" in outcome.err
 
@@ -171,9 +167,7 @@ def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch)
 
     monkeypatch.setattr(ingest, "read_file", counted)
     withheld = DATA / "inclinometer" / "withheld"
-    outcome = calibkit(
-        "validate", fitted / "S" / "r001", "--data", withheld, "--out", tmp_path / "v.json"
-    )
+    outcome = calibkit("validate", fitted / "S" / "r001", data=withheld, out=tmp_path / "v.json")
     assert outcome.code in (0, 1)
     assert sorted(read) == sorted(path.name for path in withheld.glob("*.csv"))
 
@@ -216,9 +210,7 @@ def test_a_run_of_before_loads_and_says_what_it_cannot_tell(fitted, tmp_path, ca
     (run / "run.json").write_text(sealed.seal(document), encoding="utf-8")
     for folder, told in ((run, True), (fitted / "S" / "r001", False)):
         out = tmp_path / f"{told}.json"
-        outcome = calibkit(
-            "validate", folder, "--data", DATA / "inclinometer" / "withheld", "--out", out
-        )
+        outcome = calibkit("validate", folder, data=DATA / "inclinometer" / "withheld", out=out)
         assert outcome.code in (0, 1)
         assert ("keeps no fingerprint of stations.csv" in outcome.err + outcome.out) == told
         assert (
@@ -392,9 +384,7 @@ def test_rows_of_a_table_that_were_pasted_twice_are_refused(name, tmp_path, cali
         copied["station"] += 1000
         copied["time_s"] += 1e6
     pd.concat([table, copied]).to_csv(tmp_path / file, index=False)
-    done = calibkit(
-        "fit", f"recipes/{name}.toml", "--data", tmp_path, "--serial", "S", "--out", tmp_path
-    )
+    done = calibkit("fit", f"recipes/{name}.toml", data=tmp_path, serial="S", out=tmp_path)
     first = len(table) + 2
     assert done.code == 3, done.out
     assert f"{file}:{first}: {len(copied)} rows from here on hold the same numbers" in done.err

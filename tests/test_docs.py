@@ -15,6 +15,7 @@ import pytest
 
 import pages
 from conftest import ROOT, slow_after
+from pages import validators
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
 PLUGIN_PAGES = {"10_a_format_of_my_own", "11_an_instrument_of_my_own"}
@@ -23,18 +24,6 @@ HOW_TO = sorted((ROOT / "docs" / "how_to").glob("*.md"))
 QUICK = {"4_gyro_pair", "3_rate_table"}
 PAGES = [*TUTORIALS, *(page for page in HOW_TO if page.stem not in PLUGIN_PAGES)]
 PAGES.sort(key=lambda page: page.stem not in QUICK)
-SCHEMAS = ROOT / "docs" / "schemas"
-
-
-def validators():
-    """Validator of each format that has a schema."""
-    jsonschema = pytest.importorskip("jsonschema")
-    schemas = [
-        json.loads(path.read_text(encoding="utf-8")) for path in sorted(SCHEMAS.glob("*.json"))
-    ]
-    for schema in schemas:
-        jsonschema.Draft202012Validator.check_schema(schema)
-    return {schema["title"]: jsonschema.Draft202012Validator(schema) for schema in schemas}
 
 
 @pytest.mark.drawn

@@ -53,9 +53,7 @@ def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silenc
     """One ramp of a campaign replaced by its compensated self: check names it, apply to it flags
     it, raw logs pass.
     """
-    made = calibkit(
-        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs"
-    )
+    made = calibkit("fit", "fog_thermal", data=campaign, serial="S", out=tmp_path / "runs")
     assert "compensated before" not in made.out
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -74,9 +72,7 @@ def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silenc
         if finding["name"] == "double_compensation"
     }
     assert named == {target.name}
-    again = calibkit(
-        "apply", tmp_path / "runs/S/r001", "--data", target, "--out", tmp_path / "twice.csv"
-    )
+    again = calibkit("apply", tmp_path / "runs/S/r001", data=target, out=tmp_path / "twice.csv")
     assert "compensated before" in again.err
 
 
@@ -92,7 +88,7 @@ def test_a_column_that_says_it_was_corrected_is_told(name, campaign, tmp_path, c
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
     settings = (f"columns.gyro_dph={{from='{name}'}}", "drift.model=gradient_rate", "drift.order=0")
     said = calibkit(
-        "check", "fog_thermal", "--data", tmp_path, *(f"--set={setting}" for setting in settings)
+        "check", "fog_thermal", *(f"--set={setting}" for setting in settings), data=tmp_path
     )
     assert said.code == 0
     assert "must not be compensated twice" in said.out

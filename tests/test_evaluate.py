@@ -3,7 +3,6 @@
 import csv
 import io
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +14,9 @@ from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
 from calibkit.results import evaluation
-from kept import keep, model
-from test_fog_forms import RATES, bank_model, on_levels
+from drift_fits import RATES, bank_model, on_levels
+from kept import RECIPES, keep, model
 
-RECIPES = Path(__file__).resolve().parents[1] / "recipes"
 T = "temp_case_degc"
 
 

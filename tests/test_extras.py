@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from calibkit import extras
-from test_screens import still
+from written_logs import still
 
 
 def test_certify_without_any_part_names_the_one_that_brings_all(tmp_path, calibkit, monkeypatch):

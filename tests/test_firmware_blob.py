@@ -17,9 +17,8 @@ from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import blob, c_code, c_text, chain, export, formats
 from calibkit.recipe import tables
 from conftest import ROOT, slow_after
-from firmware_driver import IDENTITY, exported
+from firmware_driver import C_ONLY, IDENTITY, WARNINGS, exported
 from firmware_runs import cached
-from test_firmware_c import C_ONLY, WARNINGS
 
 CHAINS = ("lagged", "grown", "gradient", "affine", "k", "rate", "scale")
 DRIVER = """#include <stdio.h>

@@ -11,23 +11,10 @@ import pytest
 
 from calibkit.firmware import ranges, steps as chain_steps, vectors
 from conftest import slow_after
-from firmware_driver import COMMON, LINKER, expected, exported, write
+from firmware_driver import C_ONLY, COMMON, LINKER, WARNINGS, expected, exported, write
 from firmware_runs import RUNS, cached
 
 HOST_LANES, CORE_LANES = 65536, 1024
-WARNINGS = (
-    *(
-        "-Wall",
-        "-Wextra",
-        "-Wpedantic",
-        "-Wconversion",
-        "-Wsign-conversion",
-        "-Wdouble-promotion",
-        "-Wfloat-equal",
-    ),
-    *("-Wshadow", "-Wundef", "-Wcast-qual", "-Werror"),
-)
-C_ONLY = ("-Wstrict-prototypes", "-Wmissing-prototypes")
 CORES = {
     "cortex-m0": ("microbit", ()),
     "cortex-m3": ("mps2-an385", ()),

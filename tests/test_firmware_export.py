@@ -95,9 +95,7 @@ def test_a_prefix_that_c_or_cpp_forbid_is_refused(prefix, triad_run, tmp_path, c
     """Keywords, reserved names, headers of the C library and names that are none exit with 2 and a
     word of advice.
     """
-    outcome = calibkit(
-        "export", triad_run, "--target", "c", "--prefix", prefix, "--out", tmp_path / "x"
-    )
+    outcome = calibkit("export", triad_run, target="c", prefix=prefix, out=tmp_path / "x")
     assert outcome.code == 2
     assert not (tmp_path / "x").exists()
     firmware_export._check_prefix("gyro_7")
@@ -123,12 +121,7 @@ def test_the_digests_are_the_fields_of_the_files_and_said_to_be(
     """Every digest is labelled as the field sha256 of its file, and is that, not the digest of the
     file's bytes.
     """
-    assert (
-        calibkit(
-            "export", drift_run, "--target", target, "--number", number, "--out", tmp_path
-        ).code
-        == 0
-    )
+    assert calibkit("export", drift_run, target=target, number=number, out=tmp_path).code == 0
     file = tmp_path / {"c": "cal.h", "blob": "cal.bin", "csv": "cal.csv"}[target]
     text = file.read_bytes().decode("ascii", "replace")
     words = " ".join(text.replace("\n *", " ").split())
@@ -309,9 +302,7 @@ def test_a_full_scale_of_a_name_that_no_chain_takes_is_refused(tmp_path, triad_r
 @pytest.mark.parametrize("number", ["q31", "q15", "f16"])
 def test_fixed_point_is_no_longer_exported(number, triad_run, tmp_path, calibkit):
     """The formats that there are stand in the message."""
-    outcome = calibkit(
-        "export", triad_run, "--target", "c", "--number", number, "--out", tmp_path / "x"
-    )
+    outcome = calibkit("export", triad_run, target="c", number=number, out=tmp_path / "x")
     assert outcome.code == 2
     assert "f32, f64" in outcome.err
     assert not (tmp_path / "x").exists()
@@ -333,18 +324,7 @@ def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
         pytest.skip("cppcheck is not installed")
     for k, run in enumerate((drift_run, triad_run)):
         assert (
-            calibkit(
-                "export",
-                run,
-                "--target",
-                "c",
-                "--number",
-                number,
-                "--prefix",
-                f"m{k}",
-                "--out",
-                tmp_path,
-            ).code
+            calibkit("export", run, target="c", number=number, prefix=f"m{k}", out=tmp_path).code
             == 0
         )
     if number == "f32":

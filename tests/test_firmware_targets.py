@@ -31,9 +31,7 @@ def export(calibkit, runs, out, target, *names, code=0, **options):
     extra = [
         part for key, value in options.items() for part in (f"--{key.replace('_', '-')}", value)
     ]
-    outcome = calibkit(
-        "export", *(names or UNITS[:1]), "--runs", runs, "--target", target, "--out", out, *extra
-    )
+    outcome = calibkit("export", *(names or UNITS[:1]), *extra, runs=runs, target=target, out=out)
     assert outcome.code == code, outcome.err
     return out if code == 0 else outcome
 
@@ -221,14 +219,7 @@ def test_a_chain_that_an_autopilot_cannot_hold_is_refused_with_the_reason(
     from conftest import ROOT
 
     fitted = calibkit(
-        "fit",
-        "gyro_pair",
-        "--data",
-        ROOT / "datasets" / "gyro_pair",
-        "--serial",
-        "P",
-        "--out",
-        tmp_path / "r",
+        "fit", "gyro_pair", data=ROOT / "datasets" / "gyro_pair", serial="P", out=tmp_path / "r"
     )
     assert fitted.code == 0
     outcome = export(calibkit, tmp_path / "r", tmp_path / "o", target, "P", code=4)

@@ -539,14 +539,7 @@ def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
         )
     (tmp_path / "rates.toml").write_text(RATES, encoding="utf-8")
     out = calibkit(
-        "fleet",
-        tmp_path / "rates.toml",
-        "--data",
-        tmp_path / "units",
-        "--out",
-        tmp_path / "r",
-        "--jobs",
-        1,
+        "fleet", tmp_path / "rates.toml", data=tmp_path / "units", out=tmp_path / "r", jobs=1
     )
     assert out.code == 1, out.err
     assert "2 devices: 1 accepted, 1 rejected" in out.out

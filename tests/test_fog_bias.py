@@ -236,14 +236,10 @@ def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit
     outcome = calibkit(
         "fit",
         "fog_thermal",
-        "--data",
-        tmp_path / "d",
-        "--serial",
-        "H",
-        "--out",
-        tmp_path,
-        "--set",
-        "drift.model=lagged",
+        data=tmp_path / "d",
+        serial="H",
+        out=tmp_path,
+        set="drift.model=lagged",
     )
     assert outcome.code in (0, 1), outcome.err
     found, _ = figures(tmp_path / "H/r001")

@@ -154,9 +154,7 @@ def test_validation_improves_withheld_ramps_and_keeps_the_rate(runs, tmp_path, c
     digest is right.
     """
     out = tmp_path / "validation.json"
-    outcome = calibkit(
-        "validate", "S-1", "--runs", runs, "--data", CAMPAIGN / "withheld", "--out", out
-    )
+    outcome = calibkit("validate", "S-1", runs=runs, data=CAMPAIGN / "withheld", out=out)
     assert outcome.code == 0, outcome.err
     document = json.loads(out.read_text(encoding="utf-8"))
     assert [log["name"] for log in document["logs"]] == [
@@ -193,9 +191,7 @@ def test_a_validation_that_misses_its_limit_exits_with_1(fit, tmp_path, calibkit
     fitted = fit("acceptance.max_drift_rms_dph=0.001")
     assert fitted.code == 1
     assert "REJECTED" in fitted.out
-    outcome = calibkit(
-        "validate", "S", "--runs", tmp_path / "runs", "--data", CAMPAIGN / "withheld", "--out", out
-    )
+    outcome = calibkit("validate", "S", runs=tmp_path / "runs", data=CAMPAIGN / "withheld", out=out)
     assert outcome.code == 1
     assert json.loads(out.read_text(encoding="utf-8"))["accepted"] is False
 
@@ -432,9 +428,7 @@ def test_withheld_ramps_never_come_out_above_raw(seed, scale, fit, tmp_path, cal
         (tmp_path / "logs" / name).write_bytes(content)
     logs, runs = tmp_path / "logs", tmp_path / "runs"
     fitted = fit(data=logs, options=["--json"]).json
-    calibkit(
-        "validate", "S", "--runs", runs, "--data", logs / "withheld", "--out", tmp_path / "v.json"
-    )
+    calibkit("validate", "S", runs=runs, data=logs / "withheld", out=tmp_path / "v.json")
     document = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))
     for log in document["logs"]:
         assert log["drift_rms_after"] <= log["drift_rms_before"]

@@ -203,9 +203,7 @@ def test_the_report_and_json_show_the_uncertainty(run, calibkit, campaign, tmp_p
     assert "at rest [°/h]" in report
     path = tmp_path / "mine.toml"
     path.write_text(LAGGED, encoding="utf-8")
-    outcome = calibkit(
-        "fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--json"
-    )
+    outcome = calibkit("fit", path, "--json", data=campaign, serial="F", out=tmp_path / "r")
     assert outcome.json["uncertainty"] == run[0].document["uncertainty"]
 
 
@@ -224,9 +222,7 @@ def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaig
     """
     log, runs = campaign / "withheld/ramp_heating_03.csv", run[1]
     for name, more in (("plain", []), ("more", ["--set", "output.rate_uncertainty=true"])):
-        done = calibkit(
-            "apply", "F", "--runs", runs, "--data", log, "--out", tmp_path / f"{name}.csv", *more
-        )
+        done = calibkit("apply", "F", *more, runs=runs, data=log, out=tmp_path / f"{name}.csv")
         assert done.code == 0
     plain, more = rows_of(tmp_path / "plain.csv"), rows_of(tmp_path / "more.csv")
     assert list(plain[0]) == list(rows_of(log)[0])
@@ -240,28 +236,15 @@ def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaig
 def test_apply_refuses_an_uncertainty_that_nobody_knows(calibkit, campaign, tmp_path):
     """The published scheme has no model error on other rates: exit 2, said in a sentence."""
     assert calibkit(
-        "fit",
-        "fog_thermal",
-        "--data",
-        campaign,
-        "--serial",
-        "F",
-        "--out",
-        tmp_path / "r",
-        "--set",
-        "drift.order=2",
+        "fit", "fog_thermal", data=campaign, serial="F", out=tmp_path / "r", set="drift.order=2"
     ).code in (0, 1)
     done = calibkit(
         "apply",
         "F",
-        "--runs",
-        tmp_path / "r",
-        "--data",
-        campaign / "withheld/ramp_heating_03.csv",
-        "--out",
-        tmp_path / "a.csv",
-        "--set",
-        "output.rate_uncertainty=true",
+        runs=tmp_path / "r",
+        data=campaign / "withheld/ramp_heating_03.csv",
+        out=tmp_path / "a.csv",
+        set="output.rate_uncertainty=true",
     )
     assert done.code == 2
     assert "gradient_rate" in done.err
@@ -275,15 +258,7 @@ def test_a_validation_says_how_many_means_are_as_near_as_stated(run, calibkit, c
     tested.
     """
     done = calibkit(
-        "validate",
-        "F",
-        "--runs",
-        run[1],
-        "--data",
-        campaign / "withheld",
-        "--out",
-        tmp_path / "v.json",
-        "--json",
+        "validate", "F", "--json", runs=run[1], data=campaign / "withheld", out=tmp_path / "v.json"
     )
     assert done.code == 0
     stated = [log["uncertainty"] for log in done.json["logs"]]
@@ -298,27 +273,11 @@ def test_a_limit_on_the_share_within_the_uncertainty_is_held(calibkit, campaign,
     """A limit above what noise allows, 0.9999, fails a validation with exit code 1 and is named."""
     limit = "acceptance.min_share_within_uncertainty=0.9999"
     fitted = calibkit(
-        "fit",
-        "fog_thermal",
-        "--data",
-        campaign,
-        "--serial",
-        "F",
-        "--out",
-        tmp_path / "r",
-        "--set",
-        limit,
+        "fit", "fog_thermal", data=campaign, serial="F", out=tmp_path / "r", set=limit
     )
     assert fitted.code == 0
     done = calibkit(
-        "validate",
-        "F",
-        "--runs",
-        tmp_path / "r",
-        "--data",
-        campaign / "withheld",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "F", runs=tmp_path / "r", data=campaign / "withheld", out=tmp_path / "v.json"
     )
     assert done.code == 1
     assert "within their uncertainty" in done.out
@@ -391,9 +350,7 @@ def test_a_log_s_coverage_is_stated_about_its_mean_and_absolutely(
     found, said = [], []
     for data in (campaign / "withheld", moved):
         out = tmp_path / f"{data.name}.json"
-        done = calibkit(
-            "validate", "F", "--runs", str(folder), "--data", str(data), "--out", str(out)
-        )
+        done = calibkit("validate", "F", runs=str(folder), data=str(data), out=str(out))
         entries = {log["name"]: log["uncertainty"] for log in json.loads(out.read_text())["logs"]}
         found.append(entries[log.name])
         said.append(done.out + done.err)

@@ -643,14 +643,7 @@ gyro_dph = { from = "Drehrate", sign = -1 }
         encoding="utf-8",
     )
     fitted = calibkit(
-        "fit",
-        tmp_path / "r.toml",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "runs",
+        "fit", tmp_path / "r.toml", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
     )
     assert fitted.code == 0, fitted.err
     assert "? 4 logs: decimal = ',' (guessed); pin it in the recipe" in fitted.err

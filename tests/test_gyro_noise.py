@@ -207,13 +207,10 @@ def test_validation_states_the_noise_of_other_records_against_the_limits(calibki
     done = calibkit(
         "validate",
         "G",
-        "--runs",
-        tmp_path / "runs",
-        "--data",
-        tmp_path / "other",
-        "--out",
-        tmp_path / "v.json",
         "--json",
+        runs=tmp_path / "runs",
+        data=tmp_path / "other",
+        out=tmp_path / "v.json",
     )
     assert done.code == 1
     (record,) = done.json["logs"][0]["records"]
@@ -241,14 +238,7 @@ def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
     """Apply of a noise run is refused with exit 2 and a word on what to apply."""
     fitted(calibkit, white[0], tmp_path)
     done = calibkit(
-        "apply",
-        "G",
-        "--runs",
-        tmp_path,
-        "--data",
-        white[0] / "still.csv",
-        "--out",
-        tmp_path / "a.csv",
+        "apply", "G", runs=tmp_path, data=white[0] / "still.csv", out=tmp_path / "a.csv"
     )
     assert (done.code, "nothing to compensate with" in done.err) == (2, True)
 
@@ -483,14 +473,7 @@ def test_an_accelerometer_logged_in_another_unit_is_suspected(
     up = 9.80665 * acceleration["accel_z_g"]
     up[5] = np.nan
     log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_800.0), accel_z_g=up)
-    done = calibkit(
-        "check",
-        "gyro_noise",
-        "--data",
-        tmp_path / "d",
-        "--set",
-        'noise.columns=["accel_z_g"]',
-    )
+    done = calibkit("check", "gyro_noise", data=tmp_path / "d", set='noise.columns=["accel_z_g"]')
     assert 'unit = "m/s^2"' in done.out + done.err
 
 

@@ -17,7 +17,6 @@ from calibkit.instruments.gyro_scale import (
     simulate,
     table_runs,
 )
-from calibkit.report import figures as drawing
 from calibkit.results import comparison, evaluation
 from conftest import AUTHORITIES, ROOT
 from firmware_log import chain_of, correct
@@ -66,17 +65,9 @@ def write(folder, campaign):
 def fit(calibkit, procedure, folder, out, *settings, code=0):
     """Fit a shipped recipe to a folder and return the run."""
     arguments = [part for setting in settings for part in ("--set", setting)]
-    outcome = calibkit(
-        "fit", procedure, "--data", folder, "--serial", "G", "--out", out, *arguments
-    )
+    outcome = calibkit("fit", procedure, *arguments, data=folder, serial="G", out=out)
     assert outcome.code == code, outcome.err
     return store.load(store.find("G", out))
-
-
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave out the figures, which take most of a fit's time; other tests draw them."""
-    monkeypatch.setattr(drawing, "pdf", lambda figures: b"%PDF-")
 
 
 @pytest.fixture(scope="module")
@@ -111,7 +102,6 @@ def figures(found):
     return {figure.name: figure for figure in found.figures}
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"alpha {case['alpha_deg']:g}")
 def test_the_worked_examples_come_out_of_the_shipped_recipe(case, tmp_path, calibkit, log_writer):
     """N, ε, γ and α of noise-free logs to 1e-9 of the published values (of one where they are
@@ -155,7 +145,6 @@ def test_the_simulated_pair_comes_out_within_3_ppm_and_4_standard_uncertainties(
     assert low < truth["alpha_deg"] < high
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "rates",
     [
@@ -180,7 +169,6 @@ def test_one_sided_and_unequal_rates_give_the_same_scale_factors(rates, tmp_path
         )
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_latitude_tells_the_bias_from_the_earths_rate(pair, tmp_path, calibkit):
     """F0 is K times bias and earth's rate to 5 standard uncertainties; positive down turns the
     earth's share over.
@@ -242,7 +230,6 @@ UNITS = {
 }
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("name", UNITS)
 def test_units_and_signs_are_mapped_by_the_recipe(name, tmp_path, calibkit, log_writer):
     """The same table in °/h, rad/s, clockwise, or counts per half-second sample gives the same K to
@@ -298,9 +285,7 @@ def test_validation_holds_unseen_runs_against_the_frozen_scale_factor(runs, tmp_
     """
     root, truth = runs
     out = tmp_path / "v.json"
-    outcome = calibkit(
-        "validate", "G", "--runs", root / "runs", "--data", root / "unseen", "--out", out
-    )
+    outcome = calibkit("validate", "G", runs=root / "runs", data=root / "unseen", out=out)
     assert outcome.code == 0, outcome.err
     logs = {
         log["name"]: log["gyros"][0] for log in json.loads(out.read_text(encoding="utf-8"))["logs"]
@@ -316,7 +301,6 @@ def test_validation_holds_unseen_runs_against_the_frozen_scale_factor(runs, tmp_
     assert calibkit("verify", out).code == 0
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_limit_that_fails_gives_exit_code_1(runs, tmp_path, calibkit):
     """A hundredth of a ppm of nonlinearity is not reached, in the fit nor on the unseen runs."""
     root, _ = runs
@@ -324,14 +308,7 @@ def test_a_limit_that_fails_gives_exit_code_1(runs, tmp_path, calibkit):
     run = fit(calibkit, "rate_table", root / "logs", tmp_path / "runs", *limits, code=1)
     assert [entry["passed"] for entry in run.document["acceptance"]] == [False, True]
     outcome = calibkit(
-        "validate",
-        "G",
-        "--runs",
-        tmp_path / "runs",
-        "--data",
-        root / "unseen",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "G", runs=tmp_path / "runs", data=root / "unseen", out=tmp_path / "v.json"
     )
     assert outcome.code == 1
     verdict = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["acceptance"]
@@ -354,9 +331,7 @@ def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
     again = simulate.pair(1, noise_lsb=5.0)
     write(tmp_path / "again", again)
     out = tmp_path / "v.json"
-    outcome = calibkit(
-        "validate", "G", "--runs", root / "runs", "--data", tmp_path / "again", "--out", out
-    )
+    outcome = calibkit("validate", "G", runs=root / "runs", data=tmp_path / "again", out=out)
     assert outcome.code == 0, outcome.err
     document = json.loads(out.read_text(encoding="utf-8"))
     assert [entry["name"] for entry in document["pair"]] == ["N", "epsilon", "gamma", "alpha_deg"]
@@ -365,7 +340,6 @@ def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
         assert entry["found"] == pytest.approx(truth[entry["name"]], abs=1e-4)
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("limit_ppm", "code"), [(1000.0, 0), (1e-4, 1)])
 def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     pair, tmp_path, calibkit, limit_ppm, code
@@ -388,7 +362,6 @@ def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     assert undecided == (code == 0)
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("stated", [False, True], ids=["unknown", "stated"])
 def test_certificates_and_comparisons_decide_no_limit_on_scale_factors_of_these_runs(
     pair, tmp_path, calibkit, stated
@@ -454,7 +427,6 @@ def test_another_pair_is_rejected_by_its_ratios(
     assert passed == {"N": ratio != "N", "gamma": ratio != "gamma"}
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_what_is_known_of_the_table_is_in_the_uncertainty_of_k(runs, tmp_path, calibkit):
     """A run 50 ppm off is rejected, and accepted where the table's rate is known to 100 ppm."""
     root, _ = runs
@@ -514,23 +486,17 @@ def test_inertial_compensation_leaves_the_earths_rate_in(pair, tmp_path, calibki
     log = root / "logs" / "table_axis_a.csv"
     results = []
     for name, extra in (("lab.csv", ()), ("inertial.csv", ("--set", "compensation=inertial"))):
-        calibkit(
-            "apply", "G", "--runs", root / "runs", "--data", log, "--out", tmp_path / name, *extra
-        )
+        calibkit("apply", "G", *extra, runs=root / "runs", data=log, out=tmp_path / name)
         results.append(np.genfromtxt(tmp_path / name, delimiter=",", names=True))
     for column in ("gyro_a_dps", "gyro_b_dps"):
         assert results[1][column] - results[0][column] == pytest.approx(VERTICAL_DPS, rel=1e-6)
     refused = calibkit(
         "fit",
         "gyro_pair",
-        "--data",
-        root / "logs",
-        "--serial",
-        "X",
-        "--out",
-        tmp_path,
-        "--set",
-        "compensation=inertial",
+        data=root / "logs",
+        serial="X",
+        out=tmp_path,
+        set="compensation=inertial",
     )
     assert refused.code == 2
     assert "latitude_deg" in refused.err
@@ -544,9 +510,7 @@ def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
     """
     root, _ = runs
     hot = log_writer(tmp_path / "hot.csv", temp_case_degc=[90.0, 25.0], gyro_x_lsb=[1e4, 2e4])
-    outcome = calibkit(
-        "apply", "G", "--runs", root / "runs", "--data", hot, "--out", tmp_path / "o.csv"
-    )
+    outcome = calibkit("apply", "G", runs=root / "runs", data=hot, out=tmp_path / "o.csv")
     assert outcome.code == 0, outcome.err
     assert "over 50.0 % of the rows, clamped" in outcome.err
     curves = [
@@ -562,18 +526,13 @@ def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
         0
     ] == pytest.approx((1e4 - F0) / K, rel=1e-9)
     bare = log_writer(tmp_path / "bare.csv", time_s=[0.0, 1.0], gyro_x_lsb=[1e4, 2e4])
-    outcome = calibkit(
-        "apply", "G", "--runs", root / "runs", "--data", bare, "--out", tmp_path / "p.csv"
-    )
+    outcome = calibkit("apply", "G", runs=root / "runs", data=bare, out=tmp_path / "p.csv")
     assert (outcome.code, "column 'temp_case_degc' is missing" in outcome.err) == (3, True)
     other = log_writer(tmp_path / "other.csv", time_s=[0.0, 1.0], gyro_q_lsb=[1e4, 2e4])
-    outcome = calibkit(
-        "apply", "G", "--runs", root / "runs", "--data", other, "--out", tmp_path / "q.csv"
-    )
+    outcome = calibkit("apply", "G", runs=root / "runs", data=other, out=tmp_path / "q.csv")
     assert (outcome.code, "column 'gyro_x_lsb' is missing" in outcome.err) == (3, True)
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit, log_writer):
     """A scale factor 50 ppm off what was frozen: its rate errors are small for many a recipe,
     and far beyond their uncertainty, which needs no limit of the recipe.
@@ -594,7 +553,6 @@ def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit,
     assert judged["value"] > 2.0 * judged["limit"]
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calibkit, log_writer):
     """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
     is 1 °/s off, far beyond the noise, and rejected; firmware refuses the response by name.
@@ -641,7 +599,6 @@ def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calib
     assert errors["line"] > 1.0
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
     """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
     case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}
@@ -668,7 +625,6 @@ def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, lo
     assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, calibkit, log_writer):
     """±0.1 °/s under 300 counts noise: K is known to some percent only and the run says so; at 100
     °/s it says nothing.
@@ -802,14 +758,7 @@ def test_an_unusable_log_is_refused_by_check_and_fit(name, tmp_path, calibkit, l
     make, fragments = BAD[name]
     log_writer(tmp_path / "logs" / "run.csv", **make())
     fitted = calibkit(
-        "fit",
-        "rate_table",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "runs",
+        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
     )
     assert fitted.code == 3, fitted.err
     assert len(fitted.err.strip().splitlines()) == 1
@@ -832,14 +781,7 @@ def test_text_in_a_number_is_refused(tmp_path, calibkit, log_writer, word, named
     lines = path.read_text(encoding="utf-8").splitlines()
     path.write_text("\n".join([*lines[:5], f"4.0,1.0,{word}", *lines[6:]]) + "\n", encoding="utf-8")
     outcome = calibkit(
-        "fit",
-        "rate_table",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "runs",
+        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
     )
     assert outcome.code == 3
     assert f"run.csv:6: column 'gyro_x_lsb': {named}" in outcome.err
@@ -868,16 +810,7 @@ def test_what_cannot_be_shown_or_meant_is_refused(
     """
     log_writer(tmp_path / "logs" / "run.csv", **healthy())
     outcome = calibkit(
-        "fit",
-        "rate_table",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "r",
-        "--set",
-        setting,
+        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "r", set=setting
     )
     assert outcome.code == code, outcome.err
     assert fragment in outcome.err

@@ -12,7 +12,6 @@ from calibkit.certificate import conformity
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import gyro_triad, simulate
 from calibkit.recipe import type_b
-from calibkit.report import figures as drawing
 from calibkit.results import comparison, evaluation
 
 LATITUDE = "site.latitude_deg=34.2"
@@ -60,18 +59,10 @@ def exact(
     return folder
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Leave out the figures, which take most of a fit's time."""
-    monkeypatch.setattr(drawing, "pdf", lambda figures: b"%PDF-")
-
-
 def fit(calibkit, folder, out, *settings, code=0):
     """Fit the shipped recipe and return the run."""
     arguments = [part for setting in settings for part in ("--set", setting)]
-    outcome = calibkit(
-        "fit", "gyro_triad", "--data", folder, "--serial", "G", "--out", out, *arguments
-    )
+    outcome = calibkit("fit", "gyro_triad", *arguments, data=folder, serial="G", out=out)
     assert outcome.code == code, outcome.err
     return store.load(store.find("G", out)) if code in {0, 1} else outcome
 
@@ -153,14 +144,7 @@ def test_unseen_runs_at_an_unseen_temperature_come_out_right(calibkit, campaign,
     uncompensated 1000.
     """
     outcome = calibkit(
-        "validate",
-        "G",
-        "--runs",
-        fitted,
-        "--data",
-        campaign[0] / "withheld",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "G", runs=fitted, data=campaign[0] / "withheld", out=tmp_path / "v.json"
     )
     assert outcome.code == 0, outcome.err
     for log in json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"]:
@@ -188,7 +172,6 @@ def test_a_compensated_log_holds_the_rates_about_the_base(calibkit, campaign, fi
     assert np.mean(table["rate_z_dps"][still]) == pytest.approx(0.0, abs=1e-3)
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_writer):
     """Without noise: sensitivities to 1e-9, biases to 1e-6 counts/s, rates about the base to 1e-8
     °/s.
@@ -208,7 +191,6 @@ def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_wr
     assert np.max(np.abs(table["rate_x_dps"])) < 1e-8
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
     """Their angle is that of the vectors; `apply` is refused because two gyros do not sense three
     axes.
@@ -220,15 +202,12 @@ def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
     figures = {f.name: f.value for f in run.records["gyro_orthogonality.json"].figures}
     assert figures["angle_deg.a_b"] == pytest.approx(np.degrees(np.arccos(a @ b)), abs=1e-8)
     log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit(
-        "apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv"
-    )
+    outcome = calibkit("apply", "G", runs=tmp_path / "runs", data=log, out=tmp_path / "o.csv")
     assert outcome.code == 4
     assert "do not sense three axes" in outcome.err
     assert not (tmp_path / "o.csv").exists()
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
     """Angles need no latitude; the bias does, and `apply` says so."""
     (tmp_path / "logs").mkdir()
@@ -236,14 +215,11 @@ def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
     run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert any("latitude is not known" in flag for flag in run.records["gyro_scale.json"].flags)
     log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit(
-        "apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv"
-    )
+    outcome = calibkit("apply", "G", runs=tmp_path / "runs", data=log, out=tmp_path / "o.csv")
     assert outcome.code == 4
     assert "fit with [site] latitude_deg" in outcome.err
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path, log_writer):
     """Two runs about each axis that differ by 40 ppm: the mean, with the scatter of the mean for
     its uncertainty, one degree of freedom of each gyro, and no word of what the runs leave open.
@@ -268,7 +244,6 @@ def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path
     assert not any("within these runs" in flag for flag in run.records["gyro_scale.json"].flags)
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_scale_factors_over_temperature_need_no_latitude(calibkit, campaign, tmp_path):
     """Without a latitude the biases are not known, and K(T) is: results hold from −40 to 60 °C."""
     found = evaluation.RunResults.read(fit(calibkit, campaign[0], tmp_path / "runs"))
@@ -279,7 +254,6 @@ def test_scale_factors_over_temperature_need_no_latitude(calibkit, campaign, tmp
         assert degc.high > 59.0
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_limits_on_angles_reject_a_base(calibkit, tmp_path, log_writer):
     """Axes 1.6° from orthogonal fail a limit of 1°: exit 1, and the run says by how much."""
     (tmp_path / "logs").mkdir()
@@ -307,23 +281,13 @@ def test_logs_that_are_not_of_three_axes_are_refused_by_name(
     (tmp_path / "logs").mkdir()
     exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
     outcome = calibkit(
-        "fit",
-        "gyro_triad",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "G",
-        "--out",
-        tmp_path / "r",
-        "--set",
-        setting,
+        "fit", "gyro_triad", data=tmp_path / "logs", serial="G", out=tmp_path / "r", set=setting
     )
     assert outcome.code in {2, 3}
     assert named in outcome.err
     assert not (tmp_path / "r").exists()
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path, log_writer):
     """About x and about y under each other's names: gyro x senses axis y most; in `validate` the
     rate is not the table's.
@@ -346,14 +310,7 @@ def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path,
     assert "gyro x senses table axis y most" in outcome.err
     fit(calibkit, tmp_path / "good", tmp_path / "runs", LATITUDE)
     outcome = calibkit(
-        "validate",
-        "G",
-        "--runs",
-        tmp_path / "runs",
-        "--data",
-        tmp_path / "new",
-        "--out",
-        tmp_path / "v.json",
+        "validate", "G", runs=tmp_path / "runs", data=tmp_path / "new", out=tmp_path / "v.json"
     )
     assert outcome.code == 3
     assert "the rate about x comes out" in outcome.err
@@ -394,7 +351,6 @@ MOUNTING = 'errors.component=[{group="mounting",effect="angle",value=0.003,unit=
 FIXTURE = type_b.TypeB(name="table axes", quantity="angle_deg", unit="deg", half_width=0.003)
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("by", ["nothing", "recipe", "profile"])
 def test_no_limit_on_an_angle_is_decided_while_its_mounting_is_not_stated(calibkit, tmp_path, by):
     """Limits on angles, unit vectors and rates across accept nothing, a specification gets no

@@ -56,17 +56,7 @@ def written(folder, frame):
 def scale(calibkit, data, out, *extra):
     """Fit a folder and return the record of s(T)."""
     outcome = calibkit(
-        "fit",
-        "inclinometer",
-        "--data",
-        data,
-        "--serial",
-        "I",
-        "--out",
-        out,
-        "--date",
-        "2026-11-21",
-        *extra,
+        "fit", "inclinometer", *extra, data=data, serial="I", out=out, date="2026-11-21"
     )
     assert outcome.code == 0, outcome.err
     return store.load(out / "I" / "r001").records["inclinometer_scale.json"]
@@ -110,7 +100,7 @@ def test_apply_turns_no_angle_into_a_turning_tool(rows, tmp_path, calibkit):
     scale(calibkit, data, tmp_path / "runs")
     out = tmp_path / "out.csv"
     outcome = calibkit(
-        "apply", tmp_path / "runs" / "I" / "r001", "--data", data / "stations.csv", "--out", out
+        "apply", tmp_path / "runs" / "I" / "r001", data=data / "stations.csv", out=out
     )
     assert outcome.code == 0, outcome.err
     found = pd.read_csv(out)
@@ -155,9 +145,7 @@ def test_dwells_of_two_attitudes_are_no_station(rows, tmp_path, calibkit):
     data = written(
         tmp_path / "d", continuous(rows.iloc[:24], 3, moved=True).drop(columns="station")
     )
-    outcome = calibkit(
-        "fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "runs"
-    )
+    outcome = calibkit("fit", "inclinometer", data=data, serial="I", out=tmp_path / "runs")
     assert outcome.code == 3
     assert "moved between these dwells" in outcome.err
     assert not (tmp_path / "runs").exists()
@@ -176,9 +164,7 @@ def test_a_sequence_of_any_positions_needs_station_numbers(rows, tmp_path, calib
     """With least squares nothing but a column tells where a station ends."""
     data = written(tmp_path / "d", continuous(rows.iloc[:24], 1).drop(columns="station"))
     settings = ("--set", "stations.method=least_squares")
-    outcome = calibkit(
-        "fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "r", *settings
-    )
+    outcome = calibkit("fit", "inclinometer", *settings, data=data, serial="I", out=tmp_path / "r")
     assert outcome.code == 3
     assert "column 'station' is missing" in outcome.err
 

@@ -99,9 +99,7 @@ def command(calibkit, tmp_path):
 
         def validate(self, data, name="validation.json", runs="runs"):
             out = tmp_path / name
-            outcome = calibkit(
-                "validate", "I", "--runs", tmp_path / runs, "--data", data, "--out", out
-            )
+            outcome = calibkit("validate", "I", runs=tmp_path / runs, data=data, out=out)
             return outcome, (json.loads(out.read_text(encoding="utf-8")) if out.is_file() else None)
 
         def check(self, data, *settings):
@@ -668,16 +666,7 @@ def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, comman
     assert command.check(data).code == 0
     for runs in ("a", "b"):
         outcome = calibkit(
-            "fit",
-            "inclinometer",
-            "--data",
-            data,
-            "--serial",
-            "I",
-            "--out",
-            tmp_path / runs,
-            "--date",
-            "2026-11-21",
+            "fit", "inclinometer", data=data, serial="I", out=tmp_path / runs, date="2026-11-21"
         )
         assert outcome.code == 0, outcome.err
         report = (tmp_path / runs / "I" / "r001" / "report.txt").read_text(encoding="utf-8")

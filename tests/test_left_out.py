@@ -17,8 +17,8 @@ from calibkit.certificate import circumstances, content, profile, run_files, she
 from calibkit.errors import CoefficientError
 from calibkit.left_out import LeftOut
 from conftest import ROOT
-from sample_runs import sample_run
-from test_certificate_layouts import fitted
+from sample_runs import fitted, sample_run
+from written_logs import sample_logs
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-run-2.schema.json").read_text())
 ISSUED = dt.date(2026, 11, 21)
@@ -115,30 +115,6 @@ QUICK = {
     "thermal": {"thermal": {"channels": ["gyro_x_dph"], "model": "level"}},
 }
 """Recipes of every procedure, and tables that make their fits quick."""
-LOGS = {
-    "fog_thermal": "ramp_*_[01][08].csv",
-    "gyro_triad": "about_*_25.csv",
-    "rate_table": "*m_*.csv",
-}
-"""Sample logs that are enough for a fit, where it needs less than all."""
-
-
-def sample_logs(name):
-    """Frames of a procedure's sample logs; of `bias_temperature` two simulated warm-ups."""
-    if name != "bias_temperature":
-        paths = sorted((ROOT / "datasets" / name).glob(LOGS.get(name, "*.csv")))
-        return {path.name: pd.read_csv(path) for path in paths}
-    rng, degc = np.random.default_rng(33), 60.0 - 40.0 * np.exp(-np.arange(300.0) / 90.0)
-    turn_on = {"cold.csv": 0.3, "warm.csv": -0.3}
-    return {
-        file: pd.DataFrame(
-            {
-                "temp_case_degc": degc,
-                "gyro_dph": bias + 0.02 * degc + rng.normal(0.0, 0.05, degc.size),
-            }
-        )
-        for file, bias in turn_on.items()
-    }
 
 
 @pytest.mark.parametrize("name", QUICK)

@@ -57,9 +57,7 @@ def test_a_cell_at_the_end_of_the_sheet_is_refused_in_one_line(tmp_path, calibki
     """One cell in XFD1048576 made the parser ask for 550 GB and end the process."""
     path = workbook(tmp_path / "log.xlsx", zip(ROWS, ROWS, strict=True), "XFD1048576")
     assert "that its parser broke on, or that need more than" in refused(path)
-    outcome = calibkit(
-        "fit", "bias_temperature", "--data", tmp_path, "--serial", "S", "--set", 'logs.files=["*"]'
-    )
+    outcome = calibkit("fit", "bias_temperature", data=tmp_path, serial="S", set='logs.files=["*"]')
     assert (outcome.code, outcome.err.count("\n")) == (3, 1)
 
 

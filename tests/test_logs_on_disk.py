@@ -132,9 +132,7 @@ def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_p
     lines[3000], lines[3001] = lines[3001], lines[3000]
     (tmp_path / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
     before = set(Path(tempfile.gettempdir()).glob("calibkit-*"))
-    outcome = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs"
-    )
+    outcome = calibkit("fit", "fog_thermal", data=tmp_path, serial="S", out=tmp_path / "runs")
     assert outcome.code != 0
     assert f"{FILE}:3002: column 'time_s': time runs backwards" in outcome.err
     assert set(Path(tempfile.gettempdir()).glob("calibkit-*")) == before

@@ -13,7 +13,7 @@ import calibkit
 from calibkit.check import magnitude, thermometers
 from calibkit.frame import Log
 from conftest import ROOT
-from test_left_out import sample_logs
+from written_logs import sample_logs
 
 CASE = "temp_case_degc"
 

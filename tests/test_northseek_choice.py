@@ -21,7 +21,7 @@ from calibkit.instruments.inclinometer.forms import ScaleModel
 from calibkit.instruments.inclinometer.published import NO_NOISE
 from calibkit.instruments.inclinometer.recipe import HistorySpec, LimitSpec
 from conftest import AUTHORITIES, slow_after
-from test_northseek import closed, components_of, forward, vector_components, wrapped
+from stations import closed, components_of, forward, vector_components, wrapped
 
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
 NOISE = np.diag([2e-5, 2e-5, 0.01, 0.01]) ** 2 / 2.0

@@ -12,7 +12,7 @@ from calibkit.instruments.inclinometer import (
     root_choice,
     stations,
 )
-from test_northseek import forward, wrapped
+from stations import forward, wrapped
 
 UNIT = published.Noise(1.0, 1.0, 0)
 """Noise of readings whose covariance is that of the fit alone."""

@@ -130,9 +130,7 @@ def test_a_compensated_bias_is_the_same_from_disk(
     """
     warm_up(tmp_path / "logs", log_writer, 1, rows=2000)
     warm_up(tmp_path / "longer", log_writer, 2)
-    calibkit(
-        "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path
-    )
+    calibkit("fit", "bias_temperature", data=tmp_path / "logs", serial="S", out=tmp_path)
     log = tmp_path / "longer" / "warmup_2.csv"
     whole = applied(tmp_path / "S" / "r001", log)
     assert whole[0] == whole[1]
@@ -146,9 +144,7 @@ def test_line_ends_and_a_mark_are_written_as_before(applied, calibkit, log_write
     without a last line end.
     """
     warm_up(tmp_path / "logs", log_writer, 1, rows=500)
-    calibkit(
-        "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path
-    )
+    calibkit("fit", "bias_temperature", data=tmp_path / "logs", serial="S", out=tmp_path)
     text = (tmp_path / "logs" / "warmup_1.csv").read_bytes()
     written = []
     for data in (text, b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"), text[:-1]):
@@ -172,9 +168,7 @@ def test_a_log_that_grows_while_it_is_compensated_is_refused(
 ):
     """A row that comes between two readings of a log is an error, and nothing is written."""
     warm_up(tmp_path / "logs", log_writer, 1, rows=500)
-    calibkit(
-        "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path
-    )
+    calibkit("fit", "bias_temperature", data=tmp_path / "logs", serial="S", out=tmp_path)
     log = tmp_path / "logs" / "warmup_1.csv"
     scanned = clean.scan_file
 
@@ -186,9 +180,7 @@ def test_a_log_that_grows_while_it_is_compensated_is_refused(
 
     monkeypatch.setattr(clean, "scan_file", then_grows)
     (tmp_path / "out").mkdir()
-    outcome = calibkit(
-        "apply", tmp_path / "S" / "r001", "--data", log, "--out", tmp_path / "out" / "o.csv"
-    )
+    outcome = calibkit("apply", tmp_path / "S" / "r001", data=log, out=tmp_path / "out" / "o.csv")
     assert outcome.code == 3
     assert "it changed while it was read" in outcome.err
     assert list((tmp_path / "out").iterdir()) == []

@@ -10,7 +10,7 @@ import pytest
 
 from conftest import ROOT
 from firmware_runs import cached
-from test_screens import still
+from written_logs import still
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="closes descriptors in a shell")
 

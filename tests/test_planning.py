@@ -1,6 +1,5 @@
 """Information of a planned campaign, the search for designs, and the files of a plan."""
 
-import importlib.util
 import itertools
 import json
 import shutil
@@ -31,7 +30,7 @@ from calibkit.planning.bench import Design, Predicted, Task
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import choose, find_front, parse_wishes
-from conftest import ROOT
+from conftest import ROOT, load_script
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
 LOW_ORDERS = (
@@ -49,10 +48,7 @@ def quadratic(levels):
 
 def load_benchmark(name):
     """Module of a benchmark."""
-    spec = importlib.util.spec_from_file_location(name, ROOT / "benchmarks" / f"{name}.py")
-    benchmark = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(benchmark)
-    return benchmark
+    return load_script(ROOT / "benchmarks" / f"{name}.py")
 
 
 def judge(folder, campaigns, run):

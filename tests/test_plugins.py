@@ -26,7 +26,7 @@ from calibkit.ingest import logs as ingest
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
 from conftest import ROOT
-from test_docs import validators
+from pages import validators
 
 FILE = re.compile(r"# ([\w./-]+\.(?:toml|py))\n")
 """First line of a block that is a file."""

@@ -11,7 +11,7 @@ import sys
 import pytest
 
 from conftest import ROOT
-from test_screens import still
+from written_logs import still
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
 

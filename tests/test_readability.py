@@ -1,12 +1,10 @@
 """The benchmark of readability counts what it says it counts."""
 
-import importlib.util
 import json
-import sys
 
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, load_script
 
 CORE = '''"""A core."""
 
@@ -21,13 +19,7 @@ def level(rows):
 @pytest.fixture(scope="module")
 def benchmark():
     """Return the benchmark's command."""
-    path = ROOT / "benchmarks" / "readability.py"
-    spec = importlib.util.spec_from_file_location("readability", path)
-    command = importlib.util.module_from_spec(spec)
-    sys.modules["readability"] = command
-    spec.loader.exec_module(command)
-    yield command
-    del sys.modules["readability"]
+    return load_script(ROOT / "benchmarks" / "readability.py")
 
 
 def test_a_small_tree_is_counted_and_drawn_from(benchmark, tmp_path, capsys):

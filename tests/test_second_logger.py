@@ -92,14 +92,7 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
     write(tmp_path / "logs", columns, log_writer)
     (tmp_path / "r.toml").write_text(text(ESTIMATE), encoding="utf-8")
     made = calibkit(
-        "fit",
-        tmp_path / "r.toml",
-        "--data",
-        tmp_path / "logs",
-        "--serial",
-        "S",
-        "--out",
-        tmp_path / "runs",
+        "fit", tmp_path / "r.toml", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
     )
     assert made.code in (0, 1), made.err
     document = json.loads(

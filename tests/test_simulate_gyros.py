@@ -9,7 +9,7 @@ import pytest
 
 from calibkit.instruments.gyro_scale import simulate as gyros
 from calibkit.instruments.inclinometer import simulate
-from test_northseek import forward
+from stations import forward
 
 
 def test_logs_have_the_columns_of_the_contract():

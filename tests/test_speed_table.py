@@ -3,7 +3,6 @@ page is what was measured.
 """
 
 import importlib
-import importlib.util
 import json
 import os
 import subprocess
@@ -12,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 
-from conftest import ROOT
+from conftest import ROOT, load_script
 
 BENCHMARKS = ROOT / "benchmarks"
 
@@ -102,7 +101,7 @@ def test_a_missed_target_or_a_wrong_number_fails_the_run():
     """At the target's rows the median counts; digits count at all rows; other rows have no
     target.
     """
-    run = _module("run")
+    run = load_script(BENCHMARKS / "run.py")
     from speed.goals import Goal, Line
     from speed.pairs import Spread
 
@@ -118,11 +117,3 @@ def test_a_missed_target_or_a_wrong_number_fails_the_run():
     assert run.missed(faster, [line(100, 9.0, 8.0), line(1000, 5.1, 12.0)])
     assert not run.missed(slower, [line(1000, 1.4, 12.0)])
     assert run.missed(slower, [line(1000, 1.6, 12.0)])
-
-
-def _module(name):
-    """A script as a module."""
-    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module

@@ -213,13 +213,10 @@ def fit(tmp_path, calibkit):
         return calibkit(
             "fit",
             tmp_path / "recipe.toml",
-            "--data",
-            tmp_path / "logs",
-            "--serial",
-            "I-1",
-            "--out",
-            tmp_path / "runs",
             *more,
+            data=tmp_path / "logs",
+            serial="I-1",
+            out=tmp_path / "runs",
         )
 
     return run
@@ -345,12 +342,7 @@ def test_a_channel_that_does_not_drift_needs_no_term(tmp_path, fit, calibkit):
     out = tmp_path / "out.csv"
     assert (
         calibkit(
-            "apply",
-            tmp_path / "runs" / "I-1" / "r001",
-            "--data",
-            tmp_path / "logs" / "a.csv",
-            "--out",
-            out,
+            "apply", tmp_path / "runs" / "I-1" / "r001", data=tmp_path / "logs" / "a.csv", out=out
         ).code
         == 0
     )
@@ -422,7 +414,7 @@ def test_validate_compares_errors_with_their_uncertainty(tmp_path, fit, calibkit
         )
         out = tmp_path / f"{name}.json"
         done = calibkit(
-            "validate", tmp_path / "runs" / "I-1" / "r001", "--data", tmp_path / name, "--out", out
+            "validate", tmp_path / "runs" / "I-1" / "r001", data=tmp_path / name, out=out
         )
         assert done.code == code, done.out + done.err
         (entry,) = json.loads(out.read_text())["logs"]
@@ -438,7 +430,7 @@ def test_firmware_follows_every_channel(tmp_path, calibkit):
     (tmp_path / "c" / "sweep.csv").rename(tmp_path / "logs" / "sweep.csv")
     run = tmp_path / "runs" / "I-1" / "r001"
     outcome = calibkit(
-        "fit", "thermal", "--data", tmp_path / "logs", "--serial", "I-1", "--out", tmp_path / "runs"
+        "fit", "thermal", data=tmp_path / "logs", serial="I-1", out=tmp_path / "runs"
     )
     assert outcome.code == 0, outcome.err
     data = ("--data", tmp_path / "logs" / "sweep.csv")

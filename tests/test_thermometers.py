@@ -90,9 +90,7 @@ def test_a_campaign_with_exchanged_columns_is_refused_log_by_log(ramps, tmp_path
     outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
     assert outcome.code == 3
     assert outcome.out.count("are swapped") == len(ramps)
-    fitted = calibkit(
-        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs"
-    )
+    fitted = calibkit("fit", "fog_thermal", data=data, serial="S", out=tmp_path / "runs")
     assert fitted.code == 3
     assert "temp_case_degc and temp_env_degc are swapped" in fitted.err
 
@@ -175,7 +173,7 @@ def test_swapped_columns_are_told_without_a_soak_after_the_ramp(ramps, tmp_path,
     begun = int(np.flatnonzero(air > air[0] + 2.0)[0])
     part = {column: rows[begun - 80 : begun + 150] for column, rows in ramps[name].items()}
     outcome = calibkit(
-        "check", "fog_thermal", "--data", logs({name: part}, tmp_path / "logs", exchanged)
+        "check", "fog_thermal", data=logs({name: part}, tmp_path / "logs", exchanged)
     )
     assert outcome.code == 3
     assert "the case gains" in outcome.out
@@ -195,9 +193,7 @@ def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, c
         in calibkit("check", "fog_thermal", "--data", data).out
     )
     quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    fitted = calibkit(
-        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs", *quick
-    )
+    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path / "runs")
     assert "all temperatures look like °F" in " ".join(fitted.out.split())
     unnamed = dict(zip(("a.csv", "b.csv", "c.csv"), some.values(), strict=True))
     data = logs(unnamed, tmp_path / "unnamed", fahrenheit)
@@ -234,12 +230,7 @@ def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_p
     ):
         data = logs({name: ramps[name]}, tmp_path / f"{said}{change.__name__}", change)
         outcome = calibkit(
-            "check",
-            "fog_thermal",
-            "--data",
-            data,
-            "--set",
-            f"drift.rates_degc_min.ramp_heating_10={said}",
+            "check", "fog_thermal", data=data, set=f"drift.rates_degc_min.ramp_heating_10={said}"
         )
         assert ("the recipe says" in outcome.out) == bool(words)
         assert words in outcome.out
@@ -256,9 +247,7 @@ def test_a_clock_in_minutes_is_not_told_as_swapped_columns(ramps, tmp_path, cali
         outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
         assert "swapped" not in outcome.out
         assert outcome.out.count(f'[columns.time_s] unit = "{unit}"') >= len(ramps)
-        fitted = calibkit(
-            "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs"
-        )
+        fitted = calibkit("fit", "fog_thermal", data=data, serial="S", out=tmp_path / "runs")
         assert fitted.code == 3
         assert f'[columns.time_s] unit = "{unit}"' in fitted.err
 
@@ -370,9 +359,7 @@ def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
     outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
     assert outcome.code == 3
     quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    fitted = calibkit(
-        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs", *quick
-    )
+    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path / "runs")
     assert fitted.code == 3
     for name in sorted(mixed)[1::2]:
         assert f"{name}: column 'temp_case_degc'" in fitted.err
@@ -390,9 +377,7 @@ def test_a_thermometer_late_in_one_ramp_is_told_beside_the_ramp_alike(ramps, tmp
     data = logs(some | {late: some[late] | {"temp_case_degc": case}}, tmp_path / "late", dict)
     told = r"ramp_cooling_05.csv: column 'temp_case_degc': it follows the air 2.[5-9] °C later"
     checked = calibkit("check", "fog_thermal", "--data", data, "--details")
-    fitted = calibkit(
-        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path, *quick
-    )
+    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path)
     for outcome in (checked, fitted):
         assert re.search(told.replace(" ", r"\s+"), outcome.out), outcome.out
     sound = calibkit("check", "fog_thermal", "--data", logs(some, tmp_path / "sound", dict))

@@ -79,9 +79,7 @@ def test_a_run_of_the_second_format_is_read(calibkit):
 
 def test_a_plan_of_the_first_format_still_gives_logs(tmp_path, calibkit):
     """A campaign is simulated by a plan that was kept, action for action of its schedule."""
-    outcome = calibkit(
-        "simulate", "--plan", GOLDEN / "plan-1", "--seed", "1", "--out", tmp_path / "logs"
-    )
+    outcome = calibkit("simulate", plan=GOLDEN / "plan-1", seed="1", out=tmp_path / "logs")
     assert outcome.code == 0, outcome.err
     assert len(list((tmp_path / "logs").glob("*.csv"))) == 5
 
@@ -262,9 +260,7 @@ def test_a_sealed_runs_names_that_no_fit_writes_are_not_exported(
     """The name of a model becomes names in C, that of a coefficient says which it is."""
     forge(golden / "inclinometer_scale.json", lambda document: change(document["models"][0]))
     reseal(golden)
-    outcome = calibkit(
-        "export", golden, "--target", "c", "--prefix", "cal", "--out", tmp_path / "c"
-    )
+    outcome = calibkit("export", golden, target="c", prefix="cal", out=tmp_path / "c")
     assert (outcome.code, outcome.err.count("\n")) == (4, 1), outcome
     assert not (tmp_path / "c").exists()
 

@@ -457,13 +457,10 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
     code = called(
         "certify",
         run.folder,
-        "--out",
-        out,
-        "--profile",
-        path,
-        "--date",
-        ISSUED,
         *(w for o in overrides for w in ("--set", o)),
+        out=out,
+        profile=path,
+        date=ISSUED,
     )
     assert code == 0
     found = verify.verify(out, instruments.certificate_layout)

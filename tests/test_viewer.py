@@ -19,9 +19,7 @@ from calibkit.errors import CoefficientError, UsageError
 from calibkit.viewer import index
 from calibkit.viewer.server import RunPages, Server, _NotFoundError
 from conftest import ROOT
-from kept import keep, model
-from test_compare import LIMITED, rate_table
-from test_evaluate import RECIPES
+from kept import LIMITED, RECIPES, keep, model, rate_table
 
 needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
 
