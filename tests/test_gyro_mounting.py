@@ -124,6 +124,7 @@ def test_stated_temperature_coefficients_bring_the_runs_to_one_temperature():
     assert not any("apart" in flag for flag in flags)
 
 
+@pytest.mark.slow
 def test_axes_off_the_table_axis_are_in_the_uncertainty_of_the_angle():
     """Each gyro's axis 0.05° off the table axis: γ and α cover the angle between the gyros, and the
     component of mounting is stated; known to 0.05° / √2 beforehand, the interval is a third.

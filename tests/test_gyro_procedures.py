@@ -198,25 +198,6 @@ def test_the_latitude_tells_the_bias_from_the_earths_rate(pair, tmp_path, calibk
     assert without.conditions == ()
 
 
-def test_figures_are_labelled_with_their_standard(pair):
-    """GJB's K and IEEE's arc-seconds per pulse are reciprocal; nonlinearity and asymmetry stand in
-    both terms.
-    """
-    found = figures(record(pair[0], "gyro_scale"))
-    K = found["scale_factor.GJB 2426A.a_about_a"]
-    pulse = found["scale_factor.IEEE Std 952.a_about_a"]
-    assert (K.unit, pulse.unit) == ("1/deg", "arcsec")
-    assert K.value * pulse.value == pytest.approx(3600.0, rel=1e-12)
-    names = {
-        "nonlinearity_full_scale.GJB 2426A",
-        "nonlinearity_per_point.GJB 2426A",
-        "linearity_error_rms.IEEE Std 952",
-        "asymmetry.GJB 2426A",
-        "asymmetry.IEEE Std 952",
-    }
-    assert names <= {name.removesuffix(".b_about_b") for name in found}
-
-
 UNITS = {
     "deg/h": ("table_rate", 3600.0, 1.0, ("columns.table_rate_dps.unit=deg/h",)),
     "rad/s": ("table_rate", np.pi / 180.0, 1.0, ("columns.table_rate_dps.unit=rad/s",)),
@@ -599,32 +580,6 @@ def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calib
     assert errors["line"] > 1.0
 
 
-def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
-    """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
-    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}
-    rng = np.random.default_rng(1)
-    folder = exact_pair(tmp_path / "logs", case, log_writer)
-    for path in folder.iterdir():
-        header, rows = rows_of(path)
-        columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-        noisy = {
-            n: columns[n] + rng.normal(0.0, 3.0, len(rows)) for n in ("gyro_a_lsb", "gyro_b_lsb")
-        }
-        log_writer(path, **(columns | noisy))
-    run = fit(calibkit, "gyro_pair", folder, tmp_path / "runs")
-    found = figures(run.records["gyro_orthogonality.json"])
-    assert found["gamma_indicated"].value > 1.0
-    assert (found["gamma"].value, found["alpha_deg"].value, found["clamped"].value) == (
-        1.0,
-        0.0,
-        1.0,
-    )
-    assert found["alpha_low_95_deg"].value == 0.0
-    assert 0.0 < found["alpha_high_95_deg"].value < 1.0
-    assert any("clamped" in flag for flag in run.document["flags"])
-    assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()
-
-
 def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, calibkit, log_writer):
     """±0.1 °/s under 300 counts noise: K is known to some percent only and the run says so; at 100
     °/s it says nothing.
@@ -648,17 +603,6 @@ def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, ca
         run = fit(calibkit, "gyro_pair", folder, tmp_path / f"runs{scale}", "acceptance={}")
         said = [flag for flag in run.document["flags"] if "K of gyro a is known to" in flag]
         assert bool(said) is not known
-
-
-def test_the_same_input_gives_the_same_bytes(pair, tmp_path):
-    """A second fit of the same logs, recipe and date is byte for byte the first, report
-    included.
-    """
-    root, _ = pair
-    source = recipe.find("gyro_pair", ("site.latitude_deg=34.2",))
-    pipeline.fit(source, root / "logs", "G", tmp_path, "2026-11-21", silent)
-    for path in (root / "runs" / "G" / "r001").iterdir():
-        assert path.read_bytes() == (tmp_path / "G" / "r001" / path.name).read_bytes(), path.name
 
 
 def healthy():
@@ -768,23 +712,6 @@ def test_an_unusable_log_is_refused_by_check_and_fit(name, tmp_path, calibkit, l
         assert fragment in fitted.err
         assert fragment in checked.out + checked.err
     assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    ("word", "named"), [("overflow", "found 'overflow'"), ("OVLD", "1 missing or infinite value")]
-)
-def test_text_in_a_number_is_refused(tmp_path, calibkit, log_writer, word, named):
-    """A word among the counts is named with its line, one that loggers write for a missing value
-    too; exit code 3.
-    """
-    path = log_writer(tmp_path / "logs" / "run.csv", **healthy())
-    lines = path.read_text(encoding="utf-8").splitlines()
-    path.write_text("\n".join([*lines[:5], f"4.0,1.0,{word}", *lines[6:]]) + "\n", encoding="utf-8")
-    outcome = calibkit(
-        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
-    )
-    assert outcome.code == 3
-    assert f"run.csv:6: column 'gyro_x_lsb': {named}" in outcome.err
 
 
 @pytest.mark.parametrize(

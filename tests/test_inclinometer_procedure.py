@@ -320,21 +320,6 @@ def test_the_well_is_not_the_laboratory(tmp_path, command):
         assert not rows
 
 
-def test_rates_in_another_unit_are_refused_rather_than_given_an_azimuth(tmp_path, command):
-    """Gyros in °/s that are read as °/h have an s of 3600: nothing is written."""
-    simulated(tmp_path / "lab", 6)
-    command.fit(tmp_path / "lab")
-    rows = read_rows(tmp_path / "lab" / "stations.csv")
-    for row in rows:
-        for axis in "xy":
-            row[f"gyro_{axis}_dph"] = repr(float(row[f"gyro_{axis}_dph"]) / 3600.0)
-    (tmp_path / "dps").mkdir()
-    write_rows(tmp_path / "dps" / "stations.csv", rows)
-    outcome, _ = command.apply(tmp_path / "dps" / "stations.csv", "out.csv")
-    assert outcome.code == 3
-    assert "contradict s(T)" in outcome.err
-
-
 @pytest.mark.parametrize("choice", ["history", "heading"])
 def test_beyond_90_degrees_the_calibration_or_a_heading_chooses_the_root(tmp_path, command, choice):
     """At 60° and inclinations of 35 to 70° both roots are often positive; the right one is taken at

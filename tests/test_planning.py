@@ -484,6 +484,7 @@ def test_what_is_measured_counts_and_the_cheapest_addition_is_planned(planned, b
     assert found.campaign.expanded("inclination") <= 0.012
 
 
+@pytest.mark.slow
 def test_a_recipe_of_a_plan_states_the_errors_that_the_fit_has(bench, tmp_path):
     """The drift of one log with nothing to add, and of two logs none; no error of second order
     where that is a parameter.
@@ -668,6 +669,7 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
         assert u[name] == pytest.approx(size, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_dividing_head_is_remounted(bench, tmp_path):
     """In one mounting gravity never leaves a plane; what rounding leaves does not count."""
     request = {"range_degc": (-20.0, 60.0), "attitudes": "dividing-head", "equipment": bench}
