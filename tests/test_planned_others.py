@@ -13,8 +13,7 @@ from calibkit.instruments.inclinometer.published import Components
 from calibkit.numeric import earth
 from calibkit.planning import document, equipment, search
 from calibkit.planning.bench import Task
-from conftest import ROOT
-from test_planning import load_benchmark
+from conftest import ROOT, load_script
 
 WISHES = {
     "accelerometer_magnitude": "component<=6e-5 g",
@@ -33,7 +32,8 @@ def planned(request, tmp_path_factory):
     """Folder of the plan of each procedure."""
     out = tmp_path_factory.mktemp(request.param) / "plan"
     source = recipe.find(
-        request.param, load_benchmark("planned_campaigns").ORDERS.get(request.param, ())
+        request.param,
+        load_script(ROOT / "benchmarks" / "planned_campaigns.py").ORDERS.get(request.param, ()),
     )
     plans.plan(source, out, wishes=(WISHES[request.param],))
     return out
@@ -105,7 +105,7 @@ def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_pa
 @pytest.mark.slow
 def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
     """Of 12 campaigns: no further from it than four standard errors beside 7 %."""
-    benchmark = load_benchmark("planned_campaigns")
+    benchmark = load_script(ROOT / "benchmarks" / "planned_campaigns.py")
     plan = document.load_plan(planned)
     ratio, spread, _ = benchmark.judge(plan, 12, benchmark.run_logs, first=100)
     assert abs(ratio - 1.0) <= 0.07 + 4.0 * spread
