@@ -8,6 +8,7 @@ it is.
 
 from __future__ import annotations
 
+import ast
 import re
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -23,7 +24,7 @@ ATOMS: dict[str, tuple[str, float]] = {
     "sample": ("", 1.0),
     "lsb": ("", 1.0),
     "ppm": ("", 1e-6),
-    "%": ("", 1e-2),
+    "percent": ("", 1e-2),
     "s": (r"\second", 1.0),
     "ms": (r"\second", 1e-3),
     "us": (r"\second", 1e-6),
@@ -58,7 +59,8 @@ GRAVITY: dict[str, float] = {"g": 1.0, "mg": 1e-3, "ug": 1e-6}
 REPLACED: dict[str, str] = {"rpm": "rev/min"}
 """Units that are a compound of others."""
 CELSIUS, KELVIN = r"\degreecelsius", r"\kelvin"
-_TOKEN = re.compile(r"sqrt\(|[()/*]|\^?-?\d+(?:\.\d+)?|[A-Za-z%]+")
+_POWER = re.compile(r"(?<=[A-Za-z)])\^?(-?\d+(?:\.\d+)?)")
+"""A power, with or without its mark: m^2, degC3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,49 +106,35 @@ class DccUnit:
 
 
 def dsi(unit: str) -> DccUnit:
-    """D-SI unit of a unit as calibkit spells it; OutputError for one that the table lacks."""
-    tokens = _TOKEN.findall(unit)
-    if "".join(tokens) != unit.replace(" ", "") or not tokens:
-        raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
-    dcc_unit, unread_tokens = _product(tokens, unit)
-    if unread_tokens:
-        raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
-    return dcc_unit
+    """D-SI unit of a unit as calibkit spells it; OutputError for one that the table lacks.
+
+    A unit is an expression of atoms, which Python's own parser takes apart.
+    """
+    expression = _POWER.sub(r"**\1", unit.replace("%", "percent"))
+    try:
+        return _evaluate(ast.parse(expression, mode="eval").body)
+    except (SyntaxError, ValueError, KeyError, RecursionError, MemoryError):
+        raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug") from None
 
 
-def _product(tokens: list[str], unit_text: str) -> tuple[DccUnit, list[str]]:
-    """Product of the factors up to a closing bracket, and the tokens behind it."""
-    product, sign = DccUnit(), Fraction(1)
-    while tokens and tokens[0] != ")":
-        head, *tokens = tokens
-        if head in {"/", "*"}:
-            if not tokens or tokens[0] in {"/", "*", ")"}:
-                raise OutputError(f"unit '{unit_text}' has no D-SI spelling", hint="this is a bug")
-            sign = Fraction(-1 if head == "/" else 1)
-            continue
-        if head in {"(", "sqrt("}:
-            factor, tokens = _product(tokens, unit_text)
-            tokens = tokens[1:]
-            factor = factor ** Fraction(1, 2) if head == "sqrt(" else factor
-        else:
-            factor = _atom(head, unit_text)
-        power = tokens[0].removeprefix("^") if tokens else ""
-        if power.lstrip("-").replace(".", "").isdigit():
-            factor, tokens = factor ** Fraction(power), tokens[1:]
-        product, sign = product * factor**sign, Fraction(1)
-    return product, tokens
-
-
-def _atom(name: str, unit_text: str) -> DccUnit:
-    """One unit of the tables."""
-    if name in REPLACED:
-        return dsi(REPLACED[name])
-    if name in GRAVITY:
-        return DccUnit(factor=GRAVITY[name], gravity=Fraction(1))
-    if name not in ATOMS:
-        raise OutputError(
-            f"unit '{unit_text}' has no D-SI spelling: '{name}' is not in the table",
-            hint="this is a bug",
-        )
-    spelling, factor = ATOMS[name]
-    return DccUnit({spelling: Fraction(1)} if spelling else {}, factor)
+def _evaluate(node: ast.expr) -> DccUnit:
+    """Unit of an expression: products, quotients, powers, square roots; ValueError or KeyError for
+    anything else.
+    """
+    match node:
+        case ast.BinOp(left, ast.Mult(), right):
+            return _evaluate(left) * _evaluate(right)
+        case ast.BinOp(left, ast.Div(), right):
+            return _evaluate(left) * _evaluate(right) ** Fraction(-1)
+        case ast.BinOp(left, ast.Pow(), right):
+            return _evaluate(left) ** Fraction(ast.literal_eval(right))
+        case ast.Call(ast.Name("sqrt"), [radicand]):
+            return _evaluate(radicand) ** Fraction(1, 2)
+        case ast.Name(name) if name in REPLACED:
+            return dsi(REPLACED[name])
+        case ast.Name(name) if name in GRAVITY:
+            return DccUnit(factor=GRAVITY[name], gravity=Fraction(1))
+        case ast.Name() | ast.Constant(1):
+            spelling, factor = ATOMS["1" if isinstance(node, ast.Constant) else node.id]
+            return DccUnit({spelling: Fraction(1)} if spelling else {}, factor)
+    raise ValueError(node)

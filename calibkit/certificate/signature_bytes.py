@@ -41,8 +41,8 @@ def is_canonical(document: bytes, embedded: Any) -> bool:  # noqa: ANN401 (a cla
     if len(tokens) > 1 or len(tokens) != len(attributes if attributes.native else ()):
         return False
     stamps = [(token.dump(), extract_certs_for_validation(token["content"])) for token in tokens]
-    own = extract_certs_for_validation(embedded.signed_data)
-    return all(_repeats_what_is_signed(*signed) for signed in [(der, own), *stamps])
+    certificates = extract_certs_for_validation(embedded.signed_data)
+    return all(_repeats_what_is_signed(*part) for part in [(der, certificates), *stamps])
 
 
 def _repeats_what_is_signed(der: bytes, certificates: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
@@ -61,12 +61,14 @@ def _repeats_what_is_signed(der: bytes, certificates: Any) -> bool:  # noqa: ANN
     digests = [] if named is None else [entry["cert_hash"].native for entry in named["certs"]]
     others = [hashlib.sha256(other.dump()).digest() for other in certificates.other_certs]
     is_detached = data["encap_content_info"]["content_type"].native == "data"
-    if signer_info["sid"].name == "issuer_and_serial_number":
+    is_named = signer_info["sid"].name == "issuer_and_serial_number"
+    if is_named:
         name = {"issuer": signer.issuer, "serial_number": signer.serial_number}
         signer_info["sid"] = cms.SignerIdentifier(
             "issuer_and_serial_number", cms.IssuerAndSerialNumber(name)
         )
-        signer_info["version"], data["version"] = "v1", "v1" if is_detached else "v3"
+    signer_info["version"] = "v1" if is_named else "v3"
+    data["version"] = "v1" if is_named and is_detached else "v3"
     if is_detached:
         data["encap_content_info"] = cms.ContentInfo({"content_type": "data"})
     rebuilt = []  # some write no parameters where others write none of them

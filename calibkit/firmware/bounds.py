@@ -10,7 +10,6 @@ out.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
 from typing import Self
 
@@ -39,7 +38,7 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     settled_errors = _settled(growth, [start[source] for source in sources])
     errors, _ = analysis.walk(dict(zip(driven, settled_errors, strict=True)))
     return {
-        output.name: _rounded_up(errors[output.source] * ALLOWANCE)
+        output.name: exact.round_to(errors[output.source] * ALLOWANCE, 2, up=True)
         for output in chain.structure.outputs
     }
 
@@ -67,11 +66,6 @@ def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[fl
     size = range(len(fed))
     matrix = [[Fraction(int(i == j)) - Fraction(growth[i][j]) for j in size] for i in size]
     return [float(x) for x in exact.solve(matrix, [Fraction(x) for x in fed])]
-
-
-def _rounded_up(x: float) -> float:
-    """Two significant digits, upwards."""
-    return float(Decimal(x).normalize(Context(prec=2, rounding=ROUND_CEILING)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -62,7 +62,6 @@ class RunIdentity:
     """Coefficient file → the digest that it states of itself."""
     software: str
     verdict: Verdict
-    title: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from typing import Any
 
 from calibkit import extras
-from calibkit.errors import CalibkitError, CoefficientError, OutputError
+from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import blob
 
 LARGEST = 1 << 32
@@ -42,8 +42,5 @@ def verify(name: str, content: bytes) -> str:
         raise CoefficientError(
             f"{name}: {len(segments)} pieces, expected one", hint="records are missing"
         )
-    try:
-        inside = blob.verify(name, bytes(segments[0].data))
-    except CalibkitError as error:
-        raise CoefficientError(error.message, hint=error.hint) from None
+    inside = blob.verify(name, bytes(segments[0].data))
     return f"Intel HEX at 0x{segments[0].address:08x}: {inside}"

@@ -171,10 +171,10 @@ class ChainTerm:
             if self.table:
                 variable = known.values[self.over] if self.over else ranges.ONE
                 first = ranges.polynomial(known.tables[self.table], variable)
-            found = [first if self.sign > 0 else (-first[1], -first[0])]
+            term_ranges = [first if self.sign > 0 else (-first[1], -first[0])]
             for name in self.factors:
-                found.append(ranges.product(found[-1], known.values[name]))
-            known.terms[self] = found
+                term_ranges.append(ranges.product(term_ranges[-1], known.values[name]))
+            known.terms[self] = term_ranges
         return known.terms[self]
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
