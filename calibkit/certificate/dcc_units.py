@@ -117,7 +117,7 @@ def dsi(unit: str) -> DccUnit:
         raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug") from None
 
 
-def _evaluate(node: ast.expr) -> DccUnit:
+def _evaluate(node: ast.expr) -> DccUnit:  # noqa: PLR0911 (one return per kind of expression)
     """Unit of an expression: products, quotients, powers, square roots; ValueError or KeyError for
     anything else.
     """
