@@ -131,16 +131,9 @@ def log_writer():
 
 
 @pytest.fixture(scope="session")
-def campaign(tmp_path_factory):
-    """Return a folder with a simulated gyro whose drift the published model improves (seed 7)."""
-    from calibkit.instruments.bias import simulate_fog as simulate
-
-    folder = tmp_path_factory.mktemp("campaign")
-    for name, content in simulate.campaign(7).files().items():
-        path = folder / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_bytes(content)
-    return folder
+def campaign():
+    """Return the folder with the sample ramps of a simulated gyro, which no test may change."""
+    return ROOT / "datasets" / "fog_thermal"
 
 
 @pytest.fixture

@@ -351,6 +351,7 @@ def test_cross_terms_of_a_misaligned_triad_are_in_their_uncertainty():
     assert np.mean(covered) >= 0.9
 
 
+@pytest.mark.slow
 def test_stated_variance_of_the_correction_is_that_of_many_fits(plain_fits):
     """The variance of corrected components matches the scatter over repeated calibrations."""
     exact = indications_of_k(TRUTH, REFERENCE, TEMPERATURE)

@@ -94,10 +94,10 @@ def inside(fitted, second):
 @pytest.mark.parametrize(
     "errors",
     slow_after(
-        2,
+        1,
         [
-            {},
             {"zero": 30e-6},
+            {},
             {"index": 0.01, "spots": SIX},
             {"tilt": 0.01},
             {"eccentric": 0.05},

@@ -162,6 +162,7 @@ def test_everything_at_once_comes_out_of_one_fit():
     np.testing.assert_allclose(raw, mapped, atol=1e-13)  # g
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth():
     """Over simulated sets the 95 % intervals cover 93 to 97 % of the parameters."""
     terms, covered = of_orders(2, 1, 2), []

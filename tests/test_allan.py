@@ -300,7 +300,7 @@ def test_confidence_limits_cover_the_truth(case, seed):
 
 
 @pytest.mark.parametrize("wavelet", slow_after(1, ["haar", "db2"]))
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", slow_after(1, CASES))
 def test_limits_of_the_wavelet_deviation_cover_its_mean(case, wavelet):
     """Limits stated for 95 % hold the mean variance of 300 records in at least 92 % of them at
     every averaging time; there are at most one and a half degrees of freedom for a block.

@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import calibkit
 from calibkit.instruments.inclinometer import instrument
 from conftest import ROOT
+from sample_runs import sample_run
 
 DATA = ROOT / "datasets" / "gyro_triad"
 
@@ -27,10 +28,8 @@ DATA = ROOT / "datasets" / "gyro_triad"
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Return the run of a fit of the sample triad through the public interface."""
-    source = calibkit.load_recipe("gyro_triad", site__latitude_deg=34.2)
-    return calibkit.fit(
-        source, DATA, date="2026-11-21", serial="T-1", runs=tmp_path_factory.mktemp("runs")
-    )
+    fitted = sample_run(tmp_path_factory, "gyro_triad", ("site.latitude_deg=34.2",))
+    return calibkit.find_run("S-1", fitted.folder.parents[1])
 
 
 def test_every_public_name_is_there_with_a_docstring():
@@ -50,8 +49,8 @@ def test_importing_the_package_imports_no_numpy():
 def test_a_run_is_fitted_found_and_trusted(run):
     """The run that fit returns is the one that is found by serial; its files verify and load."""
     assert run.document["accepted"] is True
-    assert calibkit.find_run("T-1", run.folder.parents[1]).document == run.document
-    assert calibkit.verify(run.folder) == "run T-1@r001, 4 files"
+    assert calibkit.find_run("S-1", run.folder.parents[1]).document == run.document
+    assert calibkit.verify(run.folder) == "run S-1@r001, 4 files"
     record = calibkit.load_coefficients(run.folder / "gyro_orthogonality.json")
     assert record.model("triad").value("S_xx") == pytest.approx(1e4, rel=0.05)
 

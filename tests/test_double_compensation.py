@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit.check import magnitude
+from sample_runs import sample_run
 
 
 def test_logs_of_one_gyro_drift_alike_and_the_odd_one_is_named():
@@ -48,13 +49,13 @@ def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is
 
 
 def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silence(
-    campaign, tmp_path, calibkit
+    campaign, tmp_path, tmp_path_factory, calibkit
 ):
     """One ramp of a campaign replaced by its compensated self: check names it, apply to it flags
     it, raw logs pass.
     """
-    made = calibkit("fit", "fog_thermal", data=campaign, serial="S", out=tmp_path / "runs")
-    assert "compensated before" not in made.out
+    run = sample_run(tmp_path_factory, "fog_thermal")
+    assert not any("compensated before" in flag for flag in run.document["flags"])
     logs = tmp_path / "logs"
     logs.mkdir()
     for path in campaign.glob("ramp_*.csv"):
@@ -62,7 +63,7 @@ def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silenc
     target = logs / "ramp_heating_05.csv"
     raw = tmp_path / "raw.csv"
     target.rename(raw)
-    done = calibkit("apply", tmp_path / "runs/S/r001", "--data", raw, "--out", target)
+    done = calibkit("apply", run.folder, "--data", raw, "--out", target)
     assert "compensated before" not in done.err
     said = calibkit("check", "fog_thermal", "--data", logs, "--json").json
     named = {
@@ -72,7 +73,7 @@ def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silenc
         if finding["name"] == "double_compensation"
     }
     assert named == {target.name}
-    again = calibkit("apply", tmp_path / "runs/S/r001", data=target, out=tmp_path / "twice.csv")
+    again = calibkit("apply", run.folder, data=target, out=tmp_path / "twice.csv")
     assert "compensated before" in again.err
 
 
