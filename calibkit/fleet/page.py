@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibkit.fleet.table import FleetTable
-from calibkit.report import html, html_tables
+from calibkit.report import html
 from calibkit.report.control_charts import ControlChart
 from calibkit.report.markup import Markup, element, join_markup
 
@@ -50,7 +50,7 @@ def _devices(table: FleetTable) -> Markup:
         for entry in table.entries
     ]
     heads = ("serial", "verdict", "run", "flags", "stands out in", "error, or the key values")
-    return html_tables.list_rows("One line per device", heads, rows, (3, 4))
+    return html.list_rows("One line per device", heads, rows, (3, 4))
 
 
 def _distributions(charts: tuple[ControlChart, ...]) -> Markup:
@@ -68,7 +68,7 @@ def _distributions(charts: tuple[ControlChart, ...]) -> Markup:
         for chart in charts
     ]
     heads = ("key value", "distribution", "smallest", "median", "largest", "unit", "devices")
-    return html_tables.list_rows("Red: devices that stand out", heads, rows, (2, 3, 4, 6))
+    return html.list_rows("Red: devices that stand out", heads, rows, (2, 3, 4, 6))
 
 
 def _strip(chart: ControlChart) -> Markup:

@@ -10,7 +10,6 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.planning.bench import WITHHELD, name_source
 from calibkit.planning.search import Proposal
 from calibkit.report import figures, html, svg
-from calibkit.report.html_tables import summary_table
 from calibkit.report.markup import Markup, element, join_markup
 from calibkit.report.overview import Overview, concise
 from calibkit.report.summary import Summary
@@ -144,7 +143,7 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     facts = [element("p", fact) for fact in (summary.overview.sentence, *summary.overview.facts)]
     parts = {
         "The campaign": [*facts, element("figure", Markup(drawing))],
-        "Numbers": [summary_table(table) for table in summary.tables],
+        "Numbers": [html.summary_table(table) for table in summary.tables],
         "Assumptions": [
             element("ul", join_markup([element("li", note) for note in summary.flags]))
         ],

@@ -20,17 +20,22 @@ class Markup:
     def __str__(self) -> str:
         return self.text
 
+    def __html__(self) -> str:
+        """The same for templates."""
+        return self.text
+
 
 Content = str | Markup
 
 
+def shown(text: str) -> str:
+    """A text, or a page, with the code of characters that cannot be shown."""
+    return _UNSHOWN.sub(lambda match: f"\\u{ord(match.group()):04x}", text.replace("\r", "\\r"))
+
+
 def escaped(content: Content) -> str:
     """HTML of a text or of a piece; characters that cannot be shown stand there as their code."""
-    if isinstance(content, Markup):
-        return content.text
-    return html.escape(
-        _UNSHOWN.sub(lambda match: f"\\u{ord(match.group()):04x}", content.replace("\r", "\\r"))
-    )
+    return content.text if isinstance(content, Markup) else html.escape(shown(content))
 
 
 def element(tag: str, *parts: Content, **attributes: str) -> Markup:
