@@ -333,7 +333,7 @@ def finish(solution: TermSolution) -> ThermalModel:
     scaled = np.concatenate([[levels.mean()], np.zeros(8)])
     scaled[column_numbers] = solved.coefficients
     drift = solution.columns @ solved.coefficients
-    residual = (stacked.indication - drift - stacked.level_columns @ levels)[rows.blocks]
+    residual = (stacked.indication - drift - stacked.level_columns @ levels)[rows.sound]
     dof = residual.size - column_numbers.size - free.size - logs
     # lags that the logs do not determine, and what holds with them jointly only
     flags: list[str] = []

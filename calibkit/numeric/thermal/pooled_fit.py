@@ -282,10 +282,10 @@ class WhitenedRows:
     """
 
     stacked: Stack
-    blocks: Integers
-    """[k], blocks that are fitted, in the stack."""
+    sound: Mask
+    """Which blocks [n] of the stack are fitted."""
     starts: Integers
-    """[m], first of them in each group."""
+    """[m], first of the fitted blocks in each group."""
     rotation: Turned
     noise: BlockNoise
 
@@ -305,30 +305,24 @@ class WhitenedRows:
         count = np.diff(np.append(starts, blocks.size)).astype(np.float64)
         _, number_of = np.unique(log[starts], return_inverse=True)
         rotation = Turned.of_logs(number_of, place[starts], count)
-        return cls(stacked, blocks, starts, rotation, BlockNoise(1.0, 0.0))
-
-    @property
-    def sound(self) -> Mask:
-        """Which blocks [n] of the stack are fitted."""
-        sound = np.zeros(self.stacked.indication.size, dtype=np.bool_)
-        sound[self.blocks] = True
-        return sound
+        return cls(stacked, included, starts, rotation, BlockNoise(1.0, 0.0))
 
     def means(self, values: Array) -> Array:
         """Means [m, k] over the groups of values [n, k] of all blocks."""
         return np.asarray(self._averaging @ values, dtype=np.float64)
 
-    @cached_property
+    @property
     def _averaging(self) -> "csr_array":
         """Matrix [m, n] of the means over the groups; sparse, it is many times faster than sums of
-        slices of many columns.
+        slices of many columns. It is not kept: a log of 200 ramps is left without each in turn.
         """
         from scipy.sparse import csr_array  # not before a fit needs it
 
-        sizes = np.diff(np.append(self.starts, self.blocks.size))
+        blocks = np.flatnonzero(self.sound)
+        sizes = np.diff(np.append(self.starts, blocks.size))
         group = np.repeat(np.arange(sizes.size), sizes)
         shape = (sizes.size, self.stacked.indication.size)
-        return csr_array((1.0 / sizes[group], (group, self.blocks)), shape=shape)
+        return csr_array((1.0 / sizes[group], (group, blocks)), shape=shape)
 
     def at_noise_of(self, left: Array, columns: Array | None = None) -> Self:
         """The rows at the noise of what is left [n] beside a free level of each log, and about a
@@ -352,7 +346,7 @@ class WhitenedRows:
     def _levels_and_indication(self) -> tuple[Array, Array]:
         """Rows [m, logs] of the level of each log that is there, and [m] of the indication."""
         levels = self.stacked.level_columns
-        present = np.any(levels[self.blocks] > 0.0, axis=0)
+        present = np.any(levels[self.sound] > 0.0, axis=0)
         whitened = self.of(np.column_stack([levels[:, present], self.stacked.indication]))
         return whitened[:, :-1], whitened[:, -1]
 

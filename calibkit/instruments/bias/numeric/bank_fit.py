@@ -341,7 +341,7 @@ class BankSolution:
             turn_on=mean[by_lag.stop : by_lag.stop + logs],
             turn_on_sd=float(np.exp(0.5 * posterior.theta[TURN_ON])),
             dof=max(int(problem.rows.starts.size - determined), 1),
-            residual_rms=rms(problem.left(self.lag, self.columns, mean)[problem.rows.blocks]),
+            residual_rms=rms(problem.left(self.lag, self.columns, mean)[problem.rows.sound]),
             noise=self.problem.rows.noise,
         )
 
