@@ -1,4 +1,4 @@
-"""Rows of the table that compare whole commands with those of version 0.1.0."""
+"""Rows of the table that compare whole commands with those of release 0.2."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from speed import units
-from speed.commands import CALIBKIT, DATE, LEAST, Command, line, spent, with_all_rows, written
+from speed.commands import CALIBKIT, DATE, Command, line, spent, with_all_rows, written
 from speed.goals import Goal, Line
 from speed.pairs import ROOT
 
@@ -21,29 +20,30 @@ if TYPE_CHECKING:
 
     from speed.commands import Python, Spent
 
-RELEASE = "adbfa49"
-"""Commit of version 0.1.0."""
-PEER = "calibkit 0.1.0"
-SAMPLES = {
-    "gyro_pair": 0.6,
-    "rate_table": 0.6,
-    "gyro_triad": 0.6,
-    "accelerometer": 0.6,
-    "inclinometer": 0.6,
-    "gyro_noise": 0.6,
-    "fog_thermal": 1.0,
-}
-"""Sample → share of the processor time of 0.1.0 that its fit should take at most."""
+RELEASE = "4d27da91"
+"""Commit of release 0.2."""
+PEER = "calibkit 0.2.0"
+SAMPLES = (
+    "gyro_pair",
+    "rate_table",
+    "gyro_triad",
+    "accelerometer",
+    "inclinometer",
+    "gyro_noise",
+    "fog_thermal",
+)
+MOST = 1.1
+"""Times as long as release 0.2 that a fit may take."""
 
 
 @contextlib.contextmanager
 def _released() -> Iterator[tuple[Path, Path]]:
-    """A folder for results, and in it version 0.1.0 from the repository's history, its kernels
+    """A folder for results, and in it release 0.2 from the repository's history, its kernels
     compiled.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        release = folder / "0.1.0"
+        release = folder / "0.2"
         archive = subprocess.run(
             ["git", "-C", str(ROOT), "archive", RELEASE], check=True, capture_output=True
         ).stdout
@@ -56,7 +56,7 @@ def _released() -> Iterator[tuple[Path, Path]]:
 def _beside(
     command: Sequence[object], folder: Path, release: Path, turns: int
 ) -> list[tuple[Spent, Spent]]:
-    """What a command takes now and what it took in version 0.1.0, turn by turn; each writes into a
+    """What a command takes now and what it took in release 0.2, turn by turn; each writes into a
     folder of its own. The turn before the first compiles the byte code.
     """
     pairs = []
@@ -97,23 +97,6 @@ def ramps(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[
     return [line(goal, count, pairs) for goal in goals]
 
 
-def devices(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """A fleet of `rows` units by two processes; a unit has the bytes of its own fit."""
-    del python
-    with _released() as (folder, release):
-        serials = units.write_units(folder / "units", rows, 2000)
-        recipe = folder / "bias.toml"
-        recipe.write_text(units.RECIPE, encoding="utf-8")
-        command = [*CALIBKIT, "fleet", recipe, "--data", folder / "units", "--jobs", 2, *DATE]
-        pairs = _beside(command, folder, release, turns)
-        single = ["--data", folder / "units" / serials[-1], "--serial", serials[-1], *DATE]
-        spent([*CALIBKIT, "fit", recipe, *single, "--out", folder / "single"])
-        alone = units.tree(folder / "single" / serials[-1])
-        if alone != units.tree(folder / "now_0" / serials[-1]):
-            raise RuntimeError("a unit of the fleet has other bytes than its own fit")
-    return [line(goal, rows, pairs, digits=17.0) for goal in goals]
-
-
 COMMANDS = (
     Command(
         tuple(
@@ -121,13 +104,13 @@ COMMANDS = (
                 f"sample_{name}",
                 f"`calibkit fit`, sample of {name}",
                 PEER,
-                share,
+                MOST,
                 1,
                 faster=False,
                 rows_are="sample",
                 note="a whole process with its children, on the same logs",
             )
-            for name, share in SAMPLES.items()
+            for name in SAMPLES
         ),
         samples,
         lambda _: [1],
@@ -138,30 +121,13 @@ COMMANDS = (
                 "ramps",
                 "`calibkit fit`, four ramps, all families",
                 PEER,
-                1.0,
+                MOST,
                 14_400_000,
                 faster=False,
                 clock="wall",
-                note="the kernel bank is a candidate now, which 0.1.0 did not have",
             ),
         ),
         ramps,
         with_all_rows,
-    ),
-    Command(
-        (
-            Goal(
-                "devices",
-                "fleet of small devices by two processes",
-                PEER,
-                1.6,
-                200,
-                digits=17.0,
-                rows_are="units",
-                note="all bits are those of a unit's own fit",
-            ),
-        ),
-        devices,
-        lambda rows: [4] if max(rows) <= LEAST else [200],
     ),
 )
