@@ -1,5 +1,6 @@
 """The benchmark of coverage runs, and judges what it is for."""
 
+import ast
 import importlib.util
 import sys
 
@@ -102,6 +103,29 @@ def test_shares_of_a_fault_are_those_of_its_campaigns(benchmark):
     assert (present.covered_or_named, present.refused, present.expanded) == (0.6, 1, 1.0)
     assert present.faults == ["covered or named", "covered"]
     assert (absent.covered, absent.flagged, absent.faults) == (1.0, 0.4, ["false alarms"])
+
+
+def test_benchmarks_that_measure_any_release_import_no_instrument():
+    """Simulators, rows of coverage and studies of drifts call calibkit by its public names; only
+    drawing and the statement at a point are further in.
+    """
+    folder = ROOT / "benchmarks"
+    names = (
+        "drift_*.py",
+        "denoising*.py",
+        "lumped_gyro.py",
+        "diffusion_coil.py",
+        "intervals/**/*.py",
+    )
+    files = [file for name in names for file in folder.glob(name)]
+    assert len(files) > 20
+    allowed = {"calibkit", "calibkit.report", "calibkit.results", "calibkit.simulate"}
+    for file in files:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
+            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            own = {".".join(name.split(".")[:2]) for name in modules if name.startswith("calibkit")}
+            assert own <= allowed, file.name
 
 
 def outcomes(rows, *, covered, width, of=1000, warned=False):
