@@ -14,7 +14,7 @@ import firmware_damage
 import page_parser
 from calibkit import instruments
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import blob, c_code, c_text, chain, export, formats
+from calibkit.firmware import blob, c_code, chain, export, facts, formats
 from calibkit.recipe import tables
 from conftest import ROOT, slow_after
 from firmware_driver import C_ONLY, IDENTITY, WARNINGS, exported
@@ -274,8 +274,8 @@ def test_what_a_blob_cannot_hold_is_refused(tmp_path_factory):
 def test_a_loader_s_files_are_known_to_verify(tmp_path_factory):
     """Digest checked, said to be a loader."""
     export = export_of("scale", "f32", tmp_path_factory)
-    assert c_text.verify("u.c", c_code.loader_source(export)) == "C source of a loader of blobs"
-    assert c_text.verify("u.h", c_code.loader_header(export)) == "C header of a loader of blobs"
+    assert facts.verify("u.c", c_code.loader_source(export)) == "C source of a loader of blobs"
+    assert facts.verify("u.h", c_code.loader_header(export)) == "C header of a loader of blobs"
 
 
 def with_orders(this, order):

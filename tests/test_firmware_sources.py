@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.firmware import c_text, sources
+from calibkit.firmware import facts, sources
 from calibkit.firmware.chain import ChainCorrection
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.firmware import chain as drift_chain
@@ -113,7 +113,7 @@ def test_a_column_name_cannot_leave_its_comment():
     for part in ("*", "?", "@", "{", "}", "'"):
         assert part not in text[1:-1]
     assert text[1:-1].encode("ascii").decode("unicode_escape") == NASTY
-    commented = c_text.comment([f"input {text}"])
+    commented = facts.comment([f"input {text}"])
     assert commented.count("*/") == 1
 
 

@@ -23,61 +23,58 @@ def is_canonical(document: bytes, embedded: Any) -> bool:  # noqa: ANN401 (a cla
     nothing else, and the container and its time stamp hold nothing but what was signed.
     """
     from asn1crypto.parser import peek
-    from pyhanko.sign.validation.generic_cms import extract_certs_for_validation
 
     start, length, after, _ = (int(number) for number in embedded.byte_range)
     gap = document[start + length : after]
     der = bytes.fromhex(gap[1:-1].decode("ascii"))
-    der = der[: peek(der)]
-    if gap != b"<" + der.hex().upper().encode().ljust(len(gap) - 2, b"0") + b">":
-        return False
+    parts = [(der[: peek(der)], embedded.signed_data)]
     attributes = embedded.signer_info["unsigned_attrs"]
-    tokens = [
-        token
-        for attribute in (attributes if attributes.native else ())
-        if attribute["type"].native == "signature_time_stamp_token"
-        for token in attribute["values"]
-    ]
-    if len(tokens) > 1 or len(tokens) != len(attributes if attributes.native else ()):
-        return False
-    stamps = [(token.dump(), extract_certs_for_validation(token["content"])) for token in tokens]
-    certificates = extract_certs_for_validation(embedded.signed_data)
-    return all(_repeats_what_is_signed(*part) for part in [(der, certificates), *stamps])
+    for attribute in attributes if attributes.native else ():
+        if attribute["type"].native != "signature_time_stamp_token":
+            return False
+        parts += [(token.dump(), token["content"]) for token in attribute["values"]]
+    return (
+        gap == b"<" + parts[0][0].hex().upper().encode().ljust(len(gap) - 2, b"0") + b">"
+        and len(parts) <= 2
+        and all(_repeats_what_is_signed(*part) for part in parts)
+    )
 
 
-def _repeats_what_is_signed(der: bytes, certificates: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
+def _repeats_what_is_signed(der: bytes, signed_data: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
     """Whether the parts of a container that are not signed follow from what is (RFC 5652, 5.1 and
     5.3): versions, algorithms, the name of the signer's certificate; and the certificates beside it
     are among those that the signature names, where it names more than one.
     """
     from asn1crypto import cms, core
-    from pyhanko.sign.validation.generic_cms import get_signing_cert_attr
+    from pyhanko.sign.validation import generic_cms
 
+    certificates = generic_cms.extract_certs_for_validation(signed_data)
     container = cms.ContentInfo.load(der, strict=True)
     data = container["content"]
     (signer_info,) = data["signer_infos"]
-    signer, digest = certificates.signer_cert, signer_info["digest_algorithm"]["algorithm"].native
-    named = get_signing_cert_attr(signer_info["signed_attrs"].untag())
-    digests = [] if named is None else [entry["cert_hash"].native for entry in named["certs"]]
-    others = [hashlib.sha256(other.dump()).digest() for other in certificates.other_certs]
+    attribute = generic_cms.get_signing_cert_attr(signer_info["signed_attrs"].untag())
+    named = [entry["cert_hash"].native for entry in attribute["certs"]] if attribute else []
+    others = {hashlib.sha256(other.dump()).digest() for other in certificates.other_certs}
     is_detached = data["encap_content_info"]["content_type"].native == "data"
-    is_named = signer_info["sid"].name == "issuer_and_serial_number"
-    if is_named:
+    by_issuer = signer_info["sid"].name == "issuer_and_serial_number"
+    if by_issuer:
+        signer = certificates.signer_cert
         name = {"issuer": signer.issuer, "serial_number": signer.serial_number}
         signer_info["sid"] = cms.SignerIdentifier(
             "issuer_and_serial_number", cms.IssuerAndSerialNumber(name)
         )
-    signer_info["version"] = "v1" if is_named else "v3"
-    data["version"] = "v1" if is_named and is_detached else "v3"
+    signer_info["version"] = "v1" if by_issuer else "v3"
+    data["version"] = "v1" if by_issuer and is_detached else "v3"
     if is_detached:
         data["encap_content_info"] = cms.ContentInfo({"content_type": "data"})
-    rebuilt = []  # some write no parameters where others write none of them
+    digest, rebuilt = signer_info["digest_algorithm"]["algorithm"].native, []
+    # some write no parameters where others write that there are none
     for parameters in ({"parameters": core.Null()}, {}):
         algorithm = cms.DigestAlgorithm({"algorithm": digest, **parameters})
         signer_info["digest_algorithm"] = algorithm
         data["digest_algorithms"] = cms.DigestAlgorithms([algorithm])
         rebuilt.append(container.dump())
-    return der in rebuilt and (len(digests) < 2 or set(others) <= set(digests))
+    return der in rebuilt and (len(named) < 2 or others <= set(named))
 
 
 def find_mark(document: bytes) -> str:

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_text, layout, vectors
+from calibkit.firmware import facts, layout, vectors
 from calibkit.firmware.chain import Program, Structure
 from calibkit.firmware.export import FirmwareRun
 
@@ -85,7 +85,7 @@ def render(export: FirmwareRun) -> bytes:
         numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]
         elapsed = [float(rows.elapsed_ms[k])] if rows.elapsed_ms else []
         numbers += [float(rows.updates[k]), *elapsed, float(status)]
-    text = "\n".join([*c_text.facts(export), "", *blob_shape.lines]) + "\n"
+    text = "\n".join([*facts.list_facts(export), "", *blob_shape.lines]) + "\n"
     size = program.format.size
     content = struct.pack(f"<{len(numbers)}{CODES[8 * size]}", *numbers) + text.encode("ascii")
     head = HEADER.pack(
@@ -125,7 +125,7 @@ def verify(name: str, content: bytes) -> str:
     program, file_vectors = _read(content, bits, digest, count, rows, name)
     vectors.require_recomputed(program, file_vectors, name)
     device = serial.rstrip(b"\0").decode()
-    mark = c_text.MARKS[next((name for name, bits in FLAGS.items() if bits == flags), "rejected")]
+    mark = facts.MARKS[next((name for name, bits in FLAGS.items() if bits == flags), "rejected")]
     kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
     return (
         f"blob of {device} revision {revision}, effective from {day.rstrip(bytes(1)).decode()},"

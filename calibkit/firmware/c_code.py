@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit.firmware import blob, c_text, exact, vectors
+from calibkit.firmware import blob, exact, facts, vectors
 from calibkit.firmware.chain import ChainInput
 from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.steps import Code, Limit
@@ -54,10 +54,10 @@ def header(export: FirmwareRun) -> bytes:
     return _fill(
         "header.h.j2",
         export,
-        [title, c_text.LICENCE, "", *c_text.facts(export)],
+        [title, facts.LICENCE, "", *facts.list_facts(export)],
         input_remark=lambda entry: _remark(entry, export.chain.tables),
         loader=None,
-        serial=c_text.string(export.identity.serial),
+        serial=facts.string(export.identity.serial),
         coefficients=next(iter(export.identity.files.items())),
     )
 
@@ -71,7 +71,7 @@ def source(export: FirmwareRun) -> bytes:
     return _fill(
         "source.c.j2",
         export,
-        [title, c_text.LICENCE, "", *c_text.facts(export), "", CONTRACT],
+        [title, facts.LICENCE, "", *facts.list_facts(export), "", CONTRACT],
         tables="@p_",
         initialiser=lambda name, texts: _initialiser(export, name, texts),
         input_rows=list(zip(*inputs, strict=True)),
@@ -120,12 +120,12 @@ def _loader_title(export: FirmwareRun) -> list[str]:
     """Text at the top of both files of a loader."""
     number = export.program.format.name
     return [
-        f"{export.prefix}: {c_text.LOADER}, correction chain as firmware; C99, no library",
-        c_text.LICENCE,
+        f"{export.prefix}: {facts.LOADER}, correction chain as firmware; C99, no library",
+        facts.LICENCE,
         "",
         f"layout        {blob.shape(export.program).digest.hex()}: a blob of any other is refused",
         f"forms         {', '.join(export.structure.forms)}",
-        f"number        {number}: {c_text.NUMBERS[number]}",
+        f"number        {number}: {facts.NUMBERS[number]}",
         f"formula       {export.structure.formula}",
         (
             "units         of every input and output below; ranges and error bounds are each unit's"
@@ -168,8 +168,8 @@ def _fill(template: str, export: FirmwareRun, title: Sequence[str], **values: An
                 "identity": export.identity,
                 "statuses": STATUSES,
                 "blob": blob,
-                "content": c_text.CONTENT,
-                "within_comment": c_text.within_comment,
+                "content": facts.CONTENT,
+                "within_comment": facts.within_comment,
                 "literals": lambda numbers: list(map(program.format.text, numbers)),
                 "formatted": lambda pattern, numbers: [pattern % number for number in numbers],
                 "no_number": _joined(
@@ -190,7 +190,7 @@ def _fill(template: str, export: FirmwareRun, title: Sequence[str], **values: An
         "@P": export.prefix.upper(),
     }.items():
         text = text.replace(mark, word)
-    return c_text.seal(f"{c_text.comment(title)}\n{text}").encode("ascii")
+    return facts.seal(f"{facts.comment(title)}\n{text}").encode("ascii")
 
 
 def _joined(parts: Sequence[str], operator: str, indent: int) -> str:
@@ -206,7 +206,7 @@ def _remark(entry: ChainInput, tables: Mapping[str, exact.Poly] | None) -> str:
         text += f"; {exact.limits_text(low, high, 6)}"
         if full:
             text += f", full scale {exact.limits_text(full[0], full[1], 6)}"
-    return c_text.within_comment(text)
+    return facts.within_comment(text)
 
 
 def _initialiser(export: FirmwareRun, name: str, texts: Sequence[str]) -> str:
@@ -215,7 +215,7 @@ def _initialiser(export: FirmwareRun, name: str, texts: Sequence[str]) -> str:
         return f"{{{texts[0]}, {texts[1]}, {{{texts[2]}, {texts[3]}}}}}"
     line = f"{{{', '.join(texts)}}}"
     kind = export.program.format.c_type
-    if len(f"static const {kind} @p_{name}[{len(texts)}] = {line};") <= c_text.WIDTH:
+    if len(f"static const {kind} @p_{name}[{len(texts)}] = {line};") <= facts.WIDTH:
         return line
     width = 4 if len(texts) <= 16 else export.structure.slopes[0].length - 1
     rows = [", ".join(texts[k : k + width]) for k in range(0, len(texts), width)]

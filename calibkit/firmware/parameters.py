@@ -20,7 +20,7 @@ import numpy as np
 
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_text, exact
+from calibkit.firmware import exact, facts
 from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.steps import Sum
 
@@ -224,7 +224,7 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
         },
     }
     head = [
-        *c_text.facts(export, bounds=False),
+        *facts.list_facts(export, bounds=False),
         (
             "unit          gyros in rad/s, accelerometers in m/s^2 (1 g = 9.80665 m/s^2),"
             " temperatures in degC"
@@ -238,7 +238,7 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
         json.dumps(proof, sort_keys=True),
     ]
     text = "\n".join([*(f"# {line}".rstrip() for line in head), *lines]) + "\n"
-    return c_text.seal(text, comment="# {}").encode("ascii")
+    return facts.seal(text, comment="# {}").encode("ascii")
 
 
 def _thermal(export: FirmwareRun, pilot: _Pilot) -> _Thermal:
@@ -350,7 +350,7 @@ def verify(name: str, content: bytes) -> str:
     """Check a parameter file's digest and its numbers against the chain that it states; returns
     what it is.
     """
-    lines = c_text.unseal(content, name).splitlines()
+    lines = facts.unseal(content, name).splitlines()
     try:
         proof = json.loads(next(line[2:] for line in lines if line.startswith("# {")))
         values = _values([line for line in lines if not line.startswith("#")])
@@ -366,7 +366,7 @@ def verify(name: str, content: bytes) -> str:
             f"{name}: cannot be read: {error!r}", hint="export it again"
         ) from None
     device = next((line[16:] for line in lines if line.startswith("# device")), "a unit")
-    mark = c_text.verdict_mark(line[2:] for line in lines if line.startswith("#"))
+    mark = facts.verdict_mark(line[2:] for line in lines if line.startswith("#"))
     return f"{proof['pilot']} parameters of {device}, {len(errors)} channels recomputed{mark}"
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_text, exact, layout, vectors
+from calibkit.firmware import exact, facts, layout, vectors
 from calibkit.firmware.export import FirmwareRun
 from calibkit.report.table import Table
 from calibkit.run_document import ACCEPTED
@@ -59,7 +59,7 @@ def _row(export: FirmwareRun) -> dict[str, str]:
         ),
         "run_sha256": identity.run_sha256,
         "number": program.format.name,
-        "formula": c_text.ascii_only(structure.formula),
+        "formula": facts.ascii_only(structure.formula),
         "fitted_over": "; ".join(export.chain.ranges),
         "made_of": "; ".join(" ".join(line.split()) for line in export.sources),
     }
@@ -107,7 +107,7 @@ def verify(name: str, content: bytes) -> str:
                 f"{place}: its digest is not that of its content", hint="export it again"
             )
         _recomputed(row, place)
-    mark = c_text.list_verdicts({row["serial"]: CELLS.get(row["accepted"]) for row in rows})
+    mark = facts.list_verdicts({row["serial"]: CELLS.get(row["accepted"]) for row in rows})
     return f"table of {len(rows)} units, {rows[0]['number']}, their vectors recomputed{mark}"
 
 

@@ -13,7 +13,7 @@ from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
     c_code,
-    c_text,
+    facts,
     flash,
     parameters,
     table,
@@ -94,8 +94,8 @@ TARGETS: Mapping[str, _Target] = {
 }
 
 READERS: Mapping[str, Callable[[str, bytes], str]] = {
-    ".c": c_text.verify,
-    ".h": c_text.verify,
+    ".c": facts.verify,
+    ".h": facts.verify,
     ".bin": blob.verify,
     ".hex": flash.verify,
     ".csv": table.verify,
@@ -216,5 +216,5 @@ def verify_manifest(path: Path) -> str:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )
-    mark = c_text.list_verdicts({unit.serial: unit.accepted for unit in manifest.units})
+    mark = facts.list_verdicts({unit.serial: unit.accepted for unit in manifest.units})
     return f"manifest of {len(manifest.units)} devices, {len(listed)} files{mark}"

@@ -38,7 +38,7 @@ DEVICE = re.compile(r"^ \* device +(.*), effective", re.MULTILINE)
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
-def facts(export: FirmwareRun, *, bounds: bool = True) -> list[str]:
+def list_facts(export: FirmwareRun, *, bounds: bool = True) -> list[str]:
     """What a reader must know, one fact per line: device, form, digests, number format, formula,
     ranges, and unless left out the error bounds.
     """
