@@ -1,5 +1,5 @@
 """Do 95 % intervals cover the truth where observations share errors, and are they no wider than
-they must be? Writes docs/coverage.md.
+they must be? Writes docs/coverage.csv and the summary in docs/coverage.md.
 
     PYTHONPATH=. python benchmarks/coverage.py [--only TEXT] [--sets N] [--first N] [--jobs N]
         [--results FILE] [--python OTHER/bin/python]
@@ -19,7 +19,8 @@ fault where more than 1 % have any flag that their design does not earn, or any 
 rejected.
 
 With --results rows are kept in a file of JSON lines, and
-those that are there are not simulated again; --sets 0 simulates none. --first draws the campaigns
+those that are there are not simulated again; --sets 0 simulates none and writes what the file
+holds. --first draws the campaigns
 N … N + sets − 1 in place of 0 … sets − 1: seeds that a row has not been seen with. --python fits
 the same logs with the calibkit that another interpreter has installed. The page is written where
 all cases were asked for, or --page names it. Exit code 1 where a row fails, 2 for no such page.
@@ -28,6 +29,7 @@ all cases were asked for, or --page names it. Exit code 1 where a row fails, 2 f
 from __future__ import annotations
 
 import argparse
+import csv
 import importlib
 import json
 import os
@@ -38,6 +40,8 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -102,33 +106,69 @@ def run_elsewhere(arguments: Sequence[str]) -> int:
     return subprocess.run(command, env=environment, check=False).returncode
 
 
-def page_of(rows: Sequence[AnyRow]) -> str:
-    """Tables in Markdown: a line per quantity, error and size, a column per number of groups; of
-    devices with a fault a line per fault and quantity.
+def summarise(rows: Sequence[AnyRow]) -> str:
+    """Tables in Markdown: a line per procedure and quantity with shared errors, and a line per
+    procedure with faults.
     """
-    texts = []
-    failed = [row for row in rows if row.faults]
-    campaigns = [row.campaigns + row.refused * isinstance(row, Row) for row in rows]
-    texts.append(
-        f"{len(rows)} rows of {min(campaigns)} to {max(campaigns)} campaigns,"
-        f" {len(rows) - len(failed)} pass, {len(failed)} fail. Measured on {machine()}.\n"
+    campaigns = [row.campaigns for row in rows]
+    text = (
+        f"{len(rows)} rows of {min(campaigns)} to {max(campaigns)} campaigns. Measured on"
+        f" {machine()}.\n\n"
     )
+    lines = []
     errors = [row for row in rows if isinstance(row, Row)]
-    for title in dict.fromkeys(f"{row.instrument}: {row.procedure}" for row in errors):
-        own = [row for row in errors if f"{row.instrument}: {row.procedure}" == title]
-        groups = sorted({row.groups for row in own})
-        lines: dict[tuple[str, str, str], dict[int, str]] = {}
-        for row in own:
-            error = f"{row.error}, given" if row.given else row.error
-            key = (row.quantity, error, f"{row.ratio:g}")
-            lines.setdefault(key, {})[row.groups] = row.cell
-        cells = [[*key, *(line.get(n, "") for n in groups)] for key, line in lines.items()]
-        head = ["of", "shared error", "size", *(f"{n} groups" for n in groups)]
-        texts.append(f"## {title}\n\n{table(head, cells)}")
-    faults = [[row.label, row.cell] for row in rows if isinstance(row, FaultRow)]
-    if faults:
-        texts.append(f"## With a fault and without it\n\n{table(['of', 'campaigns'], faults)}")
-    return "\n".join(texts)
+    for procedure, quantity in dict.fromkeys((row.procedure, row.quantity) for row in errors):
+        alike = [r for r in errors if (r.procedure, r.quantity) == (procedure, quantity)]
+        covered = [100.0 * row.covered for row in alike]
+        widths = [row.width for row in alike]
+        faults = sorted({fault for row in alike for fault in row.faults})
+        failed = sum(bool(row.faults) for row in alike)
+        lines.append(
+            [
+                procedure,
+                quantity,
+                f"{len(alike)}",
+                f"{np.mean(covered):.1f} ({min(covered):.0f} to {max(covered):.0f})",
+                f"{np.median(widths):.2f} ({max(widths):.2f})",
+                f"{failed}: {', '.join(faults)}" if failed else "none",
+            ]
+        )
+    if lines:
+        head = ["procedure", "interval of", "rows", "covered, mean (range) [%]"]
+        text += table([*head, "width, median (largest)", "fail"], lines) + "\n"
+    lines = []
+    faulty = [row for row in rows if isinstance(row, FaultRow)]
+    for procedure in dict.fromkeys(row.procedure for row in faulty):
+        present = [row for row in faulty if row.procedure == procedure and row.present]
+        absent = [row for row in faulty if row.procedure == procedure and not row.present]
+        failed = [row.fault for row in (*present, *absent) if row.faults]
+        lines.append(
+            [
+                procedure,
+                f"{len({row.fault for row in present})}",
+                f"{100.0 * min(row.covered_or_named for row in present):.0f}",
+                f"{100.0 * max((row.flagged for row in absent), default=0.0):.0f}",
+                ", ".join(dict.fromkeys(failed)) or "none",
+            ]
+        )
+    if lines:
+        head = ["procedure", "faults", "covered or named, least [%]"]
+        text += table([*head, "flagged without a fault, most [%]", "fail"], lines)
+    return text
+
+
+def write_rows(file: Path, rows: Sequence[AnyRow]) -> None:
+    """Write rows as CSV, one a line, with what fails of each."""
+    objects = [{**row.to_object(), "fails": "; ".join(row.faults)} for row in rows]
+    for row in objects:
+        row.pop("reasons", None)
+    columns = list(dict.fromkeys(name for row in objects for name in row))
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        writer = csv.DictWriter(stream, columns, lineterminator="\n")
+        writer.writeheader()
+        for row in objects:
+            shown = {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()}
+            writer.writerow(shown)
 
 
 def kept(file: Path | None) -> dict[str, list[AnyRow]]:
@@ -170,7 +210,11 @@ def main(given: Sequence[str] | None = None) -> int:
     before, rows = kept(asked.results), list[AnyRow]()
     context = get_context("fork")
     pool = ProcessPoolExecutor(asked.jobs, context) if asked.jobs > 1 else None
-    for case in cases if asked.sets != 0 else [case for case in cases if str(case) in before]:
+    if asked.sets == 0:
+        cases, rows = [], [row for found in before.values() for row in found]
+        for row in rows:
+            print(f"{row.label}: {row.cell}")
+    for case in cases:
         begin = time.perf_counter()
         key = f"{case} from {asked.first}" if asked.first else str(case)
         found = before.get(key) or run(case, asked.sets, asked.first, pool)
@@ -187,7 +231,8 @@ def main(given: Sequence[str] | None = None) -> int:
     page = asked.page or (None if asked.only else PAGE)
     if page is not None:
         text = page.read_text(encoding="utf-8")
-        page.write_text(replaced(text, BEGIN, END, page_of(rows)), encoding="utf-8")
+        page.write_text(replaced(text, BEGIN, END, summarise(rows)), encoding="utf-8")
+        write_rows(page.with_suffix(".csv"), rows)
     failed = [row for row in rows if row.faults]
     print(f"{len(rows)} rows, {len(failed)} fail")
     return 1 if failed else 0

@@ -27,7 +27,7 @@ def benchmark():
 
 def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp_path, capsys):
     """Two campaigns of each procedure without shared errors: every row has campaigns and a finite
-    width and stands in the page, and is not simulated again.
+    width, stands in page and CSV, and is not simulated again.
     """
     command, _ = benchmark
     page, results = tmp_path / "coverage.md", tmp_path / "rows.jsonl"
@@ -45,7 +45,10 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     assert all(row.campaigns == 2 and row.width > 0.5 for row in rows)
     text = page.read_text(encoding="utf-8")
     assert "old" not in text
-    assert all(row.quantity in text and row.cell in text for row in rows)
+    assert all(row.quantity in text for row in rows)
+    written = pd.read_csv(page.with_suffix(".csv"))
+    assert written["quantity"].tolist() == [row.quantity for row in rows]
+    assert written["width"].to_numpy() == pytest.approx([row.width for row in rows], rel=1e-4)
 
 
 @pytest.mark.slow
