@@ -52,11 +52,17 @@ class Ink:
         return ["<svg></svg>"] * len(drawings), False
 
 
-def pytest_runtest_setup(item):
-    """Give a test, and the fixtures that are made for it, ink or none."""
-    drawn = item.get_closest_marker("drawn") is not None
+def use_ink(drawn):
+    """Render the reports of fits in this process from now on, or not; returns what was before."""
+    before = figures.settle is Ink.settle
     figures.settle = Ink.settle if drawn else Ink.unsettled
     svg.inline = Ink.inline if drawn else Ink.unseen
+    return before
+
+
+def pytest_runtest_setup(item):
+    """Give a test, and the fixtures that are made for it, ink or none."""
+    use_ink(item.get_closest_marker("drawn") is not None)
 
 
 @dataclass(frozen=True)

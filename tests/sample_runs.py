@@ -13,8 +13,7 @@ import os
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.report import figures, svg
-from conftest import REAL, ROOT, Ink
+from conftest import REAL, ROOT, use_ink
 from written_logs import warm_up
 
 SERIAL = "S-1"
@@ -47,12 +46,11 @@ def sample_run(factory, name, overrides=(), data=None):
 
 def fit_in_ink(source, logs, out):
     """Fit and render the report, whether or not the test that asks does."""
-    before = figures.settle, svg.inline
-    figures.settle, svg.inline = Ink.settle, Ink.inline
+    before = use_ink(drawn=True)
     try:
         pipeline.fit(source, logs, SERIAL, out, DATE, instruments.silent)
     finally:
-        figures.settle, svg.inline = before
+        use_ink(before)
 
 
 def sample_logs(factory, name):
