@@ -2,25 +2,18 @@
 observable, limits, logs that cannot be used.
 """
 
-import dataclasses
-
 import allantools
 import numpy as np
 import pytest
 
-import scratch
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.tables import format_result
 from calibkit.certificate.uncertainty import TypeBTerms
-from calibkit.ingest import logs, logs_on_disk
-from calibkit.instruments.gyro_noise import certificate, instrument as gyro_noise, simulate
+from calibkit.instruments.gyro_noise import certificate, simulate
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.allan_fit import LAWS
 from calibkit.simulate import noise
-
-HOURS = 2.0
-LOGGED = ("time_s", "gyro_dph")
 
 
 @pytest.fixture(scope="module")
@@ -116,34 +109,6 @@ def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, lo
     found = [f.value for n, f in figures(run).items() if n.startswith("allan_deviation")]
     assert found == pytest.approx(expected.deviation, rel=1e-9)
     assert any("101 of 8000 samples (1.3%) are missing" in flag for flag in run.document["flags"])
-
-
-@pytest.fixture
-def long_log(tmp_path):
-    """Write 1,000,000 rows of white noise with a gap; returns the recipe and what reads the log."""
-    kept = np.ones(1_000_000, dtype=bool)
-    kept[250_000:251_000] = False
-    rate = np.random.default_rng(8).normal(8.0, 0.5, kept.size)
-    rows = zip((np.arange(kept.size)[kept] * 0.01).tolist(), rate[kept].tolist(), strict=True)
-    text = "time_s,gyro_dph\n" + "".join(map("%.2f,%.4f\n".__mod__, rows))
-    (tmp_path / "long.csv").write_text(text, encoding="ascii")
-    spec = instruments.parse_recipe(recipe.find("gyro_noise", ()))
-    return spec, lambda: logs.read_log(spec, tmp_path / "long.csv", "long.csv", LOGGED)
-
-
-def test_a_record_on_disk_has_the_figures_of_one_in_memory(long_log, monkeypatch):
-    """Deviations, terms, bias stability, means and flags are equal to the last bit."""
-    spec, read = long_log
-    found = []
-    for setting in ("0", "1000"):
-        monkeypatch.setenv(logs_on_disk.SETTING, setting)
-        log = read()
-        assert scratch.on_disk(log) == (setting == "0")
-        records, result, _ = gyro_noise._estimate(spec, [log])
-        found.append((records, result))
-    assert found[0][1] == found[1][1]
-    assert "1000 of 1000000 samples (0.1%) are missing" in "".join(found[0][1].flags)
-    np.testing.assert_equal(*(dataclasses.asdict(records[0]) for records, _ in found))
 
 
 def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(

@@ -14,10 +14,10 @@ from calibkit import instruments, pipeline, recipe, store
 from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.frame import Log
-from calibkit.ingest import logs, logs_on_disk
+from calibkit.ingest import logs, logs_on_disk, write_back
 from calibkit.instruments.bias import ramps
-from calibkit.numeric import anomalies
-from conftest import ROOT
+from calibkit.numeric import anomalies, chunks
+from sample_runs import DATE, SERIAL, sample_logs, sample_run
 
 FILE = "ramp_heating_05.csv"
 RNG = np.random.default_rng(11)
@@ -34,9 +34,7 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def on_disk(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
-    monkeypatch.setenv(logs_on_disk.SETTING, "0")
-    monkeypatch.setattr(logs_on_disk, "ROWS", 700)
-    monkeypatch.setattr(chunked, "CHUNK", 1000)
+    in_pieces(monkeypatch)
 
 
 def prepared(folder, overrides=()):
@@ -77,37 +75,90 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
     assert log.frame.equals(whole.frame)
 
 
-def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
-    folder, on_disk, calibkit, monkeypatch, tmp_path
+def files_of(folder):
+    """Content of each file of a run folder."""
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def in_pieces(monkeypatch):
+    """Put every log on disk, and read, look at and work on it in small pieces."""
+    monkeypatch.setenv(logs_on_disk.SETTING, "0")
+    monkeypatch.setattr(logs_on_disk, "ROWS", 700)
+    monkeypatch.setattr(chunked, "CHUNK", 1000)
+
+
+FIELD = {
+    "accelerometer_magnitude": "withheld/tumble.csv",
+    "bias_temperature": "warm.csv",
+    "fog_thermal": "withheld/ramp_heating_03.csv",
+    "gyro_pair": "table_axis_a.csv",
+    "gyro_triad": "withheld/about_x_40.csv",
+    "inclinometer": "withheld/stations.csv",
+    "rate_table": "at_0.csv",
+    "thermal": "sweep.csv",
+}
+"""Recipe → a log that its run compensates."""
+
+
+@pytest.mark.drawn
+@pytest.mark.parametrize("name", sorted({*FIELD, "accelerometer", "gyro_noise"}))
+def test_a_run_from_disk_is_that_of_logs_in_memory(
+    name, calibkit, monkeypatch, tmp_path, tmp_path_factory
 ):
-    """The command line gives the same coefficient files, byte for byte."""
-    for name, setting in (("disk", "0"), ("memory", "1000")):
-        monkeypatch.setenv(logs_on_disk.SETTING, setting)
-        options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
-        pinned = ("--set", "drift.model=gradient_rate", "--set", "drift.order=0")  # of one ramp
-        assert calibkit("fit", "fog_thermal", "--data", folder, *options, *pinned).code in (0, 1)
-    for stage in ("denoise.json", "drift.json", "drift_rate.json"):
-        disk, memory = (
-            (tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory")
+    """Every file of the run folder, and a compensated log with its flags, byte for byte."""
+    settings = ("site.latitude_deg=34.2",) if name == "gyro_triad" else ()
+    memory = sample_run(tmp_path_factory, name, settings)
+    data = sample_logs(tmp_path_factory, name)
+    written = []
+    for place in ("memory", "disk"):
+        out = tmp_path / f"{place}.csv"
+        if name in FIELD:
+            outcome = calibkit("apply", memory.folder, data=data / FIELD[name], out=out)
+            assert outcome.code == 0, outcome.err
+            written.append((out.read_bytes(), outcome.err))
+        in_pieces(monkeypatch)
+        monkeypatch.setattr(write_back, "BLOCK", 500)
+    assert written[:1] == written[1:]
+    pipeline.fit(recipe.find(name, settings), data, SERIAL, tmp_path, DATE, instruments.silent)
+    assert files_of(tmp_path / SERIAL / "r001") == files_of(memory.folder)
+
+
+def test_dwells_do_not_depend_on_the_length_of_spans(monkeypatch, tmp_path, tmp_path_factory):
+    """Coefficients from spans of 257 rows and from one span agree to 1e-10."""
+    whole = sample_run(tmp_path_factory, "accelerometer_magnitude")
+    monkeypatch.setattr(chunks, "ROWS", 257)
+    data = sample_logs(tmp_path_factory, "accelerometer_magnitude")
+    source = recipe.find("accelerometer_magnitude")
+    cut = pipeline.fit(source, data, SERIAL, tmp_path, DATE, instruments.silent).run
+    for file, record in whole.records.items():
+        for one, other in zip(record.models, cut.records[file].models, strict=True):
+            values = [[entry.value for entry in model.coefficients] for model in (one, other)]
+            np.testing.assert_allclose(*values, rtol=1e-10, atol=1e-14)
+
+
+def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(
+    calibkit, monkeypatch, tmp_path, tmp_path_factory
+):
+    """A spike is flagged with its line, and a long gap refused, from disk as from memory."""
+    lines = (sample_logs(tmp_path_factory, "bias_temperature") / "warm.csv").read_text().split("\n")
+    lines[2500] = ",".join([*lines[2500].split(",")[:2], "120.5"])
+    torn = [*lines[:1000], *lines[1100:]]
+    for folder, rows in (("spiked", lines), ("torn", torn)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "warm.csv").write_text("\n".join(rows), encoding="utf-8")
+    said = []
+    for place in ("memory", "disk"):
+        spiked, refused = (
+            calibkit(
+                "fit", "bias_temperature", data=tmp_path / folder, serial="S", out=tmp_path / place
+            )
+            for folder in ("spiked", "torn")
         )
-        assert disk == memory
-
-
-@pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])
-def test_gyros_about_several_axes_are_fitted_from_disk_as_in_memory(
-    procedure, on_disk, calibkit, monkeypatch, tmp_path
-):
-    """The run folders are the same, byte for byte."""
-    for name, setting in (("disk", "0"), ("memory", "1000")):
-        monkeypatch.setenv(logs_on_disk.SETTING, setting)
-        options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
-        data = ROOT / "datasets" / procedure
-        assert calibkit("fit", procedure, "--data", data, *options).code == 0
-    disk, memory = (
-        {path.name: path.read_bytes() for path in (tmp_path / name / "S" / "r001").iterdir()}
-        for name in ("disk", "memory")
-    )
-    assert disk == memory
+        assert "warm.csv:2501: column 'gyro_dph': a spike: 120.5 deg/h" in spiked.out
+        assert "warm.csv:1001: column 'time_s': a gap of 101 s" in refused.err
+        said.append(refused.err)
+        in_pieces(monkeypatch)
+    assert said[0] == said[1]
 
 
 def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):

@@ -13,7 +13,6 @@ from scipy.signal import lfilter
 
 import calibkit
 from calibkit import store
-from calibkit.ingest import logs_on_disk
 from calibkit.instruments.bias import power_ons, simulate
 from calibkit.instruments.bias.numeric import choice
 from calibkit.numeric import gum, intervals
@@ -256,26 +255,6 @@ def test_the_clock_that_begins_anew_is_a_power_on(tmp_path, fit):
         assert component.groups == 2
         assert component.value == pytest.approx(4.0 / np.sqrt(2.0), abs=0.4)
         assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
-
-
-def test_a_log_on_disk_is_fitted_and_compensated_as_one_in_memory(
-    tmp_path, fit, calibkit, monkeypatch
-):
-    """Of a log with a reboot and a gap: the same bytes, from columns that lie in scratch files."""
-    time, case, gyro = sweep()
-    row = np.arange(time.size)
-    time = np.where(row < 2000, time, time - time[2000] + 1.0) + 300.0 * (row >= 4000)
-    write_log(tmp_path / "logs" / "a.csv", time, case, gyro_x_dph=gyro)
-    for name, setting in (("disk", "0"), ("memory", "1000")):
-        monkeypatch.setenv(logs_on_disk.SETTING, setting)
-        assert fit(RECIPE, "--date", "2026-01-01").code == 0
-        options = ("--data", tmp_path / "logs" / "a.csv", "--out", tmp_path / name)
-        assert calibkit("apply", "I-1@r001", "--runs", tmp_path / "runs", *options).code == 0
-    (tmp_path / "runs").rename(tmp_path / "fitted")
-    folders = [tmp_path / "fitted" / "I-1" / f"r00{k}" / "thermal.json" for k in (1, 2)]
-    models = [store.load(path.parent).records["thermal.json"].models for path in folders]
-    assert models[0] == models[1]
-    assert (tmp_path / "disk").read_bytes() == (tmp_path / "memory").read_bytes()
 
 
 def test_logs_whose_clock_goes_on_are_one_power_on(tmp_path, fit):
