@@ -410,6 +410,54 @@ def test_bias_stability_is_the_standard_deviation_of_block_means():
         assert (figure.blocks, figure.block_s) == (len(means), pytest.approx(block_s))
 
 
+def naive_detail_variance(rate, high_pass, low_pass, level):
+    """√2-scaled variance of undecimated wavelet details that lie inside the record, by explicit
+    equivalent filters.
+    """
+    equivalent = np.ones(1)
+    for below in range(level):
+        taps = high_pass if below == level - 1 else low_pass
+        spread = np.zeros((len(taps) - 1) * 2**below + 1)
+        spread[:: 2**below] = np.asarray(taps) / np.sqrt(2.0)
+        equivalent = np.convolve(equivalent, spread)
+    details = np.convolve(rate, equivalent, mode="valid")
+    details = details[~np.isnan(details)]
+    return 2.0 * np.mean(details**2), details.size
+
+
+@pytest.mark.parametrize("wavelet", ["db2", "db3", "sym4"])
+def test_wavelet_deviation_equals_explicit_filters(wavelet):
+    """Convolution with the equivalent filters of each level gives the same variance from the same
+    coefficients.
+    """
+    import pywt
+
+    rate = np.random.default_rng(62).standard_normal(700)
+    rate[[90, 400]] = np.nan
+    bank = pywt.Wavelet(wavelet)
+    curve = allan.wavelet_deviation(rate, 1.0, wavelet=wavelet)
+    for level, (deviation, count) in enumerate(
+        zip(curve.deviation, curve.pairs, strict=True), start=1
+    ):
+        variance, expected = naive_detail_variance(rate, bank.dec_hi, bank.dec_lo, level)
+        assert (deviation**2, count) == (pytest.approx(variance, rel=1e-9), expected)
+
+
+def test_noise_types_are_identified_at_every_averaging_time():
+    """Lag-1 autocorrelations name the noise that was simulated, a linear drift notwithstanding."""
+    generator = np.random.default_rng(41)
+    cases = {
+        "quantization": record(generator, 4000, 1.0, Q=1.0),
+        "angle_random_walk": record(generator, 4000, 1.0, N=0.01, R=1.0),
+        "rate_random_walk": record(generator, 4000, 1.0, K=0.1),
+    }
+    for noise, rate in cases.items():
+        assert set(allan.overlapping(rate, 1.0).noise[:6]) == {noise}
+    # means of flicker are at the limit to a random walk, for Stable32 too
+    flicker_types = set(allan.overlapping(record(generator, 4000, 1.0, B=0.1), 1.0).noise[:6])
+    assert "bias_instability" in flicker_types <= {"bias_instability", "rate_random_walk"}
+
+
 def test_haar_wavelet_deviation_is_the_allan_deviation():
     """√2 times the Haar wavelet deviation equals the overlapping Allan deviation, gaps included."""
     rate = np.random.default_rng(61).standard_normal(3000) + 40.0

@@ -884,3 +884,29 @@ def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
     assert found.predicted == ()
     with pytest.raises(FitError, match=r"do not determine the scale factor .* of both signs"):
         plans.plan(recipe.find("gyro_pair", ()), tmp_path / "p", have=tmp_path, dry_run=True)
+
+
+def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
+    """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
+    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}
+    rng = np.random.default_rng(1)
+    folder = exact_pair(tmp_path / "logs", case, log_writer)
+    for path in folder.iterdir():
+        header, rows = rows_of(path)
+        columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+        noisy = {
+            n: columns[n] + rng.normal(0.0, 3.0, len(rows)) for n in ("gyro_a_lsb", "gyro_b_lsb")
+        }
+        log_writer(path, **(columns | noisy))
+    run = fit(calibkit, "gyro_pair", folder, tmp_path / "runs")
+    found = figures(run.records["gyro_orthogonality.json"])
+    assert found["gamma_indicated"].value > 1.0
+    assert (found["gamma"].value, found["alpha_deg"].value, found["clamped"].value) == (
+        1.0,
+        0.0,
+        1.0,
+    )
+    assert found["alpha_low_95_deg"].value == 0.0
+    assert 0.0 < found["alpha_high_95_deg"].value < 1.0
+    assert any("clamped" in flag for flag in run.document["flags"])
+    assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()
