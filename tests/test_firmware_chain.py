@@ -2,6 +2,8 @@
 within the printed bound.
 """
 
+import json
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from calibkit.instruments.bias import compensate, forms
 from calibkit.instruments.bias.numeric import bank, published as drift
 from calibkit.instruments.gyro_scale import forms as gyro_forms
 from calibkit.instruments.inclinometer import forms as inclinometer_forms
+from conftest import ROOT
 from firmware_log import words
 from firmware_runs import MEMORYLESS, RUNS, cached
 
@@ -223,6 +226,19 @@ def test_the_bound_of_a_plain_polynomial_is_within_the_classical_formula(runs):
         chain.structure.outputs[0].name
     ]
     assert classical / 10 < printed <= classical * 1.02
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_the_printed_bounds_are_those_of_the_error_analysis_as_it_was_proven(name, runs):
+    """Single precision, fitted range and full scale, to two digits: a rounding that is no longer
+    counted would print a smaller one.
+    """
+    proven = json.loads((ROOT / "tests/golden/firmware_bounds.json").read_text(encoding="utf-8"))
+    chain = runs(name).chain
+    quantised = chain.quantise(formats.Format.find("f32"))
+    fitted, full = (bounds.find_bounds(chain, quantised, full=full) for full in (False, True))
+    found = {output: [fitted[output], full[output]] for output in fitted}
+    assert found == {output: pytest.approx(pair, rel=0.06) for output, pair in proven[name].items()}
 
 
 @pytest.mark.parametrize("name", RUNS)
