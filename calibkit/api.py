@@ -24,7 +24,7 @@ from calibkit.analysis import Run
 from calibkit.certificate import certify as certificates
 from calibkit.certificate.signature_trust import Demands
 from calibkit.check import examination
-from calibkit.errors import CalibkitError, CoefficientError, UsageError
+from calibkit.errors import CalibkitError, UsageError
 from calibkit.ingest import logs
 from calibkit.instruments import silent
 from calibkit.numeric.gum import UncertaintyComponent, combine as combine_uncertainty
@@ -281,14 +281,7 @@ def load_coefficients(path: AnyPath) -> Record:
     """Record of a coefficient file of any released format; raises CalibkitError where its digest is
     wrong.
     """
-    file = Path(path)
-    try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise CoefficientError(
-            f"{file}: cannot be read: {error}", hint="name a coefficient file"
-        ) from None
-    return coefficients.loads(text, str(file))
+    return coefficients.loads(store.read_utf8(Path(path)), str(path))
 
 
 def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Array]:

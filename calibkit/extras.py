@@ -4,7 +4,7 @@ import importlib.util
 import sys
 from typing import Any
 
-from calibkit.errors import NotCheckedError, OutputError
+from calibkit.errors import CalibkitError, NotCheckedError, OutputError
 
 
 def install_hint(extra: str) -> str:
@@ -15,23 +15,20 @@ def install_hint(extra: str) -> str:
     return f"{python} -m pip install 'calibkit[{extra}]'"
 
 
-def load_library(module: str, extra: str, purpose: str) -> Any:  # noqa: ANN401 (a module without types)
-    """Module of an optional library; OutputError that says how to install it where it is
+def load_library(
+    module: str, extra: str, message: str, kind: type[CalibkitError] = OutputError
+) -> Any:  # noqa: ANN401 (a module without types)
+    """Module of an optional library; an error of a kind, which says how to install it, where it is
     absent.
     """
     try:
         return importlib.import_module(module)
     except ImportError:
-        raise OutputError(purpose, hint=install_hint(extra)) from None
+        raise kind(message, hint=install_hint(extra)) from None
 
 
 def load_checker(module: str) -> Any:  # noqa: ANN401 (a module without types)
     """Module of an optional library that checks certificates; NotCheckedError where it is
     absent.
     """
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise NotCheckedError(
-            "NOT CHECKED: install calibkit[verify]", hint=install_hint("verify")
-        ) from None
+    return load_library(module, "verify", "NOT CHECKED: install calibkit[verify]", NotCheckedError)

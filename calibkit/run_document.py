@@ -18,7 +18,7 @@ Verdict = Literal["accepted", "rejected", "no verdict"]
 ACCEPTED: Mapping[str, bool | None] = {"accepted": True, "rejected": False, "no verdict": None}
 """Verdict → `accepted` of a JSON document."""
 NO_VERDICT = "No verdict: the recipe sets no [acceptance] limits"
-_HEX = re.compile(r"[0-9a-f]*")
+_HEX = re.compile(r"[0-9a-f]+")
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 
 
@@ -41,12 +41,12 @@ class _InputFacts:
     name: str
     sha256: str
     rows: int
-    fingerprint: str = ""
-    sample: str = ""
+    fingerprint: str | None = None
+    sample: str | None = None
 
     def __post_init__(self) -> None:
         for text in (self.fingerprint, self.sample):  # digests of rows behind each other
-            if len(text) % KEPT_DIGITS or not _HEX.fullmatch(text):
+            if text is not None and (len(text) % KEPT_DIGITS or not _HEX.fullmatch(text)):
                 raise ValueError(f"{text!r:.40} is no fingerprint of rows")
 
 

@@ -360,7 +360,8 @@ def read_bytes(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise CoefficientError(
-            f"{path}: cannot be read: {error.strerror}", hint="restore the run folder"
+            f"{path}: cannot be read: {error.strerror}",
+            hint="name or restore what calibkit wrote",
         ) from None
 
 

@@ -140,7 +140,9 @@ def test_rows_without_a_value_have_a_status(apply, table, tmp_path):
 
 
 def test_logs_without_header_and_time_column_are_counted(apply, table, tmp_path):
-    """`rate_hz` gives the time; no header is invented, and the drift stands behind the columns."""
+    """`rate_hz` gives the time; the new file has the names of the recipe, and the drift stands
+    behind the columns.
+    """
     columns = ["temp_case_degc", "gyro_dph"]
     table[columns].to_csv(tmp_path / "flight.csv", index=False, header=False)
     names = ("--set", f"logs.names={json.dumps(columns)}", "--set", "logs.rate_hz=1.0")
@@ -150,19 +152,22 @@ def test_logs_without_header_and_time_column_are_counted(apply, table, tmp_path)
             "CASE", tmp_path / "flight.csv", *more, "--set", "output.drift=true", out=f"{number}"
         )
         assert outcome.code == 0, outcome.err
-        made = pd.read_csv(out, header=None)
-        assert made.shape == (len(table), 3)
-        assert np.allclose(made[1] + made[2], table["gyro_dph"], atol=1e-12)
-        assert np.ptp(made[2]) > 0.1
+        made = pd.read_csv(out)
+        assert list(made) == [*columns, "gyro_drift_dph"]
+        assert len(made) == len(table)
+        rate = made["gyro_dph"] + made["gyro_drift_dph"]
+        assert np.allclose(rate, table["gyro_dph"], atol=1e-12)
+        assert np.ptp(made["gyro_drift_dph"]) > 0.1
 
 
 @pytest.mark.parametrize(
     ("delimiter", "decimal", "encoding", "end"),
     [(";", ",", "cp1252", "\r\n"), ("\t", ".", "utf-16", "\n"), (" ", ".", "utf-8", "\n")],
 )
-def test_a_text_log_keeps_its_lines(delimiter, decimal, encoding, end, apply, table, tmp_path):
-    """Preamble, names, units, delimiter, decimal mark, encoding and line ends are those of the log;
-    only the indication changes, and columns are added behind.
+def test_a_text_log_becomes_clean_csv(delimiter, decimal, encoding, end, apply, table, tmp_path):
+    """Commas, points, UTF-8, one line of names with the units that stood below them; every row and
+    column in order, only the indication changes, and columns are added behind. `apply` reads it
+    again.
     """
     rows = [
         delimiter.join(f"{value:.4f}".replace(".", decimal) for value in row)
@@ -174,17 +179,27 @@ def test_a_text_log_keeps_its_lines(delimiter, decimal, encoding, end, apply, ta
     (tmp_path / "log.txt").write_bytes(end.join(lines).encode(encoding))
     outcome, out = apply("CASE", tmp_path / "log.txt", *MAPPED, "--set", "output.drift=true")
     assert outcome.code == 0, outcome.err
-    made = out.read_bytes().decode(encoding).split(end)
-    assert made[0] == lines[0]
-    assert made[1].split(delimiter) == [*GERMAN.values(), "gyro_drift_dph", "status"]
-    assert made[2].split(delimiter)[:5] == [*units, "deg/h"]
-    assert len(made) == len(lines)
-    for before, after in zip(lines[3:-1], made[3:-1], strict=True):
-        assert before.split(delimiter)[:3] == after.split(delimiter)[:3]
-    rate, drift = (float(made[3].split(delimiter)[k].replace(decimal, ".")) for k in (3, 4))
-    assert rate + drift == pytest.approx(table["gyro_dph"][0], abs=1e-9)
-    assert "temp_case_degc" in made[8]
-    assert ("." in made[3]) == (decimal == ".")
+    made = pd.read_csv(out)
+    assert list(made) == [
+        "Zeit (s)",
+        "Gehäuse (degC)",
+        "Luft (degC)",
+        "Kreisel (deg/h)",
+        "gyro_drift_dph",
+        "status",
+    ]
+    assert len(made) == len(rows)
+    before = np.array([row.replace(",", ".").split(delimiter) for row in rows])
+    for k, name in enumerate(list(made)[:3]):
+        assert made[name].astype(str).tolist() == before[:, k].tolist() or np.array_equal(
+            made[name].to_numpy(), before[:, k].astype(float)
+        )
+    assert made["status"][5] == "no temp_case_degc"
+    assert made["status"].isna().sum() == len(made) - 1
+    rate = made["Kreisel (deg/h)"] + made["gyro_drift_dph"]
+    corrected = made["status"].isna()
+    assert np.allclose(rate[corrected], before[corrected, 3].astype(float), atol=1e-9)
+    assert apply("CASE", out, *MAPPED, out="again.csv")[0].code in {0, 3}
 
 
 @pytest.fixture(scope="module")
@@ -214,11 +229,11 @@ def test_a_counter_gives_its_first_row_no_rate(rated, tmp_path, calibkit):
         arguments = ("--data", tmp_path / f"{name}.csv", "--out", tmp_path / f"{name}.out")
         outcome = calibkit("apply", "R", "--runs", rated, *arguments, *more)
         assert outcome.code == 0, outcome.err
-        made[name] = pd.read_csv(tmp_path / f"{name}.out", header=None if more else 0)
-    assert made["total"][3][0] == "counts since the row before: the first row has none"
-    assert made["total"][3][1:].isna().all()
-    assert np.isnan(made["total"][2][0])
-    assert np.allclose(made["total"][2][1:], made["rates"]["gyro_x_dps"][1:], atol=1e-6)
+        made[name] = pd.read_csv(tmp_path / f"{name}.out")
+    assert made["total"]["status"][0] == "counts since the row before: the first row has none"
+    assert made["total"]["status"][1:].isna().all()
+    assert np.isnan(made["total"]["gyro_x_dps"][0])
+    assert np.allclose(made["total"]["gyro_x_dps"][1:], made["rates"]["gyro_x_dps"][1:], atol=1e-6)
 
 
 def test_one_row_a_station(tmp_path, calibkit):

@@ -2,13 +2,16 @@
 any other.
 """
 
+import hashlib
+
 import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import clean, delimited
+from calibkit.readers import clean, text
+from calibkit.recipe.logs import Logs
 
 NAMES = ("time_s", "temp_case_degc", "gyro_dph")
 NUMBERS = st.one_of(
@@ -27,9 +30,18 @@ def text_of(rows, end="\n", start=""):
     return (start + end.join([",".join(NAMES), *(",".join(row) for row in rows)]) + end).encode()
 
 
+def read_text(path):
+    """Read a log as the reader of text does."""
+    logs = Logs.model_validate({"files": ["*"]})
+    data = path.read_bytes()
+    names = data.decode("utf-8-sig", "replace").split("\n")[0].split(",")
+    sha256 = hashlib.sha256(data).hexdigest()
+    return text.parse_csv(data, sha256, path.name, logs, {name.strip() for name in names})
+
+
 def same(path):
     """Whether both readers agree on a file to the last bit."""
-    quick, strict = clean.read(path, path.name), delimited.read(path, path.name, NAMES)
+    quick, strict = clean.read(path, path.name), read_text(path)
     assert quick is not None
     assert quick.sha256 == strict.sha256
     assert list(quick.frame.columns) == list(strict.frame.columns)
@@ -82,7 +94,7 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(
         compiled(patch, use=kernels)
         quick = clean.read(path, "log.csv")
     if quick is not None:
-        strict = delimited.read(path, "log.csv", NAMES)
+        strict = read_text(path)
         assert quick.sha256 == strict.sha256
         assert quick.frame.to_numpy().tobytes() == strict.frame.to_numpy().tobytes()
 
@@ -162,14 +174,14 @@ def test_a_log_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
     """A row added behind the parser's back: one line that names the log."""
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")]))
-    parsed = clean._parse
+    read_header = clean._read_header
 
-    def growing(block, columns):
+    def growing(first, file):
         with path.open("ab") as stream:
             stream.write(b"4,5,6\n")
-        return parsed(block, columns)
+        return read_header(first, file)
 
-    monkeypatch.setattr(clean, "_parse", growing)
+    monkeypatch.setattr(clean, "_read_header", growing)
     with pytest.raises(LogFormatError, match=r"log\.csv: it changed while it was read"):
         clean.read(path, "log.csv")
 
@@ -190,12 +202,12 @@ def test_numbers_of_seventeen_digits_are_the_nearest(tmp_path):
 
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
-@pytest.mark.parametrize("text", ["%.19f", "%.17e", "%.25f", "%.4f", "%.0f"])
-def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, text):
+@pytest.mark.parametrize("form", ["%.19f", "%.17e", "%.25f", "%.4f", "%.0f"])
+def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, form):
     """2,000 numbers a column, of few or many digits, are those that Python makes of their text."""
     compiled(monkeypatch, use=kernels)
     rng = np.random.default_rng(6)
-    rows = [tuple(text % x for x in row) for row in (rng.normal(0.0, 1e3, (2000, 3))).tolist()]
+    rows = [tuple(form % x for x in row) for row in (rng.normal(0.0, 1e3, (2000, 3))).tolist()]
     path = tmp_path / "log.csv"
     path.write_bytes(text_of(rows))
     expected = np.array([[float(field) for field in row] for row in rows])

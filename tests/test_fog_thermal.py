@@ -197,8 +197,8 @@ def test_a_validation_that_misses_its_limit_exits_with_1(fit, tmp_path, calibkit
 
 
 def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, tmp_path, calibkit):
-    """All other fields keep their characters; the drift over the log falls; the mean rate stays
-    within the drift.
+    """All other fields keep their numbers; the drift over the log falls; the mean rate stays within
+    the drift.
     """
     log, out = CAMPAIGN / "withheld" / "ramp_heating_03.csv", tmp_path / "out.csv"
     assert calibkit("apply", "S-1", "--runs", runs, "--data", log, "--out", out).code == 0
@@ -206,7 +206,8 @@ def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, tmp_pat
     assert header == after_header
     assert len(before) == len(after)
     keep = [k for k, name in enumerate(header) if name != "gyro_dph"]
-    assert [[row[k] for k in keep] for row in before] == [[row[k] for k in keep] for row in after]
+    fields = [np.array([[float(row[k]) for k in keep] for row in rows]) for rows in (before, after)]
+    assert np.array_equal(*fields)
     raw, compensated = column(log, "gyro_dph"), column(out, "gyro_dph")
     means = [
         np.std(x[: x.size // 100 * 100].reshape(-1, 100).mean(axis=1)) for x in (raw, compensated)

@@ -21,6 +21,7 @@ EDITS = {
     "static IMU swept over a chamber's range in one HDF5 file": GRAVITY,
     "flight controller's export, a topic a file, microseconds": GRAVITY,
     "six logs of an IMU, one a face": GRAVITY,
+    "typed workbook of table positions, merged temperatures": GRAVITY,
     "counts of a fibre-optic gyro in Parquet, thermometer in sixteenths": (
         ('from = "temp_1_16C"', 'from = "temp_1_16C"\nscale = 0.0625\nunit = "degC"'),
     ),
@@ -109,9 +110,6 @@ def test_what_was_found_in_a_log_is_pinned(proposed):
     pinned = {
         "serial capture with a torn line and no header": 'torn_lines = "drop"',
         "stations of a tool, typed row by row": "footer_lines = 1",
-        "typed workbook of table positions, merged temperatures": (
-            "gravity_mps2 = 9.81 # typed in the log"
-        ),
         "MATLAB sweeps, one row per held rate, ± apart": 'tables = ["cw", "ccw"]',
         "static IMU swept over a chamber's range in one HDF5 file": 'table = "*"',
         "JSON of a calibrator, two tables": 'table = "grav"',

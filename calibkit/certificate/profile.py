@@ -318,13 +318,7 @@ def read_source(path: Path | None, overrides: tuple[str, ...] = ()) -> loader.So
     """Text of a profile with its overrides, empty for none; RecipeError where it cannot be read."""
     if path is None:
         return loader.Source("profile", "", overrides)
-    try:
-        text = loader.read_limited(path).decode("utf-8-sig").replace("\r\n", "\n")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecipeError(
-            f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
-        ) from None
-    return loader.Source(path.name, text, overrides)
+    return loader.Source(path.name, loader.read_utf8(path, "name a profile"), overrides)
 
 
 def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:

@@ -9,10 +9,10 @@ from typing import NoReturn
 
 import click
 
-from calibkit.cli import completion, fleets, logs, outputs, plans, records, results
-from calibkit.cli.console import prepare_streams, print_data, print_json
+from calibkit.cli import fleets, logs, outputs, plans, records, results
+from calibkit.cli.console import prepare_streams
 from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
-from calibkit.cli.options import JSON, CommandGroup
+from calibkit.cli.options import CommandGroup
 from calibkit.version import __version__
 
 
@@ -56,25 +56,6 @@ for subcommand in (
     logs.simulate,
 ):
     cli.add_command(subcommand)
-
-
-@cli.command("completion")
-@click.argument("shell", type=click.Choice(completion.SHELLS))
-@JSON
-def complete(shell: str, *, as_json: bool) -> int:
-    """Print the script that lets a shell complete commands, options, recipes, serials and
-    revisions.
-
-    \b
-    calibkit completion bash >> ~/.bashrc
-    calibkit completion fish > ~/.config/fish/completions/calibkit.fish
-    """
-    text = completion.completion_script(shell, cli)
-    if as_json:
-        print_json({"ok": True, "shell": shell, "script": text})
-    else:
-        print_data(text)
-    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:

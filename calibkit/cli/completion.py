@@ -1,17 +1,12 @@
-"""What a shell offers for a RECIPE, a RUN or a SERIAL that is being typed, and the script that
-makes it do so.
-"""
+"""What a shell offers for a RECIPE, a RUN or a SERIAL that is being typed."""
 
 import os
 from pathlib import Path
 
 import click
-from click.shell_completion import CompletionItem, get_completion_class
-
-from calibkit.errors import UsageError
+from click.shell_completion import CompletionItem
 
 Items = list[CompletionItem]
-SHELLS = ("bash", "zsh", "fish")
 
 
 def complete_recipe(ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:  # noqa: ARG001 (click's signature)
@@ -40,11 +35,3 @@ def _folders(root: Path) -> list[str]:
         )
     except OSError:
         return []
-
-
-def completion_script(shell: str, program: click.Command) -> str:
-    """Text that a shell's start-up file runs; UsageError for a shell that is not known."""
-    kind = get_completion_class(shell)
-    if kind is None or shell not in SHELLS:
-        raise UsageError(f"shell '{shell}' is not known", hint=f"one of {', '.join(SHELLS)}")
-    return kind(program, {}, "calibkit", "_CALIBKIT_COMPLETE").source()

@@ -219,8 +219,8 @@ def apply(
     document = {
         "run": stored_run.name,
         "out": str(out),
-        "rows": compensated.fields.count,
-        "uncorrected": {reason: int(rows.size) for reason, rows in compensated.uncorrected},
+        "rows": compensated.rows,
+        "uncorrected": {reason: int(rows.size) for reason, rows in compensated.uncorrected.items()},
         "flags": list(flags),
     }
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)

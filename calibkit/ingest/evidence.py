@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from calibkit.ingest import column_names, time_units, typed_gravity
+from calibkit.ingest import column_names, time_units
 from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.glimpse import Glimpse
 from calibkit.ingest.log_groups import Group
@@ -121,7 +121,6 @@ class Evidence:
             keys or {},
             lines=self._guess_units(mapping),
             reason=reason,
-            gravity=typed_gravity.find_gravity(self.folder / self.group.files[0]),
         )
 
     def choose_at_rest(

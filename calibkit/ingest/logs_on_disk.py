@@ -40,7 +40,7 @@ ROWS = 1 << 19
 """Rows that are read at a time."""
 
 
-def _largest_in_memory() -> float:
+def largest_in_memory() -> float:
     """Bytes of a log up to which it is held in memory; raises UsageError for a setting that is not
     a number.
     """
@@ -66,7 +66,7 @@ def read_to_disk(
     """A large clean log with its columns on disk; None for a log that is held in memory. Raises as
     `ingest.read_log`.
     """
-    scan = scan_large_log(recipe, path, file, _largest_in_memory())
+    scan = scan_large_log(recipe, path, file, largest_in_memory())
     if scan is None:
         return None
     import pandas as pd

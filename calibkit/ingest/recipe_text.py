@@ -32,8 +32,6 @@ class RecipeChoice:
     """Further tables of the recipe."""
     guessed: bool = False
     """Whether numbers alone say what the columns are."""
-    gravity: str = ""
-    """Gravity [m/s²] that the logs state, as TOML."""
     joined: tuple[str, ...] = ()
     """Files of a second logger that the recipe reads too."""
     remark: str = ""
@@ -184,9 +182,7 @@ def _map_column(name: str, column: LogColumn, further_lines: Sequence[str]) -> l
 
 
 def _state_gravity(choice: RecipeChoice) -> list[str]:
-    """Table [site] for accelerations in m/s², which gravity divides: typed in the log, or to be
-    stated.
-    """
+    """Table [site] for accelerations in m/s², which a person completes by gravity."""
     si = any(
         column.dimension == _SI or any("m/s^2" in line for line in choice.lines.get(name, ()))
         for name, column in choice.mapping.items()
@@ -194,9 +190,6 @@ def _state_gravity(choice: RecipeChoice) -> list[str]:
     )
     if not si or re.search(r"(?m)^\[site\]", recipe.find(choice.recipe).text):
         return []
-    if choice.gravity:
-        typed = f"gravity_mps2 = {choice.gravity} # typed in the log: is it that of the laboratory?"
-        return ["[site]", typed]
     return ["[site] # gravity divides m/s²", f"{UNSTATED}gravity_mps2 = 9.8 # take the mark off"]
 
 

@@ -1,23 +1,25 @@
-"""A log written again, row by row and column by column, with some of its columns replaced."""
+"""A log written again as clean CSV, row by row and column by column, with some of its columns
+replaced and others added.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import FrameError, LogFormatError
+from calibkit.errors import FrameError
 from calibkit.frame import values
+from calibkit.ingest import logs_on_disk
 from calibkit.ingest.column_values import unmap_values
-from calibkit.ingest.text_lines import STATUS, TextLines
 from calibkit.numeric import chunks
-from calibkit.readers import clean, delimited, in_memory, registry, tokens
+from calibkit.readers import clean, registry, tokens
+from calibkit.readers.table import Table
 from calibkit.recipe import ColumnMapping
-from calibkit.recipe.logs import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -27,140 +29,140 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array, Integers
     from calibkit.frame import Log
-    from calibkit.readers.table import Table
     from calibkit.recipe import Recipe
 
 
 Applied: TypeAlias = "tuple[Rewritten, tuple[str, ...]]"
 """A compensated log and the flags."""
-_CSV = frozenset({AUTO, "csv"})
-BLOCK = 1 << 18
-"""Bytes of a log that are rewritten at a time."""
+STATUS = "status"
+"""Column that says why a row is not corrected."""
+ROWS = 1 << 16
+"""Rows of a log on disk that are written at a time."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rewritten:
-    """A log with its canonical columns `replaced` and others `added`, each along all rows of the
-    file; iterated over, the bytes of the new file, part by part.
-
-    `columns` are the replaced ones along the rows of the log's frame, `sources` has their names in
-    the log, `uncorrected` the rows of the file by the reason why they could not be corrected, and
-    `keep` whether these keep what was logged.
+    """A log with canonical columns replaced and others added; iterated over, the bytes of the new
+    file, part by part.
     """
 
     recipe: Recipe
-    file: str
     log: Log
-    fields: _RowFields
-    columns: Mapping[str, Array]
+    """Its frame has the rows of which the columns have values, `lost` those that could not be
+    corrected, by the reason.
+    """
+    header: tuple[str, ...]
+    """Names of the columns in the log."""
+    units: Mapping[str, str]
+    """Units that the log states of them."""
+    tables: Callable[[], Iterable[Table]]
+    """The log as it was read, whole or part by part."""
     replaced: Mapping[str, Array]
+    """Canonical column → values along the rows of the log's frame."""
     sources: Mapping[str, str]
+    """Canonical column → its name in the log."""
     added: Mapping[str, Array]
-    uncorrected: tuple[tuple[str, Integers], ...]
+    """Further column → values along the rows of the log's frame."""
     keep: bool = False
+    """Whether rows that could not be corrected keep what was logged."""
+
+    @property
+    def uncorrected(self) -> dict[str, Integers]:
+        """Reason → lines of the rows that could not be corrected."""
+        lines: dict[str, Integers] = {}
+        for reason, rows in self.log.lost:
+            lines[reason] = np.concatenate([lines[reason], rows]) if reason in lines else rows
+        return lines
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the new file."""
+        index = self.log.frame.index
+        alone = [int((~np.isin(lines, index)).sum()) for lines in self.uncorrected.values()]
+        return len(index) + sum(alone)
 
     def __iter__(self) -> Iterator[bytes]:
         """Bytes of the new file; raises LogFormatError where the log changes meanwhile."""
-        lines, quotes = self.fields.lines, self.fields.quotes or bool(self.uncorrected)
-        status = (STATUS,) if self.uncorrected else ()
-        shadowed = {*self.added, *status} & {*self.fields.header}
-        renamed = {name: f"reference_{name}" for name in shadowed}
-        if lines is not None:
-            count = self.fields.count
-            replaced = {k: self._texts(name, 0, count) for k, name in self._places()}
-            added = {name: _format_numbers(values) for name, values in self.added.items()}
-            yield lines.write(replaced, added, self._status(0, count), renamed)
-            return
-        header = [renamed.get(name, name) for name in self.fields.header]
-        yield _format_csv([[name] for name in (*header, *self.added, *status)], quotes=quotes)
-        row = 0
-        for block in self.fields.blocks():
-            stop, fields = row + len(block[0]), list(block)
-            if stop > self.fields.count:
-                break
-            for k, name in self._places():
-                texts = zip(self._texts(name, row, stop), block[k], strict=True)
-                fields[k] = [logged if text is None else text for text, logged in texts]
-            fields += [_format_numbers(values[row:stop]) for values in self.added.values()]
-            fields += [self._status(row, stop) for _ in status]
-            yield _format_csv(fields, quotes=quotes)
-            row = stop
-        if row != self.fields.count:
-            raise clean.changed(self.file)
+        names: list[str] = []
+        for table in self.tables():
+            frame = self.correct(table)
+            if not names:
+                names = [self._with_unit(str(name)) for name in frame.columns]
+                yield _format_csv([[name] for name in names])
+            yield _format_csv(
+                [_format_column(column, table.decimal) for _, column in frame.items()]
+            )
 
-    def _places(self) -> list[tuple[int, str]]:
-        """Number of each replaced column in the log, and its canonical name."""
-        return [(self.fields.header.index(source), name) for name, source in self.sources.items()]
+    def correct(self, table: Table) -> pd.DataFrame:
+        """Rows of the log, or of a part of it, as they are in the new file."""
+        import pandas as pd
 
-    def _texts(self, name: str, row: int, stop: int) -> list[str | None]:
-        """Fields of a replaced column from one row to another, in the log's own unit and sign; None
-        where what was logged is kept.
-        """
-        numbers = self._numbers(name, row, stop)
-        texts: list[str | None] = [*_format_numbers(numbers)]
-        for _, rows in self.uncorrected if self.keep else ():
-            for k in rows[(rows >= row) & (rows < stop)].tolist():
-                texts[k - row] = None
-        return texts
+        index = table.frame.index
+        places = self.log.frame.index.get_indexer(index)
+        missing = places < 0
+        status = pd.Series("", index, dtype=object)
+        for reason, lines in self.uncorrected.items():
+            status[index.isin(lines)] = reason
+        if (missing & (status == "").to_numpy()).any():
+            raise clean.changed(table.file)
 
-    def _numbers(self, name: str, row: int, stop: int) -> Array:
-        """Values of a replaced column from one row to another, in the log's own unit and sign."""
-        source = self.sources[name]
-        mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
-        header_unit = self.fields.units.get(source, "")
-        return unmap_values(self.replaced[name][row:stop], mapped, name, self.recipe, header_unit)
+        def along_rows(column: Array) -> pd.Series:
+            numbers = np.full(len(index), np.nan)
+            numbers[~missing] = column[places[~missing]]
+            return pd.Series(numbers, index)
+
+        new_names = [*self.added, *([STATUS] if self.log.lost else [])]
+        frame = table.frame.rename(columns={name: f"reference_{name}" for name in new_names})
+        for name, source in self.sources.items():
+            mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
+            stated_unit = self.units.get(source, "")
+            logged_values = unmap_values(
+                self.replaced[name], mapped, name, self.recipe, stated_unit
+            )
+            numbers = along_rows(logged_values)
+            if self.keep and missing.any():
+                numbers = numbers.astype(object).where(~missing, table.frame[source])
+            frame = frame.assign(**{source: numbers})
+        for name, column in self.added.items():
+            frame[name] = along_rows(column)
+        if self.log.lost:
+            frame[STATUS] = status
+        return frame
+
+    def _with_unit(self, name: str) -> str:
+        """Name of a column in the new file: with the unit that the log states of it elsewhere."""
+        unit = self.units.get(name, "")
+        named = units.unit_in_header(name) or name.rpartition("_")[2] in units.COLUMN_UNITS
+        return name if named or not unit else f"{name} ({unit})"
 
     def as_frame(self, logged: pd.DataFrame) -> pd.DataFrame:
         """The new log as a frame, where `logged` is the log: its index and columns stay; a table in
         place of the log has an index of its own.
         """
-        import pandas as pd
-
-        count = self.fields.count
-        if self.fields.header != list(map(str, logged.columns)) or count != len(logged):
-            return pd.read_csv(io.BytesIO(b"".join(self)))
-        corrected, status = logged.copy(), self._status(0, count)
-        for name, source in self.sources.items():
-            numbers = self._numbers(name, 0, count)
-            for _, rows in self.uncorrected if self.keep else ():
-                numbers[rows] = logged[source].to_numpy()[rows]
-            corrected[source] = numbers
-        corrected = corrected.rename(
-            columns={name: f"reference_{name}" for name in (*self.added, STATUS)}
-        )
-        corrected = corrected.assign(**self.added)
-        return corrected.assign(**{STATUS: status}) if status else corrected
-
-    def _status(self, row: int, stop: int) -> list[str]:
-        """Why each row from one to another is not corrected, "" for one that is; empty where all
-        rows of the log are.
-        """
-        if not self.uncorrected:
-            return []
-        words = [""] * (stop - row)
-        for reason, rows in self.uncorrected:
-            for k in rows[(rows >= row) & (rows < stop)].tolist():
-                words[k - row] = reason
-        return words
+        if list(self.header) != list(map(str, logged.columns)) or self.rows != len(logged):
+            (table,) = self.tables()
+            return self.correct(table)
+        rows = logged.set_axis(list(self.header), axis=1).reset_index(drop=True)
+        return self.correct(Table(self.log.file, "", rows)).set_index(logged.index)
 
     def describe(self) -> list[str]:
         """What was done: rows and the size of the corrections, columns added, rows left out."""
-        uncorrected_rows = sum(rows.size for _, rows in self.uncorrected)
-        lines = [
-            f"{self.fields.count - uncorrected_rows:,} of {self.fields.count:,} rows corrected"
-        ]
+        rows, uncorrected = self.rows, self.uncorrected
+        corrected_rows = rows - sum(lines.size for lines in uncorrected.values())
+        texts = [f"{corrected_rows:,} of {rows:,} rows corrected"]
         for name, source in self.sources.items():
-            low, high = _range_of_differences(values(self.log.frame, name), self.columns[name])
+            taken_off = values(self.log.frame, name) - self.replaced[name]
+            low, high = chunks.extremes_of_present(taken_off)
             unit = units.column_unit(name)
-            lines.append(f"column '{source}': {low:.4g} to {high:.4g} {unit} taken off")
+            texts.append(f"column '{source}': {low:.4g} to {high:.4g} {unit} taken off")
         if self.added:
-            lines.append(f"columns added: {', '.join(self.added)}")
+            texts.append(f"columns added: {', '.join(self.added)}")
         logged_fate = "keep what was logged" if self.keep else "are empty"
-        lines += [
-            f"{rows.size:,} rows not corrected ({reason}): their corrected values {logged_fate}"
-            for reason, rows in self.uncorrected
+        texts += [
+            f"{lines.size:,} rows not corrected ({reason}): their corrected values {logged_fate}"
+            for reason, lines in uncorrected.items()
         ]
-        return lines
+        return texts
 
 
 def rewrite_log(
@@ -173,32 +175,39 @@ def rewrite_log(
     """A log with canonical columns replaced and derived ones added behind, each along the rows of
     its frame; rows of the file that it lacks are empty there and have a status.
 
-    Columns are written in the log's own unit and sign; every other field keeps its own characters.
-    A reference column that a derived one would shadow is renamed reference_<column>. Numbers are
-    written with the fewest digits that read back to the same float64. Text keeps its encoding,
-    delimiter, decimal mark and every line; another format is written as comma-separated UTF-8 with
-    decimal points, every row and column of it. Clean CSV takes the memory of a block.
+    The new file is comma-separated UTF-8 with decimal points and one line of names; it has every
+    row and every column of the log in their order. Columns are written in the log's own unit and
+    sign, numbers with the fewest digits that read back to the same float64, texts as they are. A
+    unit that the log states in a line of its own stands in brackets behind the name. A reference
+    column that a derived one would shadow is renamed reference_<column>. A log that is too large
+    to be held in memory is read and written part by part.
 
     Raises FrameError or LogFormatError for what the log lacks.
     """
-    table_in_memory = in_memory.find(path)
-    if table_in_memory is not None:
-        fields = _list_fields(table_in_memory)
-    else:
-        fields = _scan_clean(recipe, path) or _read_fields(recipe, path, log)
-    sources = {name: _find_source(recipe, name, fields, path) for name in columns}
-    rows, lost = _find_rows(log)
-    spread = [
-        {name: _spread(column, rows, fields.count) for name, column in part.items()}
-        for part in (columns, derived or {})
-    ]
-    for column in (*spread[0].values(), *spread[1].values()):
-        if len(column) != fields.count:
+    derived = derived or {}
+    for column in (*columns.values(), *derived.values()):
+        if len(column) != len(log.frame):
             raise FrameError(
-                f"{path.name}: {fields.count} rows in, {len(column)} compensated",
+                f"{path.name}: {len(log.frame)} rows in, {len(column)} compensated",
                 hint="report this log as a fault",
             )
-    return Rewritten(recipe, path.name, log, fields, columns, spread[0], sources, spread[1], lost)
+    largest = logs_on_disk.largest_in_memory()
+    scan = logs_on_disk.scan_large_log(recipe, path, path.name, largest)
+    if scan is not None:
+        header, stated_units = scan.header, {n: units.unit_in_header(n) for n in scan.header}
+
+        def tables() -> Iterable[Table]:
+            return clean.read_chunks(path, path.name, scan, ROWS)
+
+    else:
+        table = registry.read(path, path.name, recipe.logs, ())
+        header, stated_units = tuple(map(str, table.frame.columns)), dict(table.units)
+
+        def tables() -> Iterable[Table]:
+            return (table,)
+
+    sources = {name: _find_source(recipe, name, header, path) for name in columns}
+    return Rewritten(recipe, log, header, stated_units, tables, columns, sources, derived)
 
 
 def tabulate(
@@ -207,181 +216,55 @@ def tabulate(
     """A table in place of a log: columns [n] in canonical units, and why a row has no result (""
     where it has one).
     """
-    head, *added_names = columns
-    first = [f"{value:.10g}" for value in columns[head]]
-    fields = _RowFields([head], {}, len(first), lambda: [[first]], quotes=True)
+    import pandas as pd
+
+    frame = pd.DataFrame(columns)
     reasons = np.array(status, dtype=object)
     lost = tuple(
         (reason, np.flatnonzero(reasons == reason)) for reason in dict.fromkeys(status) if reason
     )
-    added = {name: columns[name] for name in added_names}
-    return Rewritten(recipe, log.file, log, fields, {}, {}, {}, added, lost)
+    table = Table(log.file, log.sha256, frame)
+    stations = replace(log, frame=frame, lost=lost)
+    return Rewritten(recipe, stations, tuple(columns), {}, lambda: (table,), {}, {}, {})
 
 
-def _range_of_differences(logged: Array, corrected: Array) -> tuple[float, float]:
-    """Smallest and largest difference of two columns [n]."""
-    return chunks.extremes_of_present(logged - corrected)
-
-
-def _find_rows(log: Log) -> tuple[Integers | None, tuple[tuple[str, Integers], ...]]:
-    """Rows of the file that a log's frame has, None where it has all, and those that are lost, by
-    the reason.
-    """
-    if not log.lost:
-        return None, ()
-    frame_lines = log.frame.index.to_numpy()
-    all_lines = np.sort(np.concatenate([frame_lines, *(rows for _, rows in log.lost)]))
-    lost: dict[str, Integers] = {}
-    for reason, rows in log.lost:
-        row_numbers = np.searchsorted(all_lines, rows)
-        lost[reason] = (
-            np.concatenate([lost[reason], row_numbers]) if reason in lost else row_numbers
-        )
-    return np.searchsorted(all_lines, frame_lines), tuple(lost.items())
-
-
-def _spread(frame_values: Array, rows: Integers | None, count: int) -> Array:
-    """Values along a log's frame, along all rows of its file: missing where the frame has none."""
-    if rows is None:
-        return frame_values
-    file_values = np.full(max(count, int(rows.max(initial=-1)) + 1), np.nan)
-    file_values[rows] = frame_values
-    return file_values
-
-
-@dataclass(frozen=True, slots=True)
-class _RowFields:
-    """A log as characters: names, units that the header states, number of rows, and the fields of
-    each column for one block of rows after the other.
-
-    `quotes`: whether a field may hold a comma; `lines`: those of a text that is written as it is.
-    """
-
-    header: list[str]
-    units: Mapping[str, str]
-    count: int
-    blocks: Callable[[], Iterable[list[list[str]]]]
-    quotes: bool
-    lines: TextLines | None = None
-
-
-def _scan_clean(recipe: Recipe, path: Path) -> _RowFields | None:
-    """Fields of clean CSV as they are in the file, which is read block by block; None of any other
-    log.
-    """
-    scan = clean.scan_file(path, path.name) if recipe.logs.format in _CSV else None
-    if scan is None:
-        return None
-    header_units = {name: units.unit_in_header(name) for name in scan.header}
-    return _RowFields(
-        list(scan.header),
-        header_units,
-        scan.rows,
-        lambda: _read_blocks(path, len(scan.header)),
-        quotes=False,
-    )
-
-
-def _read_blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
-    """Fields of each column of clean CSV, one block of lines after the other; raises LogFormatError
-    where it cannot be read.
-    """
-    with delimited.open_log(path, path.name) as stream:
-        stream.readline()
-        while block := stream.read(BLOCK):
-            lines = (block + stream.readline()).decode().replace("\r\n", "\n").removesuffix("\n")
-            fields = lines.replace("\n", ",").split(",")
-            if len(fields) != width * (lines.count("\n") + 1):
-                raise clean.changed(path.name)
-            yield [fields[number::width] for number in range(width)]
-
-
-def _read_fields(recipe: Recipe, path: Path, log: Log) -> _RowFields:
-    """Fields of a log: of CSV as they are, of text by its lines, of any other format by its
-    reader.
-    """
-    data, _ = delimited.read_bytes(path, path.name)
-    if recipe.logs.format in _CSV and delimited.looks_clean(data):
-        try:
-            header, body = delimited.split_header(data, path.name)
-            delimited.require_fields(body, len(header), path.name)
-        except LogFormatError:
-            if recipe.logs.format == "csv":
-                raise
-        else:
-            rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
-            columns = list(map(list, zip(*rows, strict=True)))
-            header_units = {name: units.unit_in_header(name) for name in header}
-            return _RowFields(header, header_units, len(rows), lambda: [columns], quotes=False)
-    if (text := _cut_text(recipe, path, data, log)) is not None:
-        return text
-    return _list_fields(registry.read(path, path.name, recipe.logs, ()))
-
-
-def _list_fields(table: Table) -> _RowFields:
-    """Fields of a log that is no text, or in memory."""
-    frame = table.frame
-    return _RowFields(
-        list(map(str, frame.columns)),
-        table.units,
-        len(frame),
-        lambda: [[_format_column(frame[name], table.decimal) for name in frame.columns]],
-        quotes=True,
-    )
-
-
-def _cut_text(recipe: Recipe, path: Path, data: bytes, log: Log) -> _RowFields | None:
-    """Fields of text in a dialect, which is written by its lines; None of another format."""
-    is_text = recipe.logs.format == "text"
-    if not is_text and (recipe.logs.format != AUTO or registry.recognise_format(data)):
-        return None
-    numbers = np.sort(np.concatenate([log.frame.index, *(rows for _, rows in log.lost)]))
-    try:
-        lines = TextLines.cut(data, path.name, recipe.logs, numbers.astype(np.int64) + 1)
-    except LogFormatError:
-        return None
-    if lines is None:
-        return None
-    column_units = {column.name: column.unit for column in lines.dialect.columns if column.unit}
-    header = list(lines.dialect.names)
-    return _RowFields(header, column_units, len(numbers), list, quotes=False, lines=lines)
-
-
-def _format_column(column: pd.Series, decimal: str) -> list[str]:
-    """A column's own characters with decimal points, or its numbers."""
-    if column.dtype.kind == "f":
-        return _format_numbers(column.to_numpy(dtype=np.float64))
-    texts = map(str, column.fillna(""))
-    if decimal == ".":
-        return list(texts)
-    return [
-        text.replace(",", ".") if tokens.NUMBER[","].fullmatch(text) else text for text in texts
-    ]
-
-
-def _format_csv(columns: list[list[str]], *, quotes: bool) -> bytes:
-    """Comma-separated UTF-8."""
-    if not quotes:
-        return ("\n".join(map(",".join, zip(*columns, strict=True))) + "\n").encode()
-    stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(zip(*columns, strict=True))
-    return stream.getvalue().encode()
-
-
-def _find_source(recipe: Recipe, name: str, log: _RowFields, path: Path) -> str:
+def _find_source(recipe: Recipe, name: str, header: Sequence[str], path: Path) -> str:
     """Name that a canonical column has in the log, with or without the unit behind it."""
     source = recipe.columns[name].source if name in recipe.columns else name
-    if source in log.header:
+    if source in header:
         return source
-    headers = [header for header in log.header if units.name_without_unit(header) == source]
+    headers = [column for column in header if units.name_without_unit(column) == source]
     if len(headers) != 1:
         raise FrameError(f"{path.name}: no column '{source}'", hint="check [columns] of the recipe")
     return headers[0]
 
 
-def _format_numbers(values: Array) -> list[str]:
+def _format_column(column: pd.Series, decimal: str) -> list[str]:
+    """Fields of a column: numbers with decimal points, a missing value empty, texts as they are."""
+    if column.dtype.kind == "f":
+        return _format_numbers(column.to_numpy(dtype=np.float64))
+    texts = []
+    for cell in column:
+        if isinstance(cell, float):
+            text = "" if np.isnan(cell) else repr(float(cell)).removesuffix(".0")
+        elif decimal == "," and tokens.NUMBER[","].fullmatch(str(cell)):
+            text = str(cell).replace(",", ".")
+        else:
+            text = str(cell)
+        texts.append(text)
+    return texts
+
+
+def _format_numbers(numbers: Array) -> list[str]:
     """Shortest texts that read back to the same numbers; a missing value is an empty field."""
-    texts = list(map(repr, values.tolist()))
-    for row in np.flatnonzero(np.isnan(values)).tolist():
+    texts = [repr(number).removesuffix(".0") for number in numbers.tolist()]
+    for row in np.flatnonzero(np.isnan(numbers)).tolist():
         texts[row] = ""
     return texts
+
+
+def _format_csv(columns: list[list[str]]) -> bytes:
+    """Comma-separated UTF-8."""
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(zip(*columns, strict=True))
+    return stream.getvalue().encode()

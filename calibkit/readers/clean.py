@@ -1,17 +1,16 @@
-"""Fast reader of clean comma-separated logs: the numbers of the strict reader, or nothing.
+"""Fast reader of clean comma-separated logs: the numbers that `text` would read, or nothing.
 
-Format: that of `delimited` without texts or blanks, and with an end of the last
-line. The file goes through memory once, in blocks of whole lines: each is added to the digest,
-checked, and parsed into allocated columns, several blocks in parallel. Uncertainty of reading: as
-of `delimited`.
+Format: UTF-8 (a byte-order mark is accepted), one line of names, then one row a line of nothing but
+numbers between commas, with decimal points; an empty field or `nan` is a missing value; LF or CRLF
+line ends, also of the last line. The rows are parsed in blocks of whole lines, several beside each
+other. Uncertainty of reading: the nearest float64.
 """
 
 import hashlib
 import io
 import os
-from collections import deque
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -35,68 +34,41 @@ _NUMBER = b"0123456789.+-eEnaNA\r"
 
 
 def read(path: Path, file: str) -> Table | None:
-    """Read a log whose every field is a number or missing; None where one is not, for the strict
-    reader to name it.
-
-    Memory beyond the numbers is that of a few blocks. Raises LogFormatError where the file cannot
-    be read.
+    """Read a log whose every field is a number or missing; None where one is not, for the reader of
+    text to name it. Raises LogFormatError where the file cannot be read.
     """
     with delimited.open_log(path, file) as stream:
         before = path.stat()
         first = stream.readline(_LARGEST_HEADER)
-        header, sha256 = _read_header(first, file), hashlib.sha256(first)
-        columns = _parse_columns(stream, sha256, len(header), before.st_size) if header else None
+        header = _read_header(first, file)
+        if header is None:
+            return None
+        stream.seek(0)
+        data = stream.read()
         after = path.stat()
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise changed(file)
-    if header is None or columns is None:
+    ends = [len(first)]
+    while ends[-1] < len(data):
+        ends.append(data.find(b"\n", ends[-1] + BLOCK) + 1 or len(data))
+
+    def parse_block(start: int, stop: int) -> list[Array] | None:
+        block = data[start:stop]
+        columns = _allocate_columns(len(header), _count_line_ends(block))
+        return columns if _parse(block, columns) else None
+
+    with ThreadPoolExecutor(WORKERS) as threads:
+        digest = threads.submit(hashlib.sha256, data)
+        parsed = list(threads.map(parse_block, ends[:-1], ends[1:]))
+        sha256 = digest.result().hexdigest()
+    blocks = [columns for columns in parsed if columns is not None]
+    if len(blocks) < len(parsed) or not blocks:
         return None
     import pandas as pd  # beside a long log, in another thread, before this
 
-    frame = pd.DataFrame(dict(zip(header, columns, strict=True)), copy=False)
-    return Table(file, sha256.hexdigest(), frame)
-
-
-def _parse_columns(
-    stream: BinaryIO, sha256: "hashlib._Hash", fields: int, size: int
-) -> list[Array] | None:
-    """Columns [rows] of what follows the header in a file of `size` bytes, whose digest goes on; or
-    None where a block is not clean.
-    """
-    store = _allocate_columns(fields, 0)
-    rows = bytes_read = 0
-    under_way: deque[tuple[Future[bool], Future[None]]] = deque()
-    # digests go block after block, in one thread; each block is parsed into its own rows of the
-    # columns
-    with ThreadPoolExecutor(WORKERS) as parsers, ThreadPoolExecutor(1) as hashing:
-        for block in _read_blocks(stream):
-            lines = _count_line_ends(block)
-            bytes_read += len(block)
-            if rows + lines > store[0].size:
-                if not _await_blocks(under_way):
-                    return None
-                spare_rows = int(1.02 * (rows + lines) * size / bytes_read) + 1 - rows
-                store = [np.append(column[:rows], np.empty(spare_rows)) for column in store]
-            block_columns = [column[rows : rows + lines] for column in store]
-            under_way.append(
-                (parsers.submit(_parse, block, block_columns), hashing.submit(sha256.update, block))
-            )
-            rows += lines
-            if not _await_blocks(under_way, but=WORKERS):
-                return None
-        if not _await_blocks(under_way):
-            return None
-    return [column[:rows] for column in store] if rows else None
-
-
-def _await_blocks(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> bool:
-    """Wait until only so many blocks are under way; whether those that ended were clean."""
-    clean = True
-    while len(under_way) > but:
-        parsed, hashed = under_way.popleft()
-        hashed.result()
-        clean &= parsed.result()
-    return clean
+    joined = map(np.concatenate, zip(*blocks, strict=True))
+    frame = pd.DataFrame(dict(zip(header, joined, strict=True)), copy=False)
+    return Table(file, sha256, frame)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +112,8 @@ def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]
             numbers = _allocate_columns(fields, _count_line_ends(block))
             if not _parse(block, numbers):
                 raise _first_fault(file, block, count + filled, fields)
+            if count + filled + numbers[0].size > scan.rows:
+                raise changed(file)
             row = 0
             while row < numbers[0].size:
                 count_to_copy = min(numbers[0].size - row, rows - filled)
@@ -192,8 +166,11 @@ def _allocate_columns(fields: int, rows: int) -> list[Array]:
 
 def _read_header(first: bytes, file: str) -> list[str] | None:
     """Names in a first line, or None where it is not the header of a clean file."""
+    odd = b"\0" in first or b"\r" in first.removesuffix(b"\r\n")
+    if odd or not first.endswith(b"\n"):
+        return None
     try:
-        return delimited.split_header(first + b"0\n", file)[0] if first.endswith(b"\n") else None
+        return delimited.split_names(first, file)
     except LogFormatError:
         return None
 

@@ -1,9 +1,8 @@
-"""Reader of comma-separated logs.
+"""What readers share: the bytes of a log, the names in the first line of comma-separated text, and
+rows of fields into columns.
 
-Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row
-per line, fields separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty
-field or `nan` is a missing value. Uncertainty of reading: numbers are converted to the nearest
-float64; nothing is rounded, resampled or dropped.
+Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled
+or dropped.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import damage, tokens
-from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -37,14 +35,6 @@ LARGEST_BYTES = 2_000_000_000
 Clean CSV, which is read in blocks, may be larger.
 """
 MISSING = frozenset({"", "nan", "NaN", "NAN"})
-
-
-def read(path: Path, file: str, required_columns: Collection[str]) -> Table:
-    """Read a comma-separated log whole; columns that nobody needs may hold text.
-
-    Raises LogFormatError that names line and column of what cannot be read.
-    """
-    return parse(*read_bytes(path, file), file, required_columns)
 
 
 def read_bytes(path: Path, file: str) -> tuple[bytes, str]:
@@ -80,35 +70,6 @@ def open_log(path: Path, file: str) -> Iterator[BinaryIO]:
         ) from None
 
 
-def parse(data: bytes, sha256: str, file: str, required_columns: Collection[str]) -> Table:
-    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
-    be read.
-    """
-    header, body = split_header(data, file)
-    require_fields(body, len(header), file)
-    try:
-        frame = parse_rows(body, dict.fromkeys(range(len(header)), "float64"))
-    except (ValueError, OverflowError):
-        kinds = {
-            number: "float64" if is_needed(name, required_columns) else "str"
-            for number, name in enumerate(header)
-        }
-        try:
-            frame = parse_rows(body, kinds)
-        except (ValueError, OverflowError):
-            raise _bad_token(body, header, required_columns, file) from None
-    frame.columns = header
-    return Table(file, sha256, frame, check_last_line(body, file, body.count(b"\n") + 2))
-
-
-def looks_clean(data: bytes) -> bool:
-    """Whether a log's first line could be the header of comma-separated text, so that the message
-    of the strict reader is the one to give.
-    """
-    first = data[: data.find(b"\n") if b"\n" in data else len(data)]
-    return not data.strip() or (b"," in first and b"\0" not in first)
-
-
 def is_needed(name: str, required_columns: Collection[str]) -> bool:
     """Whether a column is a required one, under its name with or without the unit in brackets."""
     return name in required_columns or units.name_without_unit(name) in required_columns
@@ -134,42 +95,20 @@ def parse_rows(body: bytes, kinds: dict[int, str], **dialect: Any) -> pd.DataFra
     return frame
 
 
-def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
-    """Header names and the bytes below them, after checking that this is comma-separated UTF-8 text
-    with rows.
+def split_names(first: bytes, file: str) -> list[str]:
+    """Names of the columns in the first line of comma-separated UTF-8; LogFormatError where it is
+    none.
     """
-    if not data.strip():
-        raise LogFormatError(
-            f"{file}: the file is empty",
-            hint="expected a header line and rows below it; remove it or copy it again",
-        )
     try:
-        data.decode("utf-8")
+        line = first.decode("utf-8-sig").rstrip("\r\n")
     except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
-            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
+            f"{file}:1: byte 0x{first[error.start]:02x} is not UTF-8 text",
             hint="save the log as UTF-8 CSV",
         ) from None
-    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
-    for byte, fault in (
-        (b"\0", "a NUL byte in text"),
-        (b"\r", "a carriage return inside the line"),
-    ):
-        if byte in text:
-            line = text.count(b"\n", 0, text.index(byte)) + 1
-            raise LogFormatError(
-                f"{file}:{line}: {fault}", hint="the copy is damaged; copy the log again"
-            )
-    first, _, body = text.partition(b"\n")
-    header = [name.strip() for name in first.decode().split(",")]
+    header = [name.strip() for name in line.split(",")]
     _require_names(header, file)
-    if not body.strip():
-        raise LogFormatError(
-            f"{file}: a header but no rows",
-            hint="expected one row per instant; remove it or copy it again",
-        )
-    return header, body.rstrip(b"\n") + (b"\n" if body.endswith(b"\n") else b"")
+    return header
 
 
 def _require_names(header: list[str], file: str) -> None:
@@ -232,15 +171,6 @@ def count_fields(body: bytes, delimiter: bytes = b",") -> Integers:
     return np.concatenate(field_counts) if field_counts else np.zeros(0, dtype=np.int64)
 
 
-def require_fields(body: bytes, fields: int, file: str) -> None:
-    """Raise LogFormatError for the first row that has another number of fields than the header: a
-    short row has lost a number.
-    """
-    counts = count_fields(body)
-    if (wrong := np.flatnonzero(counts != fields)).size:
-        raise wrong_fields(counts, int(wrong[0]), _advise(body, fields, file))
-
-
 def wrong_fields(counts: Integers, row: int, advice: damage.Advice) -> LogFormatError:
     """The error of a row with too few or too many fields."""
     return LogFormatError(
@@ -248,32 +178,6 @@ def wrong_fields(counts: Integers, row: int, advice: damage.Advice) -> LogFormat
         f" {advice.fields} as in the header",
         hint=advice.of_fields(row),
     )
-
-
-def _bad_token(
-    body: bytes, header: list[str], required_columns: Collection[str], file: str
-) -> LogFormatError:
-    """The error that names line, column and text of the first token that is not a number."""
-    advice = _advise(body, len(header), file)
-    for row, line in enumerate(advice.texts):
-        for name, token in zip(header, line.split(","), strict=False):
-            if (
-                is_needed(name, required_columns)
-                and token.strip() not in MISSING
-                and not _is_number(token.strip())
-            ):
-                return LogFormatError(
-                    f"{file}:{row + 2}: column '{name}': found '{token.strip()[:40]}', expected a"
-                    " number",
-                    hint=advice.of_token(row, token.strip()),
-                )
-    return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
-
-
-def _advise(body: bytes, fields: int, file: str) -> damage.Advice:
-    """What to do about a row of clean comma-separated text that is none."""
-    texts, open_end = body.decode().removesuffix("\n").split("\n"), not body.endswith(b"\n")
-    return damage.Advice(file, texts, range(2, len(texts) + 2), fields, ",", ".", open_end)
 
 
 def check_last_line(

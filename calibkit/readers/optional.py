@@ -1,41 +1,30 @@
 """Libraries that only some formats need, and the exceptions that they raise on damaged files."""
 
-import importlib
 import importlib.util
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from calibkit import extras
 from calibkit.errors import CalibkitError, LogFormatError, UsageError
-from calibkit.extras import install_hint
 
 
 def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)
     """Import a library by its module's name, or raise UsageError that says how to install
     it.
     """
-    try:
-        return importlib.import_module(module)
-    except ImportError:
-        raise _absent(module, extra, file) from None
+    return extras.load_library(module, extra, _need(module, file), UsageError)
 
 
 def require_library(module: str, extra: str, file: str) -> None:
     """Raise UsageError with how to install a library that is absent; it is not imported."""
-    try:
-        installed = importlib.util.find_spec(module) is not None
-    except (ImportError, ValueError):
-        installed = False
-    if not installed:
-        raise _absent(module, extra, file)
+    if importlib.util.find_spec(module) is None:
+        raise UsageError(_need(module, file), hint=extras.install_hint(extra))
 
 
-def _absent(module: str, extra: str, file: str) -> UsageError:
-    """The error of a library that is absent."""
-    return UsageError(
-        f"{file}: reading this format needs {module.partition('.')[0]}",
-        hint=install_hint(extra),
-    )
+def _need(module: str, file: str) -> str:
+    """What a file needs to be read."""
+    return f"{file}: reading this format needs {module.partition('.')[0]}"
 
 
 @contextmanager

@@ -12,7 +12,15 @@ from typing import Any, Protocol
 
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
-from calibkit.readers import clean, delimited, in_memory, limited, optional
+from calibkit.readers import (
+    clean,
+    delimited,
+    encoding as encodings,
+    in_memory,
+    optional,
+    sniff,
+    text,
+)
 from calibkit.readers.table import Guess, Table
 from calibkit.recipe.logs import AUTO, FORMATS, Logs, TextSpec
 
@@ -42,14 +50,11 @@ def _read_in_format(path: Path, file: str, logs: Logs, required_columns: Collect
     """Read a log as `read` does; MemoryError where there is too little."""
     if logs.format == AUTO:
         return _read_recognised(path, file, logs, required_columns)
-    if logs.format == "csv" and logs.text != TextSpec():
-        clean_text = {"encoding": "utf-8", "delimiter": ",", "decimal": ".", "skip_lines": 0}
-        spec = logs.text.model_copy(update=clean_text | {"header_lines": 1})
-        return _read_as(
-            "text", path, file, logs.model_copy(update={"text": spec}), required_columns
-        )
     if logs.format == "csv":
-        return clean.read(path, file) or delimited.read(path, file, required_columns)
+        table = clean.read(path, file) if logs.text == TextSpec() else None
+        if table is None:
+            table = text.parse_csv(*delimited.read_bytes(path, file), file, logs, required_columns)
+        return table
     return _read_as(logs.format, path, file, logs, required_columns)
 
 
@@ -166,23 +171,21 @@ def _read_text(
     *,
     described: bool,
 ) -> Table:
-    """Read text in its dialect; of comma-separated text that is not clean for a fault, the message
-    of the strict reader is the one to give.
+    """Read text: as comma-separated text with a line of names where it looks like that, whose
+    message is the one to give where no dialect explains the log; else in the dialect that it shows.
     """
-    from calibkit.readers import encoding as encodings, sniff, text
-
-    strict: LogFormatError | None = None
-    limited.require_columns(data.partition(b"\n")[0].count(b",") + 1, file)
-    if not described and delimited.looks_clean(data):
+    as_csv: LogFormatError | None = None
+    first = data.partition(b"\n")[0]
+    if not described and (not data.strip() or (b"," in first and b"\0" not in first)):
         try:
-            return delimited.parse(data, sha256, file, required_columns)
+            return text.parse_csv(data, sha256, file, logs, required_columns)
         except LogFormatError as error:
-            strict = error
+            as_csv = error
     try:
         content, encoding = encodings.decode(data, file, logs.text.encoding)
         dialect = sniff.Dialect.recognise(content, encoding, file, logs.text, logs.names)
     except LogFormatError as error:
-        raise (strict or error) from None
+        raise (as_csv or error) from None
     # from here on it is the dialect's rows that are at fault, whose message is the better one
     table = text.parse_text(content, sha256, file, dialect, logs, required_columns)
     return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

@@ -126,6 +126,18 @@ class Dialect:
         return Dialect.recognise(text, encoding, file, spec, names)
 
     @staticmethod
+    def of_csv(text: str, names: Sequence[str]) -> "Dialect":
+        """Dialect of comma-separated text whose first line is these names; the kinds of its columns
+        are those of its first rows.
+        """
+        rows = [line.split(",") for line in text.split("\n", _HEAD_LINES)[1:_HEAD_LINES]]
+        columns = []
+        for k, name in enumerate(names):
+            fields = [row[k] for row in rows if len(row) == len(names)]
+            columns.append(_SniffedColumn(name, "", *_classify_column(fields, ".")))
+        return Dialect("utf-8", ",", ".", 0, 1, tuple(columns))
+
+    @staticmethod
     def recognise(
         text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
     ) -> "Dialect":

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import re
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,6 +54,26 @@ def parse(
     text, encoding = encodings.decode(data, file, logs.text.encoding)
     dialect = sniff.Dialect.recognise(text, encoding, file, logs.text, logs.names)
     return parse_text(text, sha256, file, dialect, logs, required_columns)
+
+
+def parse_csv(
+    data: bytes, sha256: str, file: str, logs: Logs, required_columns: Collection[str]
+) -> Table:
+    """The table of comma-separated UTF-8 with decimal points and one line of names, in which no
+    more than the form of its times is guessed; raises LogFormatError for what is none.
+    """
+    text, _ = encodings.decode(data, file, "utf-8")
+    names = delimited.split_names(data.partition(b"\n")[0], file)
+    if (found := re.search(rb"\r(?!\n)", data)) is not None:
+        line = data.count(b"\n", 0, found.start()) + 1
+        raise LogFormatError(
+            f"{file}:{line}: a carriage return inside the line",
+            hint="the copy is damaged; copy the log again",
+        )
+    dialect = sniff.Dialect.of_csv(text, names)
+    table = parse_text(text, sha256, file, dialect, logs, required_columns)
+    times = [how for how in table.reading if how.startswith("column ")]
+    return replace(table, reading=tuple(times))
 
 
 def parse_text(

@@ -109,16 +109,19 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
                 hint=f"{did_you_mean(name, recipes, '')} shipped: {', '.join(recipes)}".lstrip(),
             )
         path = recipes[name]
+    return Source(path.name, read_utf8(path, "save the recipe as UTF-8"), overrides)
+
+
+def read_utf8(path: Path, hint: str) -> str:
+    """Text of a recipe or profile, with LF line ends; RecipeError where it cannot be read."""
     try:
         content = read_limited(path)
         # PowerShell's > writes UTF-16
         utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = content.decode("utf-16" if utf_16 else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise RecipeError(
-            f"{name}: cannot be read as UTF-8 text: {error}", hint="save the recipe as UTF-8"
-        ) from None
-    return Source(path.name, text.replace("\r\n", "\n"), overrides)
+        raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint=hint) from None
+    return text.replace("\r\n", "\n")
 
 
 class _Kind(Protocol):
