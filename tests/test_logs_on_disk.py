@@ -117,7 +117,7 @@ def test_a_run_from_disk_is_that_of_logs_in_memory(
             assert outcome.code == 0, outcome.err
             written.append((out.read_bytes(), outcome.err))
         in_pieces(monkeypatch)
-        monkeypatch.setattr(write_back, "BLOCK", 500)
+        monkeypatch.setattr(write_back, "ROWS", 50)
     assert written[:1] == written[1:]
     pipeline.fit(recipe.find(name, settings), data, SERIAL, tmp_path, DATE, instruments.silent)
     assert files_of(tmp_path / SERIAL / "r001") == files_of(memory.folder)
