@@ -84,7 +84,7 @@ def stated(texts: Iterable[Words | str]) -> list[Words | str]:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class ResultColumn:
     """Results of a table below one head: those that stand alone, and those that are one list."""
 
     head: Words
@@ -92,7 +92,7 @@ class Column:
     series: tuple[Result, ...]
 
 
-def split_columns(table: ListTable | GridTable) -> list[Column]:
+def split_columns(table: ListTable | GridTable) -> list[ResultColumn]:
     """Columns of a table; none for an empty one. A reference by definition stands alone."""
     if isinstance(table, ListTable):
         heads, columns = [table.title], [table.results]
@@ -106,7 +106,7 @@ def split_columns(table: ListTable | GridTable) -> list[Column]:
         certain = tuple(r for r in column if not r.by_definition)
         series = certain if len(certain) > 1 and _uniform(certain) else ()
         single = tuple(r for r in column if r.by_definition or not series)
-        split.append(Column(head, single, series))
+        split.append(ResultColumn(head, single, series))
     return split
 
 

@@ -53,8 +53,8 @@ def _repeats_what_is_signed(der: bytes, signed_data: Any) -> bool:  # noqa: ANN4
     data = container["content"]
     (signer_info,) = data["signer_infos"]
     attribute = generic_cms.get_signing_cert_attr(signer_info["signed_attrs"].untag())
-    named = [entry["cert_hash"].native for entry in attribute["certs"]] if attribute else []
-    others = {hashlib.sha256(other.dump()).digest() for other in certificates.other_certs}
+    named_digests = [entry["cert_hash"].native for entry in attribute["certs"]] if attribute else []
+    other_digests = {hashlib.sha256(other.dump()).digest() for other in certificates.other_certs}
     is_detached = data["encap_content_info"]["content_type"].native == "data"
     by_issuer = signer_info["sid"].name == "issuer_and_serial_number"
     if by_issuer:
@@ -74,7 +74,7 @@ def _repeats_what_is_signed(der: bytes, signed_data: Any) -> bool:  # noqa: ANN4
         signer_info["digest_algorithm"] = algorithm
         data["digest_algorithms"] = cms.DigestAlgorithms([algorithm])
         rebuilt.append(container.dump())
-    return der in rebuilt and (len(named) < 2 or others <= set(named))
+    return der in rebuilt and (len(named_digests) < 2 or other_digests <= set(named_digests))
 
 
 def find_mark(document: bytes) -> str:

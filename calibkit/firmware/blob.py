@@ -77,9 +77,11 @@ def render(export: FirmwareRun) -> bytes:
             hint="use --target c",
         )
     numbers = [x for name, _ in blob_shape.tables for x in program.tables[name]]
-    allowed = vectors.tolerances(export.chain, export.bounds, rows.updates)
-    tolerances = [Fraction(allowed[output.name]) for output in program.structure.outputs]
-    numbers += map(program.format.nearest, tolerances)
+    tolerances = vectors.tolerances(export.chain, export.bounds, rows.updates)
+    numbers += [
+        program.format.nearest(Fraction(tolerances[output.name]))
+        for output in program.structure.outputs
+    ]
     for k, status in enumerate(rows.status):
         numbers += [rows.inputs[entry.name][k] for entry in program.structure.inputs]
         numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]

@@ -80,8 +80,10 @@ class _Analysis:
     @classmethod
     def prepare(cls, chain: Chain, program: Program, *, full: bool) -> Self:
         """Ranges and rounded numbers of a program."""
-        known = chain.find_ranges(usual=True, full=full)
-        reaches = {name: float(ranges.magnitude(known.values[name])) for name in known.values}
+        intervals = chain.find_ranges(usual=True, full=full)
+        reaches = {
+            name: float(ranges.magnitude(intervals.values[name])) for name in intervals.values
+        }
         stored = {
             name: [
                 float(abs(number - Fraction(rounded)))
@@ -90,7 +92,7 @@ class _Analysis:
             for name, numbers in program.tables.items()
         }
         driven = {m.name: m for m in chain.structure.memories if m.source in chain.gains}
-        return cls(chain, Rounding(program.format.bits, known, reaches, stored), driven)
+        return cls(chain, Rounding(program.format.bits, intervals, reaches, stored), driven)
 
     def walk(self, remembered: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
         """Errors by value; and of filtered values those by rounding alone, without the error of

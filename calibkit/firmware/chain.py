@@ -13,7 +13,7 @@ from calibkit.firmware.exact import Poly
 from calibkit.firmware.formats import Format
 from calibkit.firmware.lanes import Call, Words
 from calibkit.firmware.ranges import Ranges
-from calibkit.firmware.steps import Code, Limit, Map, Memory, Slope, Step, Table, c_flag
+from calibkit.firmware.steps import ChainStep, Code, Limit, Map, Memory, NumberTable, Slope, c_flag
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ class Structure:
     formula: str
     """Direction of the correction, in words: corrected = …."""
     inputs: tuple[ChainInput, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[ChainStep, ...]
     outputs: tuple[Output, ...]
     interval_s: float | None
     """Interval [s] at which the chain has to be updated; none of a chain without memory."""
@@ -125,16 +125,16 @@ class Structure:
         return any(isinstance(step, Limit) and step.name in remembered for step in self.steps)
 
     @property
-    def tables(self) -> dict[str, Table]:
+    def tables(self) -> dict[str, NumberTable]:
         """Tables by name, in the order in which a program meets them."""
         tables = [
-            Table(entry.table, "list", f"least and greatest {entry.name} [{entry.unit}]")
+            NumberTable(entry.table, "list", f"least and greatest {entry.name} [{entry.unit}]")
             for entry in self.inputs
         ]
         if self.pace:
             followed = f"farthest move of {self.pace.followed} an interval"
             remark = f"updates until the lags have settled; {followed}"
-            tables.append(Table(self.pace.table, "list", remark))
+            tables.append(NumberTable(self.pace.table, "list", remark))
         for step in self.steps:
             tables += step.tables
         return {table.name: table for table in tables}
@@ -199,14 +199,16 @@ class Chain:
         """Range of every input and step, of indications the fitted one or the full scale;
         remembered values have the chain's limits, or the tighter ones of usual use.
         """
-        known = Ranges(self.tables, {**self.limits, **(self.usual if usual else {})})
+        intervals = Ranges(self.tables, {**self.limits, **(self.usual if usual else {})})
         for entry in self.structure.inputs:
             low, high = self.tables[entry.table][-2:] if full else self.tables[entry.table][:2]
-            known.values[entry.name] = (low, high)
+            intervals.values[entry.name] = (low, high)
         for step in self.structure.steps:
-            bound = known.bounds.get(step.name)
-            known.values[step.name] = step.range(known) if bound is None else (-bound, bound)
-        return known
+            bound = intervals.bounds.get(step.name)
+            intervals.values[step.name] = (
+                step.range(intervals) if bound is None else (-bound, bound)
+            )
+        return intervals
 
     def quantise(self, number: Format) -> "Program":
         """The same in a number format."""

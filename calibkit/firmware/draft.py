@@ -8,7 +8,7 @@ from typing import Any
 from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, ChainCorrection, ChainInput, Output, Structure
-from calibkit.firmware.steps import ChainTerm, Limit, Map, Step, Sum
+from calibkit.firmware.steps import ChainStep, ChainTerm, Limit, Map, Sum
 
 BEYOND = Fraction(5, 4)
 """How far [u] the word of an input reaches beyond the fitted range."""
@@ -23,7 +23,7 @@ class Draft:
     happens to be 0, or that a fit left out.
     """
     inputs: list[ChainInput] = field(default_factory=list)
-    steps: list[Step] = field(default_factory=list)
+    steps: list[ChainStep] = field(default_factory=list)
     outputs: list[Output] = field(default_factory=list)
     tables: dict[str, exact.Poly] = field(default_factory=dict)
     limits: dict[str, Fraction] = field(default_factory=dict)
@@ -217,7 +217,7 @@ def _renamed(part: Any, new_name: Callable[[str], str]) -> Any:  # noqa: ANN401 
     return replace(part, **{name: _renamed(getattr(part, name), new_name) for name in names})
 
 
-def _used(steps: Sequence[Step], values: Sequence[str]) -> set[str]:
+def _used(steps: Sequence[ChainStep], values: Sequence[str]) -> set[str]:
     """Names of inputs and steps that these values depend on, through remembered values too."""
     steps_by_name = {step.name: step for step in steps}
     remaining, used = list(values), set()

@@ -10,9 +10,9 @@ from typing import Any
 from calibkit.errors import CoefficientError
 from calibkit.firmware import chain, formats, steps
 from calibkit.firmware.chain import Program
-from calibkit.firmware.steps import Step
+from calibkit.firmware.steps import ChainStep
 
-KINDS: tuple[type[Step], ...] = (
+KINDS: tuple[type[ChainStep], ...] = (
     steps.Map,
     steps.Sum,
     steps.Limit,
@@ -105,7 +105,7 @@ def _pace(fields: dict[str, Any] | None) -> chain.Pace | None:
     return chain.Pace(**{**fields, **tuples}) if fields else None
 
 
-def _step(kind: str, fields: dict[str, Any]) -> Step:
+def _step(kind: str, fields: dict[str, Any]) -> ChainStep:
     """A step of its JSON object."""
     terms = [{**term, "factors": tuple(term["factors"])} for term in fields.get("terms", ())]
     nested = {

@@ -25,7 +25,7 @@ Errors = Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class NumberTable:
     """A table of numbers: in C a map, a list, or a single number."""
 
     name: str
@@ -42,7 +42,7 @@ class Code:
 
 
 @dataclass(frozen=True, slots=True)
-class Step(ABC):
+class ChainStep(ABC):
     """A value of a chain, by its name."""
 
     name: str
@@ -53,7 +53,7 @@ class Step(ABC):
         """Values that it takes."""
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """Tables that hold its numbers."""
         return ()
 
@@ -62,7 +62,7 @@ class Step(ABC):
         """What the firmware computes, bit for bit."""
 
     @abstractmethod
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Range of the exact value."""
 
     @abstractmethod
@@ -84,7 +84,7 @@ def c_flag(name: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class _OfOne(Step):
+class _OfOne(ChainStep):
     """A step that takes one value."""
 
     source: str
@@ -107,9 +107,9 @@ class Map(_OfOne):
     """Side whose status the flag belongs to, where a later step selects one side of several."""
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """The numbers of the map."""
-        return (Table(self.table, "map"),)
+        return (NumberTable(self.table, "map"),)
 
     def value(self, call: Call) -> Words:
         """(x − middle) · reciprocal, brought into its range."""
@@ -117,9 +117,9 @@ class Map(_OfOne):
         u = (call.values[self.source] - middle) * reciprocal
         return call.limited(u, low, high, self.flag, self.group)
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """The limits."""
-        return known.tables[self.table][2], known.tables[self.table][3]
+        return intervals.tables[self.table][2], intervals.tables[self.table][3]
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """Errors of the difference, the reciprocal, the product and the limits."""
@@ -164,18 +164,18 @@ class ChainTerm:
             value = value * factor
         return -value if self.sign < 0 else value
 
-    def ranges(self, known: Ranges) -> list[Range]:
+    def ranges(self, intervals: Ranges) -> list[Range]:
         """Ranges of the polynomial, then of each product with one more factor."""
-        if self not in known.terms:
+        if self not in intervals.terms:
             first = ranges.ONE
             if self.table:
-                variable = known.values[self.over] if self.over else ranges.ONE
-                first = ranges.polynomial(known.tables[self.table], variable)
+                variable = intervals.values[self.over] if self.over else ranges.ONE
+                first = ranges.polynomial(intervals.tables[self.table], variable)
             term_ranges = [first if self.sign > 0 else (-first[1], -first[0])]
             for name in self.factors:
-                term_ranges.append(ranges.product(term_ranges[-1], known.values[name]))
-            known.terms[self] = term_ranges
-        return known.terms[self]
+                term_ranges.append(ranges.product(term_ranges[-1], intervals.values[name]))
+            intervals.terms[self] = term_ranges
+        return intervals.terms[self]
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """Roundings of the polynomial and of the products, the factors taken as exact."""
@@ -217,7 +217,7 @@ class ChainTerm:
 
 
 @dataclass(frozen=True, slots=True)
-class Sum(Step):
+class Sum(ChainStep):
     """Sum of terms, added from left to right."""
 
     terms: tuple[ChainTerm, ...]
@@ -228,10 +228,10 @@ class Sum(Step):
         return tuple(name for term in self.terms for name in (term.over, *term.factors) if name)
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """Coefficients of the terms."""
         return tuple(
-            Table(term.table, "list" if term.over else "number")
+            NumberTable(term.table, "list" if term.over else "number")
             for term in self.terms
             if term.table
         )
@@ -243,9 +243,9 @@ class Sum(Step):
             total = total + term.value(call)
         return total
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Sum of the ranges of the terms."""
-        return ranges.total([term.ranges(known)[-1] for term in self.terms])
+        return ranges.total([term.ranges(intervals)[-1] for term in self.terms])
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """Roundings of every term and partial sum; the errors of a value that stands in several
@@ -290,18 +290,18 @@ class Limit(_OfOne):
     flag: str
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """The limits."""
-        return (Table(self.table, "list", f"least and greatest {self.name}"),)
+        return (NumberTable(self.table, "list", f"least and greatest {self.name}"),)
 
     def value(self, call: Call) -> Words:
         """The source, or the limit that it is beyond."""
         low, high = call.numbers(self.table)
         return call.limited(call.values[self.source], low, high, self.flag)
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Range of the source within the limits."""
-        (low, high), (lower, upper) = known.values[self.source], known.tables[self.table]
+        (low, high), (lower, upper) = intervals.values[self.source], intervals.tables[self.table]
         return min(max(low, lower), upper), max(min(high, upper), lower)
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
@@ -316,7 +316,7 @@ class Limit(_OfOne):
 
 
 @dataclass(frozen=True, slots=True)
-class Quotient(Step):
+class Quotient(ChainStep):
     """numerator / denominator; the denominator cannot vanish within the chain's ranges."""
 
     numerator: str
@@ -331,10 +331,10 @@ class Quotient(Step):
         """One division."""
         return np.asarray(call.values[self.numerator] / call.values[self.denominator])
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Product with the reciprocal."""
-        low, high = known.values[self.denominator]
-        return ranges.product(known.values[self.numerator], (1 / high, 1 / low))
+        low, high = intervals.values[self.denominator]
+        return ranges.product(intervals.values[self.numerator], (1 / high, 1 / low))
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """Errors of both over the smallest denominator."""
@@ -359,14 +359,14 @@ class Memory(_OfOne):
 
     def value(self, call: Call) -> Words:
         """What was kept."""
-        kept = call.before.values[self.name]
+        remembered = call.before.values[self.name]
         if self.start == "zero":
-            return kept
-        return np.where(call.before.updates == 0, call.values[self.source], kept)
+            return remembered
+        return np.where(call.before.updates == 0, call.values[self.source], remembered)
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """That of the source, which is mapped or limited; others have bounds of their own."""
-        return known.values[self.source]
+        return intervals.values[self.source]
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """Error of the source; of one that follows later the errors are added up elsewhere."""
@@ -376,8 +376,10 @@ class Memory(_OfOne):
     def expression(self, code: Code) -> str:
         """What was kept."""
         del code
-        kept = f"state->{self.source}"
-        return kept if self.start == "zero" else f"(state->updates == 0U) ? {self.source} : {kept}"
+        remembered = f"state->{self.source}"
+        if self.start == "zero":
+            return remembered
+        return f"(state->updates == 0U) ? {self.source} : {remembered}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,9 +397,9 @@ class Play(_OfOne):
         return (self.source, self.kept)
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """The distances."""
-        return (Table(self.table, "list", f"reach of {self.name}"),)
+        return (NumberTable(self.table, "list", f"reach of {self.name}"),)
 
     def value(self, call: Call) -> Words:
         """What is kept, brought to within the distances of the source."""
@@ -405,10 +407,10 @@ class Play(_OfOne):
         x = call.values[self.source]
         return call.limited(call.values[self.kept], x + low, x + high)
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Range of the source, wider by the distances."""
-        low, high = known.tables[self.table]
-        return ranges.total([known.values[self.source], (low, high)])
+        low, high = intervals.tables[self.table]
+        return ranges.total([intervals.values[self.source], (low, high)])
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
         """That of one sum: what it keeps it took from the source at some update."""
@@ -434,14 +436,14 @@ class Slope(_OfOne):
     flag: str
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """The weights."""
-        return (Table(self.table, "list", "a row for each number of values"),)
+        return (NumberTable(self.table, "list", "a row for each number of values"),)
 
     def value(self, call: Call) -> Words:
         """Sum of the weighted differences, the newest first."""
-        kept = call.before.histories[self.name][:-1]
-        history = np.vstack([call.values[self.source][None, :], kept])
+        older = call.before.histories[self.name][:-1]
+        history = np.vstack([call.values[self.source][None, :], older])
         call.histories[self.name] = history
         count = np.minimum(call.before.updates + 1, self.length)
         call.flag(self.flag, count < self.least)
@@ -453,19 +455,19 @@ class Slope(_OfOne):
             total = np.where(i < count, total + product, total)
         return np.asarray(np.where(count < self.least, np.zeros_like(total), total))
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Heaviest row of weights times the largest difference."""
-        reach = self._heaviest(known) * self._largest_difference(known)
+        reach = self._heaviest(intervals) * self._largest_difference(intervals)
         return -reach, reach
 
-    def _largest_difference(self, known: Ranges) -> Fraction:
+    def _largest_difference(self, intervals: Ranges) -> Fraction:
         """Largest difference between two values that it keeps."""
-        low, high = known.values[self.source]
-        return min(high - low, known.bounds.get(f"{self.name}.difference", high - low))
+        low, high = intervals.values[self.source]
+        return min(high - low, intervals.bounds.get(f"{self.name}.difference", high - low))
 
-    def _heaviest(self, known: Ranges) -> Fraction:
+    def _heaviest(self, intervals: Ranges) -> Fraction:
         """Largest sum of magnitudes of the weights for one number of values."""
-        weights, width = known.tables[self.table], self.length - 1
+        weights, width = intervals.tables[self.table], self.length - 1
         rows = [weights[k : k + width] for k in range(0, len(weights), width)]
         return max(sum(map(abs, row), Fraction(0)) for row in rows)
 
@@ -510,9 +512,9 @@ class Select(_OfOne):
         return (self.source, *(case.value for case in self.cases))
 
     @property
-    def tables(self) -> tuple[Table, ...]:
+    def tables(self) -> tuple[NumberTable, ...]:
         """The thresholds."""
-        return tuple(Table(case.table, "number") for case in self.cases)
+        return tuple(NumberTable(case.table, "number") for case in self.cases)
 
     def value(self, call: Call) -> Words:
         """Value of the first side that holds, with its status."""
@@ -530,9 +532,9 @@ class Select(_OfOne):
         call.flag(self.flag, undecided)
         return total
 
-    def range(self, known: Ranges) -> Range:
+    def range(self, intervals: Ranges) -> Range:
         """Range of all cases; 0 where none holds."""
-        ends = [end for case in self.cases for end in known.values[case.value]]
+        ends = [end for case in self.cases for end in intervals.values[case.value]]
         return min(Fraction(0), *ends), max(Fraction(0), *ends)
 
     def error(self, errors: Errors, rounding: Rounding) -> float:

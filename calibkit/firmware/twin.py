@@ -61,8 +61,8 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
     """
     bad, structure = find_refused(inputs), program.structure
     bits = {flag: 1 << k for k, flag in enumerate(structure.flags)}
-    nothing = np.zeros(bad.size, dtype=np.int64)
-    run = Call(program.tables, dtype(program), bits, state, nothing)
+    no_status = np.zeros(bad.size, dtype=np.int64)
+    run = Call(program.tables, dtype(program), bits, state, no_status)
     with np.errstate(all="ignore"):
         for entry in structure.inputs:
             safe = np.where(bad, 0, inputs[entry.name]).astype(run.number)
