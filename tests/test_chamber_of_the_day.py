@@ -100,10 +100,8 @@ def test_a_chamber_file_that_begins_earlier_is_laid_on_the_log_by_its_stamps(hea
     the air of its own hours.
     """
     write(tmp_path, ramps, head=head)
-    for name, begins in BEGINS.items():
-        log = joined(tmp_path, name)
-        assert off(log, ramps) < 0.12
-        assert f"first row is -{begins + head:g} s, calibkit 0.1 took +0 s" in " ".join(log.notes)
+    for name in BEGINS:
+        assert off(joined(tmp_path, name), ramps) < 0.12
 
 
 def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calibkit):
@@ -153,7 +151,6 @@ def test_a_stated_offset_is_added_to_the_stamps_of_the_chamber(tmp_path, ramps):
     log = joined(tmp_path, "ramp_cooling_05", table)
     assert off(log, ramps) < 0.12
     assert "37 s behind (stated)" in log.reading[0]
-    assert "first row is -22200 s, calibkit 0.1 took +37 s" in " ".join(log.notes)
 
 
 @pytest.mark.parametrize(

@@ -78,7 +78,7 @@ def read_joined(
     if probe:
         second = _crop(second, values(first.frame, "time_s"), chamber)
     clock = _relate_clocks(chamber, first, probe, second, begins)
-    return _join(first, second, clock, chamber, (*required_columns, *optional), begins)
+    return _join(first, second, clock, chamber, (*required_columns, *optional))
 
 
 def _join(
@@ -87,12 +87,8 @@ def _join(
     clock: clocks.Clocks,
     chamber: SecondLogger,
     columns: Sequence[str],
-    begins: float,
 ) -> Log:
-    """The log with the second logger's values at its own times; rows without one are left out.
-
-    By their stamps the second logger begins `begins` [s] after the log.
-    """
+    """The log with the second logger's values at its own times; rows without one are left out."""
     time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
     second_columns, joined = _take(chamber, second, on_a, time)
     frame = first.frame.assign(**second_columns)
@@ -113,7 +109,6 @@ def _join(
         notes=(
             *first.notes,
             *_note_lost_rows(places, second.file),
-            *_note_stamps(chamber, second.file, begins),
             *(f"{second.file}: {note}" for note in second.notes),
         ),
         reading=(
@@ -282,20 +277,6 @@ def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
     parts = ", ".join(f"{count} {place}" for place, count in counts.items())
     note = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
     return (note,) if counts else ()
-
-
-def _note_stamps(chamber: SecondLogger, file: str, begins: float) -> tuple[str, ...]:
-    """Note on the offset that stamps make, where earlier releases took another one."""
-    if not begins or chamber.clock == "estimate":
-        return ()
-    order, now = "after" if begins > 0.0 else "before", begins + chamber.offset_s
-    return (
-        (
-            f"{file} begins {abs(begins):.10g} s {order} the log by the stamps of both: the offset"
-            f" from first row to first row is {now:+.10g} s, calibkit 0.1 took"
-            f" {chamber.offset_s:+.10g} s"
-        ),
-    )
 
 
 def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:

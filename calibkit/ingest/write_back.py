@@ -116,10 +116,9 @@ class Rewritten:
         for name, source in self.sources.items():
             mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
             stated_unit = self.units.get(source, "")
-            logged_values = unmap_values(
-                self.replaced[name], mapped, name, self.recipe, stated_unit
-            )
-            numbers = along_rows(logged_values)
+            canonical = along_rows(self.replaced[name]).to_numpy()
+            in_log = unmap_values(canonical, mapped, name, self.recipe, stated_unit)
+            numbers = pd.Series(in_log, index)
             if self.keep and missing.any():
                 numbers = numbers.astype(object).where(~missing, table.frame[source])
             frame = frame.assign(**{source: numbers})
