@@ -319,10 +319,10 @@ class WhitenedRows:
         from scipy.sparse import csr_array  # not before a fit needs it
 
         blocks = np.flatnonzero(self.sound)
-        sizes = np.diff(np.append(self.starts, blocks.size))
-        group = np.repeat(np.arange(sizes.size), sizes)
+        ends = np.append(self.starts, blocks.size)
+        sizes = np.diff(ends)
         shape = (sizes.size, self.stacked.indication.size)
-        return csr_array((1.0 / sizes[group], (group, blocks)), shape=shape)
+        return csr_array((np.repeat(1.0 / sizes, sizes), blocks, ends), shape=shape)
 
     def at_noise_of(self, left: Array, columns: Array | None = None) -> Self:
         """The rows at the noise of what is left [n] beside a free level of each log, and about a
