@@ -39,6 +39,8 @@ RECIPE = {
     "output": {"drift": True, "rate_uncertainty": True},
 }
 DATE = "2026-11-21"
+FURTHER = {"knot_1": "table over temperature", "width_1": "hysteresis", "warm_up_1": "warm-up"}
+"""First parameter of each further term of a bank of lags."""
 BLOCK_S, GROUP_S = 10, 100
 """Means that truth is compared in, and those that are measured."""
 FIRST_SEED = 90_000
@@ -80,8 +82,13 @@ def fit(logs: Mapping[str, pd.DataFrame]) -> Any:  # noqa: ANN401 (a run)
 
 
 def exported_form(run: Any) -> str:  # noqa: ANN401 (a run)
-    """Form of the drift model that a run exports, "none" where it exports no drift term."""
-    return next((model.form for model in run.records["drift_rate.json"].models), "none")
+    """Form of the drift model that a run exports with its further terms, "none" where it exports no
+    drift term.
+    """
+    for model in run.records["drift_rate.json"].models:
+        names = {parameter.name for parameter in model.parameters}
+        return ", ".join([model.form, *(FURTHER[name] for name in FURTHER if name in names)])
+    return "none"
 
 
 def predict(run: Any, frame: pd.DataFrame) -> tuple[Array, Array]:  # noqa: ANN401 (a run)
