@@ -312,7 +312,7 @@ def test_a_recipe_is_a_dictionary_too():
     assert spec.columns["gyro_dph"].source == 'rate "x"'
     assert spec.drift.rates_degc_min == {"ramp 5": 5.0}
     assert spec.exclude[0].person == "p"
-    with pytest.raises(calibkit.CalibkitError, match=r"recipe:2: unknown key 'drfit'"):
+    with pytest.raises(calibkit.CalibkitError, match=r"recipe:3: unknown key 'drfit'"):
         calibkit.load_recipe({**{k: tables[k] for k in ("procedure",)}, "drfit": {}})
     with pytest.raises(calibkit.CalibkitError, match="NoneType, expected text"):
         calibkit.load_recipe(tables | {"title": None})

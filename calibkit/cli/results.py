@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import webbrowser
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
@@ -164,6 +163,8 @@ def open_page(serial: str, runs: Path, port: int, *, no_browser: bool, as_json: 
     elsewhere. They are there until Ctrl-C. What was read of the runs is kept in the user's cache,
     which can be deleted.
     """
+    import webbrowser
+
     from calibkit.errors import UsageError
     from calibkit.viewer.index import read_index
     from calibkit.viewer.server import RunPages, Server

@@ -127,7 +127,9 @@ def summarise(answered: StillGood, *, details: bool = False) -> Summary:
     undisplayed = len(answered.compared) - MOST_ROWS
     heads = ("result", "largest change ± U", "at", "limit", "still good")
     tables = [Table(f"{undisplayed} more: --json" if undisplayed > 0 else "", heads, tuple(rows))]
-    tables.append(tabulate_changes(answered.changed, None if details else MOST_CHANGES))
+    changes = tabulate_changes(answered.changed, None if details else MOST_CHANGES)
+    if changes.rows:
+        tables.append(changes)
     both_runs = (answered.before, answered.after)
     dates = " → ".join(f"{run.name} ({run.document['effective_from']})" for run in both_runs)
     reasons = dict.fromkeys(
