@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from calibkit.certificate.signing_key import PASSPHRASE, Key
-from calibkit.certificate.words import Lang
 from calibkit.cli.console import SETTINGS, print_flags, print_message, print_result
 from calibkit.cli.options import DETAILS, DRY, JSON, PATH, RUN, RUNS, command
 from calibkit.cli.progress import working
@@ -17,6 +15,8 @@ from calibkit.errors import CoefficientError, UsageError
 
 if TYPE_CHECKING:
     from calibkit.certificate.certify import Issued
+    from calibkit.certificate.signing_key import Key
+    from calibkit.certificate.words import Lang
 
 _SERVER = "CALIBKIT_TIMESTAMP_URL"
 _TIMESTAMP = click.option(
@@ -58,7 +58,7 @@ def certify(
     profile: Path | None,
     validation: Path | None,
     date: str | None,
-    lang: Lang,
+    lang: "Lang",
     key: Path | None,
     timestamp: str,
     schema_dir: Path | None,
@@ -149,8 +149,10 @@ def _print_check(issued: "Issued") -> None:
         click.echo(line)
 
 
-def _read_key(path: Path, timestamp: str) -> Key:
+def _read_key(path: Path, timestamp: str) -> "Key":
     """A key file with its passphrase, which stands in the environment, and the time."""
+    from calibkit.certificate.signing_key import PASSPHRASE, Key
+
     return Key(path, os.environ.get(PASSPHRASE, ""), now(), timestamp)
 
 
