@@ -175,7 +175,8 @@ def main() -> int:
         return 0
     peak, times = measure(asked.fit, logs, asked.python, asked.turns)
     missed = ["memory"] * bool(asked.hours and peak > MOST_BYTES) + ["time"] * (times > MOST_TIMES)
-    print(f"median {times:.3f} times as long; missed: {', '.join(missed) or 'nothing'}")
+    beside = f"median {times:.3f} times as long; " if times else ""
+    print(f"{beside}missed: {', '.join(missed) or 'nothing'}")
     return bool(missed)
 
 
