@@ -14,7 +14,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.bias import fog_thermal as instrument, simulate_fog as simulator
 from calibkit.numeric import chunks
 from conftest import AUTHORITIES, ROOT, slow_after
-from sample_runs import DATE, SERIAL, sample_run
+from sample_runs import sample_run
 
 CAMPAIGN = ROOT / "datasets" / "fog_thermal"
 VECTOR = json.loads((AUTHORITIES / "fog_drift.json").read_text(encoding="utf-8"))
@@ -135,18 +135,6 @@ def test_every_drift_figure_stands_beside_its_rate_gain(runs):
     for log in logs:
         assert figures[f"rate_gain_recursive.{log}"] == pytest.approx(1.0, abs=1e-3)
         assert figures[f"rate_gain_one_step.{log}"] == pytest.approx(0.0, abs=1e-3)
-
-
-@pytest.mark.drawn
-def test_the_same_input_gives_the_same_bytes(runs, tmp_path):
-    """A second run of the same recipe, logs and date is byte for byte the first."""
-    pipeline.fit(recipe.find("fog_thermal"), CAMPAIGN, SERIAL, tmp_path, DATE, instruments.silent)
-    first, second = runs / SERIAL / "r001", tmp_path / SERIAL / "r001"
-    assert sorted(path.name for path in first.iterdir()) == sorted(
-        path.name for path in second.iterdir()
-    )
-    for path in first.iterdir():
-        assert path.read_bytes() == (second / path.name).read_bytes(), path.name
 
 
 def test_validation_improves_withheld_ramps_and_keeps_the_rate(runs, tmp_path, calibkit):
