@@ -308,6 +308,7 @@ def drifting(seed, *, timed, back):
     )
 
 
+@pytest.mark.slow
 def test_a_drift_of_the_zero_with_time_is_in_u():
     """60 µg between the first and the last soak: slopes of the zero over temperature within U; a
     return to the first temperature makes it at least five times smaller.

@@ -25,6 +25,7 @@ def benchmark():
     del sys.modules["coverage_command"]
 
 
+@pytest.mark.slow
 def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp_path, capsys):
     """Two campaigns of each procedure without shared errors: every row has campaigns and a finite
     width, stands in page and CSV, and is not simulated again.

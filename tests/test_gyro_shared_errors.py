@@ -287,6 +287,7 @@ def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperatur
     assert max(worse) < 1.1
 
 
+@pytest.mark.slow
 def test_sweeps_of_one_direction_alone_do_not_tell_the_zero():
     """Positive sweeps of a bent response: a warning that names it, and F0 covers the gyro's true
     zero.

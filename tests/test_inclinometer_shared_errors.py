@@ -102,7 +102,7 @@ def test_a_turn_that_few_stations_do_not_show_is_within_u(deg):
     assert np.mean(shares) >= 0.92
 
 
-@pytest.mark.parametrize("deg", slow_after(1, [0.0, 0.05, 0.3]))
+@pytest.mark.parametrize("deg", slow_after(0, [0.05, 0.0, 0.3]))
 def test_azimuths_of_turned_gyros_are_within_u_and_validation_rejects_them(deg):
     """50 tools: 88 % of the azimuths within U or more; gyros turned by 0.05° or 0.3° are rejected
     by unseen stations, the others are not; 0.3° is always named by the fit, 0° in 2 of 50.

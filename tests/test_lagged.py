@@ -216,6 +216,7 @@ def test_the_order_of_the_logs_does_not_matter():
     assert np.max(np.abs(both[0] - both[1])[known] / stated[known]) < 1e-6
 
 
+@pytest.mark.slow
 def test_uncertainties_of_lags_and_coefficients_hold():
     """Of 12 gyros with white noise the errors are 0.6 to 1.4 of the stated uncertainties (rms), no
     one beyond 4.
