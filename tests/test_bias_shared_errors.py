@@ -160,7 +160,8 @@ def test_error_free_logs_keep_their_polynomial():
     assert fit(logs).coefficients == pytest.approx(wanted, rel=1e-9)
 
 
-@pytest.mark.parametrize("settled", slow_after(0, [0.3, 1.0]), ids=["settles", "creeps"])
+@pytest.mark.slow
+@pytest.mark.parametrize("settled", [0.3, 1.0], ids=["settles", "creeps"])
 def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
     """Seven warm-ups whose biases settle by 3 °/h, up or down, while the gyro warms: the drift from
     12 to 52 °C is covered in 88 % of 50 campaigns, and known to 8 °/h.

@@ -255,9 +255,10 @@ def sweeps(seed, *, count=18, one_way=False, by_temperature=False):
     return logs, indication, per_degc
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "by_temperature"),
-    slow_after(0, [(20, False), (20, True)]),
+    [(20, False), (20, True)],
     ids=["alternating", "by temperature"],
 )
 def test_one_way_sweeps_of_a_bent_response_share_their_line(seeds, by_temperature):

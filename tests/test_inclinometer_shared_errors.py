@@ -19,7 +19,6 @@ from calibkit.instruments.inclinometer import (
 )
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
-from conftest import slow_after
 
 LEAST = 0.88
 """Share of campaigns, or of stations, that the stated interval must cover."""
@@ -102,7 +101,8 @@ def test_a_turn_that_few_stations_do_not_show_is_within_u(deg):
     assert np.mean(shares) >= 0.92
 
 
-@pytest.mark.parametrize("deg", slow_after(0, [0.05, 0.0, 0.3]))
+@pytest.mark.slow
+@pytest.mark.parametrize("deg", [0.0, 0.05, 0.3])
 def test_azimuths_of_turned_gyros_are_within_u_and_validation_rejects_them(deg):
     """50 tools: 88 % of the azimuths within U or more; gyros turned by 0.05° or 0.3° are rejected
     by unseen stations, the others are not; 0.3° is always named by the fit, 0° in 2 of 50.
