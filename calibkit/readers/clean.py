@@ -8,6 +8,7 @@ other. Uncertainty of reading: the nearest float64.
 
 import hashlib
 import io
+import itertools
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -37,38 +38,36 @@ def read(path: Path, file: str) -> Table | None:
     """Read a log whose every field is a number or missing; None where one is not, for the reader of
     text to name it. Raises LogFormatError where the file cannot be read.
     """
-    with delimited.open_log(path, file) as stream:
+    with delimited.open_log(path, file) as stream, ThreadPoolExecutor(WORKERS) as threads:
         before = path.stat()
         first = stream.readline(_LARGEST_HEADER)
         header = _read_header(first, file)
         if header is None:
             return None
-        stream.seek(0)
-        data = stream.read()
+        columns = _allocate_columns(len(header), sum(map(_count_line_ends, _read_blocks(stream))))
+        clean = columns[0].size > 0
+        stream.seek(len(first))
+        blocks, sha256, row = _read_blocks(stream), hashlib.sha256(first), 0
+        # few blocks at a time, so that little of the file is in memory beside its numbers
+        while clean and (batch := list(itertools.islice(blocks, WORKERS))):
+            parsed = []
+            for block in batch:
+                stop = row + _count_line_ends(block)
+                rows = [column[row:stop] for column in columns]
+                parsed.append(threads.submit(_parse, block, rows))
+                row = stop
+            for block in batch:
+                sha256.update(block)
+            clean = all(future.result() for future in parsed)
         after = path.stat()
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise changed(file)
-    ends = [len(first)]
-    while ends[-1] < len(data):
-        ends.append(data.find(b"\n", ends[-1] + BLOCK) + 1 or len(data))
-
-    def parse_block(start: int, stop: int) -> list[Array] | None:
-        block = data[start:stop]
-        columns = _allocate_columns(len(header), _count_line_ends(block))
-        return columns if _parse(block, columns) else None
-
-    with ThreadPoolExecutor(WORKERS) as threads:
-        digest = threads.submit(hashlib.sha256, data)
-        parsed = list(threads.map(parse_block, ends[:-1], ends[1:]))
-        sha256 = digest.result().hexdigest()
-    blocks = [columns for columns in parsed if columns is not None]
-    if len(blocks) < len(parsed) or not blocks:
+    if not clean:
         return None
     import pandas as pd  # beside a long log, in another thread, before this
 
-    joined = map(np.concatenate, zip(*blocks, strict=True))
-    frame = pd.DataFrame(dict(zip(header, joined, strict=True)), copy=False)
-    return Table(file, sha256, frame)
+    frame = pd.DataFrame(dict(zip(header, columns, strict=True)), copy=False)
+    return Table(file, sha256.hexdigest(), frame)
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,7 @@ class Dialect:
 
     @property
     def clean(self) -> bool:
-        """Whether the strict reader of comma-separated UTF-8 reads it."""
+        """Whether it is comma-separated UTF-8 with decimal points and one line of names."""
         return tuple(self.recipe_keys().values()) == ("utf-8", ",", ".", 0, 1)
 
     def recipe_keys(self) -> dict[str, str | int | list[int]]:
@@ -100,12 +100,16 @@ class Dialect:
         ]
         if self.renamed and not keys:
             texts.append("the recipe's names stand in place of the header's")
-        texts += [
+        return (*texts, *self.time_guesses)
+
+    @property
+    def time_guesses(self) -> tuple[str, ...]:
+        """Form of each column of times, as it was guessed."""
+        return tuple(
             Guess(f"column '{column.name}': time_format = '{column.time_format}' (guessed)")
             for column in self.columns
             if column.kind == "time"
-        ]
-        return tuple(texts)
+        )
 
     @staticmethod
     def guess(

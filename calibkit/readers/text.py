@@ -72,8 +72,7 @@ def parse_csv(
         )
     dialect = sniff.Dialect.of_csv(text, names)
     table = parse_text(text, sha256, file, dialect, logs, required_columns)
-    times = [how for how in table.reading if how.startswith("column ")]
-    return replace(table, reading=tuple(times))
+    return replace(table, reading=dialect.time_guesses)
 
 
 def parse_text(
