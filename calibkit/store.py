@@ -176,19 +176,14 @@ def _rename_folder(temporary: Path, target: Path) -> None:
     temporary.rename(target)
 
 
-def find(name: str, runs: Path, date: str = "") -> Path:
+def find(name: str, runs: Path) -> Path:
     """Folder of RUN under runs; UsageError when there is none, CoefficientError for a run that is
     another's.
 
-    RUN is a run folder, SERIAL (its newest revision, or the one in force on `date`), SERIAL@r003,
-    or SERIAL@2026-05-01 (the one in force on that date).
+    RUN is a run folder, SERIAL (its newest revision), SERIAL@r003, or SERIAL@2026-05-01 (the one in
+    force on that date).
     """
     serial, _, selector = name.partition("@")
-    if date and (selector or _is_run(Path(name))):
-        raise UsageError(
-            f"run '{name}' is one run, --date {date} chooses among several",
-            hint="give the serial alone",
-        )
     if _is_run(Path(name)):
         return Path(name)
     numbers = revisions(runs / serial) if names.is_serial(serial) else []
@@ -197,8 +192,8 @@ def find(name: str, runs: Path, date: str = "") -> Path:
             f"run '{name}' is neither a run folder nor a serial under {runs}",
             hint="give --runs, or the folder that holds run.json",
         )
-    if date or _DATE.fullmatch(selector):
-        return _in_force_on(runs, serial, numbers, date or selector)
+    if _DATE.fullmatch(selector):
+        return _in_force_on(runs, serial, numbers, selector)
     match = _REVISION.fullmatch(selector or f"r{numbers[-1]:03d}")
     if not match or int(match.group(1)) not in numbers:
         raise UsageError(

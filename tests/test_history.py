@@ -298,10 +298,7 @@ def three_years(tmp_path):
     ],
 )
 def test_a_serial_at_a_date_is_the_run_in_force_then(three_years, date, expected):
-    """The newest effective date that has come decides, on the day itself too, however the date is
-    given.
-    """
-    assert store.find("S-1", three_years, date).name == expected
+    """The newest effective date that has come decides, on the day itself too."""
     assert store.find(f"S-1@{date}", three_years).name == expected
 
 
@@ -311,14 +308,7 @@ def test_before_the_first_run_nothing_is_in_force(three_years):
         UsageError,
         match="no run in force on 2021-12-31; the first is from 2022-01-01",
     ):
-        store.find("S-1", three_years, "2021-12-31")
-
-
-@pytest.mark.parametrize("run", ["S-1@r001", "S-1@2022-05-01"])
-def test_a_date_beside_a_single_run_is_refused(three_years, run):
-    """--date chooses among revisions: with one run named there is nothing to choose."""
-    with pytest.raises(UsageError, match="is one run"):
-        store.find(run, three_years, "2023-05-01")
+        store.find("S-1@2021-12-31", three_years)
 
 
 def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replaces(tmp_path):
@@ -330,7 +320,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
         ("2023-01-01", "rejected"),
     ):
         keep(tmp_path, values, date=date, verdict=verdict)
-    assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
+    assert store.find("S-1@2024-01-01", tmp_path).name == "r002"
     found = timeline.Timeline.read("S-1", tmp_path)
     assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was rejected: it is never in force by date" in found.flags
@@ -341,7 +331,7 @@ def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_
     values = model({"K": (1.0, "1", 0.1)})
     keep(tmp_path, values, date="2024-01-01")
     keep(tmp_path, values, date="2023-01-01")
-    assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
+    assert store.find("S-1@2024-06-01", tmp_path).name == "r001"
     assert any(
         "S-1@r002 holds from 2023-01-01, before" in flag
         for flag in timeline.Timeline.read("S-1", tmp_path).flags
@@ -466,7 +456,7 @@ def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     assert found.sound
     assert found.in_force[1].since == ""
     with pytest.raises(UsageError, match="every run was rejected"):
-        store.find("S-1", tmp_path, "2030-01-01")
+        store.find("S-1@2030-01-01", tmp_path)
 
 
 def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):

@@ -39,9 +39,6 @@ if TYPE_CHECKING:
 
 _STATES = {(True, True): "ok    ", (False, True): "FAILED", (False, False): "-     "}
 """What stands before a file: whether it is sound, whether it was checked."""
-_ON = click.option(
-    "--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date"
-)
 
 
 @command()
@@ -168,21 +165,20 @@ def _verify_all(
 @command()
 @RUN
 @RUNS
-@_ON
 @CSV
 @JSON
-def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool) -> int:
+def show(run: str, runs: Path, *, as_csv: bool, as_json: bool) -> int:
     """Show the coefficients of a run with units and standard uncertainties.
 
     \b
-    calibkit show FOG-0001 --date 2026-05-01
+    calibkit show FOG-0001@2026-05-01
     calibkit show runs/FOG-0001/r002 --csv
     """
     from calibkit import store
     from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    stored_run = store.load(store.find(run, runs, date_or_today(date) if date else ""))
+    stored_run = store.load(store.find(run, runs))
     _print_found(
         lambda: {
             "ok": True,
