@@ -40,10 +40,10 @@ def issue(runs, tmp_path_factory):
     folder = tmp_path_factory.mktemp("issued")
     count = iter(range(1000))
 
-    def write(*arguments, profile=PROFILE):
+    def write(*arguments, profile=PROFILE, date="2026-11-21"):
         out = folder / f"{next(count)}.pdf"
         stated = () if profile is None else ("--profile", profile)
-        code = called("certify", "S-1", *stated, *arguments, runs=runs, out=out, date="2026-11-21")
+        code = called("certify", "S-1", *stated, *arguments, runs=runs, out=out, date=date)
         assert code == 0
         return out
 
@@ -267,7 +267,7 @@ def test_same_run_profile_and_date_give_the_same_bytes(issue, certificate):
     bytes.
     """
     assert issue().read_bytes() == certificate.read_bytes()
-    assert issue("--date", "2026-11-22").read_bytes() != certificate.read_bytes()
+    assert issue(date="2026-11-22").read_bytes() != certificate.read_bytes()
     assert certificate.read_bytes().endswith(b"\n")
 
 

@@ -220,6 +220,19 @@ def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused
         firmware.chain(spec, {"drift_rate.json": record})
 
 
+def test_a_run_that_the_loader_of_another_would_refuse_is_not_exported(tmp_path, tmp_path_factory):
+    """`--layout-of` takes a run laid out as the one that it names, and refuses another model form;
+    nothing is written.
+    """
+    lagged, level = (cached(name, tmp_path_factory).run for name in ("lagged", "level"))
+    arguments = ([lagged], "blob", "f32", "cal")
+    assert pipeline.export(*arguments, tmp_path / "a", layout_of=lagged)
+    with pytest.raises(OutputError, match=r"lagged/1\) is not laid out as .*level/1\)") as refused:
+        pipeline.export(*arguments, tmp_path / "b", layout_of=level)
+    assert refused.value.exit_code == 4
+    assert not (tmp_path / "b").exists()
+
+
 def test_literals_read_back_to_the_same_number_in_c():
     """Nine and seventeen significant digits, with a point or an exponent, and F for single
     precision.

@@ -18,7 +18,6 @@ from calibkit.firmware import (
     parameters,
     table,
 )
-from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import FirmwareRun
 from calibkit.run_document import ACCEPTED
 
@@ -135,17 +134,12 @@ def find_target(name: str, number: str, address: int | None) -> _Target:
 
 def require_layout(exports: Sequence[FirmwareRun], pinned: FirmwareRun) -> None:
     """OutputError for a run whose steps or tables are not those of another run."""
-
-    def layout(export: FirmwareRun) -> tuple[Structure, dict[str, int]]:
-        lengths = {name: len(numbers) for name, numbers in export.program.tables.items()}
-        return export.structure, lengths
-
-    pinned_layout, pinned_forms = layout(pinned), ", ".join(pinned.structure.forms)
+    shape, forms = blob.shape(pinned.program), ", ".join(pinned.structure.forms)
     for export in exports:
-        if layout(export) != pinned_layout:
+        if blob.shape(export.program) != shape:
             raise OutputError(
                 f"{export.identity.serial} ({', '.join(export.structure.forms)}) is not laid out as"
-                f" {pinned.identity.serial} revision {pinned.identity.revision} ({pinned_forms})",
+                f" {pinned.identity.serial} revision {pinned.identity.revision} ({forms})",
                 hint="fit it with the model of that run, or export a loader of its own",
             )
 
@@ -209,12 +203,12 @@ def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
     document = sealed.unseal(store.read_utf8(path), str(path), MANIFEST)
     manifest = sealed.read_as(run_document.Manifest, document, str(path), "a manifest")
-    listed = [*manifest.files, *(entry for unit in manifest.units for entry in unit.files)]
-    for entry in listed:
+    entries = [*manifest.files, *(entry for unit in manifest.units for entry in unit.files)]
+    for entry in entries:
         file = path.parent / entry.name
         if hashlib.sha256(store.read_bytes(file)).hexdigest() != entry.sha256:
             raise CoefficientError(
                 f"{file}: not the file that the manifest lists", hint="export it again"
             )
     mark = facts.list_verdicts({unit.serial: unit.accepted for unit in manifest.units})
-    return f"manifest of {len(manifest.units)} devices, {len(listed)} files{mark}"
+    return f"manifest of {len(manifest.units)} devices, {len(entries)} files{mark}"
