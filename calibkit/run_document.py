@@ -92,7 +92,7 @@ class _RunFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class _FleetFacts:
+class FleetFacts:
     """What every fleet.json holds."""
 
     software: str
@@ -138,13 +138,6 @@ def loads(text: str, name: str) -> dict[str, Any]:
     document = sealed.unseal(text, name, FORMAT)
     sealed.read_as(_RunFacts, document, name, "a run document")
     return document
-
-
-def require_fleet_shape(document: Mapping[str, Any], path: str) -> None:
-    """Raise CoefficientError for a sealed fleet.json that lacks something, or whose files are not
-    in the folder.
-    """
-    sealed.read_as(_FleetFacts, document, path, "a fleet's record")
 
 
 def _is_date(text: str) -> bool:

@@ -280,7 +280,7 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
     """
     name = f"{folder / FLEET_FILE}"
     document = sealed.unseal(read_utf8(folder / FLEET_FILE), name, FLEET_FORMAT)
-    run_document.require_fleet_shape(document, name)
+    sealed.read_as(run_document.FleetFacts, document, name, "a fleet's record")
     _listed(folder, document, FLEET_FILE)
     return document
 
