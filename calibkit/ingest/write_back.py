@@ -243,13 +243,10 @@ def _format_column(column: pd.Series, decimal: str) -> list[str]:
     if column.dtype.kind == "f":
         return _format_numbers(column.to_numpy(dtype=np.float64))
     texts = []
-    for cell in column:
-        if isinstance(cell, float):
-            text = "" if np.isnan(cell) else repr(float(cell)).removesuffix(".0")
-        elif decimal == "," and tokens.NUMBER[","].fullmatch(str(cell)):
-            text = str(cell).replace(",", ".")
-        else:
-            text = str(cell)
+    for cell in column.astype(object).where(column.notna(), ""):
+        text = repr(float(cell)).removesuffix(".0") if isinstance(cell, float) else str(cell)
+        if decimal == "," and tokens.NUMBER[","].fullmatch(text):
+            text = text.replace(",", ".")
         texts.append(text)
     return texts
 
