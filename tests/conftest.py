@@ -89,11 +89,12 @@ def slow_after(count, values):
 
 def called(*arguments, **options):
     """Run the command line in this process and return its exit code; an option may be a keyword,
-    `log_file=path` for --log-file.
+    `log_file=path` for --log-file, which one among the arguments overrides.
     """
-    words = [*arguments]
+    words = [*arguments[:1]]
     for name, value in options.items():
         words += [f"--{name.replace('_', '-')}", value]
+    words += arguments[1:]
     with pytest.raises(SystemExit) as stopped:
         cli.main([str(word) for word in words])
     return stopped.value.code

@@ -723,6 +723,7 @@ def test_a_plan_of_runs_takes_the_response_from_an_earlier_run(earlier, tmp_path
         plans.plan(recipe.find("fog_thermal"), tmp_path / "other", **asked)
 
 
+@pytest.mark.slow
 def test_ramps_that_are_measured_count(tmp_path):
     """Three of the eight sample ramps need less than no ramp at all, all eight nothing."""
     source, wish = recipe.find("fog_thermal"), ("drift<=0.03 deg/h",)

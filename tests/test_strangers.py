@@ -66,6 +66,7 @@ def accepts(folder, text):
     return campaign.judgement.exit_code == 0
 
 
+@pytest.mark.slow
 def test_check_accepts_the_recipes_after_two_edits(proposed):
     """Of 23 kinds, every edit of a line that the recipe asks about; in the other two six faces
     alone determine no nine parameters.
