@@ -55,8 +55,10 @@ def test_a_damaged_dcc_is_refused_in_one_line(tmp_path):
     assert documents.attack(tmp_path / "a.xml", damage, 200, 2) == (200, [])
 
 
-def test_a_list_of_two_numbers_in_one_is_refused(tmp_path):
-    """A covariance whose entry is two numbers behind each other was an internal error."""
+def test_a_list_of_two_numbers_in_one_is_refused(tmp_path, real):
+    """A covariance whose entry is two numbers behind each other, where the schemas are given; it
+    was an internal error.
+    """
     pytest.importorskip("lxml")
     text = (GOLDEN / "dcc.xml").read_text(encoding="utf-8")
     at = text.index("<si:valueXMLList>", text.index("<si:columnXMLList>")) + len(
@@ -64,7 +66,7 @@ def test_a_list_of_two_numbers_in_one_is_refused(tmp_path):
     )
     (tmp_path / "a.xml").write_text(text[:at] + "1.0-" + text[at:], encoding="utf-8")
     with pytest.raises(CoefficientError):
-        pipeline.verify(tmp_path / "a.xml")
+        pipeline.verify(tmp_path / "a.xml", schema_dir=real / "dcc-schema")
 
 
 @pytest.mark.parametrize(
