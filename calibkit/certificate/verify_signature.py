@@ -75,7 +75,8 @@ def _list_additions(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: A
     embedded.compute_integrity_info(diff_policy=_allow_signatures(embedded.reader))
     state = embedded.summarise_integrity_info()
     _, _, after, tail_length = (int(number) for number in embedded.byte_range)
-    last = embedded.reader.embedded_signatures[-1]
+    signatures = embedded.reader.embedded_signatures
+    first, last = signatures[0], signatures[-1]
     if not signature_bytes.is_canonical(document, embedded):
         yield "the signature's own bytes were changed"
     if embedded is last and after + tail_length != len(document):
@@ -84,7 +85,7 @@ def _list_additions(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: A
         yield "a signature leaves out a part of what it was put on"
     elif not state["docmdp_ok"] or _describe(embedded, last) != _describe(embedded, embedded):
         yield "the PDF was changed after signing, by more than a further signature"
-    if embedded.signed_revision and _is_visible(embedded.sig_field):
+    if embedded is not first and _is_visible(embedded.sig_field):
         yield "a further signature paints over a page"
 
 
@@ -118,13 +119,15 @@ def _describe(embedded: Any, until: Any) -> list[Any]:  # noqa: ANN401 (classes 
 
     reader, revision = embedded.reader, until.signed_revision
     document = reader.get_historical_resolver(revision)
-    info, fields = dict[str, Any](), dict[Any, Any]()
+    info: dict[str, Any] = {}
+    fields: dict[Any, list[Any]] = {}
     if reference := document.trailer_view.get_value_as_reference("/Info", optional=True):
         info |= reader.get_object(reference, revision=revision)
     if reference := document.root.get_value_as_reference("/Metadata", optional=True):
         stream = reader.get_object(reference, revision=revision)
         for structure in xmp_xml.parse_xmp(io.BytesIO(stream.data)):
-            fields |= dict(structure)
+            for name, value in structure:  # a name that stands twice has both values
+                fields.setdefault(name, []).append(value)
     for written in (model.XMP_MODDATE, model.PDF_PRODUCER):
         fields.pop(written, None)
     return [{key: info[key] for key in info if key not in {"/ModDate", "/Producer"}}, fields]
