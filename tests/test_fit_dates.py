@@ -53,8 +53,8 @@ def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
         " revision"
     )
     keep(two_years, model({"K": (10.0, "1/deg", 0.02)}), date=date)
-    assert store.find("S-1", two_years, date).name == "r003"
-    assert store.find("S-1", two_years, until).name == other
+    assert store.find(f"S-1@{date}", two_years).name == "r003"
+    assert store.find(f"S-1@{until}", two_years).name == other
     assert store.find("S-1", two_years).name == "r003"
 
 
