@@ -172,9 +172,16 @@ class Problem:
         return evidence.maximise(self.gram(lag, self.columns(lag, slope_of)), self.prior, start)
 
 
-def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = None) -> Problem:
+def state_problem(
+    rows: WhitenedRows,
+    extra: str = "",
+    *,
+    drift: float | None = None,
+    before: Problem | None = None,
+) -> Problem:
     """Problem with the terms g (table), h (hysteresis) and w (warm-up) of `extra` beside the
-    others, for a drift of a size [°/h], by default that of the logs.
+    others, for a drift of a size [°/h], by default that of the logs; `before` is one of the same
+    logs, whose lagged temperatures it shares.
     """
     stacked = rows.stacked
     if drift is None:
@@ -218,8 +225,11 @@ def state_problem(rows: WhitenedRows, extra: str = "", *, drift: float | None = 
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
     spread = [2.0 * sd for *_, sd in SIZES]
     prior = VariancePrior(group, shape, mixing, np.array([*mean, 0.0]), np.array([*spread, 1e-3]))
-    case_path = coil.path([(log.time, log.case) for log in stacked.logs])
-    followed = forward.follow_lags(bank, case_path)
+    if before is not None:
+        case_path, followed = before.case_path, before.followed
+    else:
+        case_path = coil.path([(log.time, log.case) for log in stacked.logs])
+        followed = forward.follow_lags(bank, case_path)
     return Problem(
         rows, float(np.mean(stacked.levels)), drift, bank, case_path, followed, prior, root
     )

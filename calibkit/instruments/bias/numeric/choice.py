@@ -86,30 +86,35 @@ def grow(
     name, letters, before = BANK, "", bank_fit.solve(bank_fit.state_problem(rows))
     absent = set(FURTHER) - ({"h"} if one_sided else set())
     while absent:
-        solutions, gains = {}, {}
+        # of a long log a solution is large: only those that the evidence asks for are kept
+        gains, sizes, asked_for = {}, {}, {}
         for letter in sorted(absent):
             # at the static lag without the term
             problem = bank_fit.state_problem(
-                before.problem.rows, letters + letter, drift=before.problem.drift
+                before.problem.rows,
+                letters + letter,
+                drift=before.problem.drift,
+                before=before.problem,
             )
-            solutions[letter] = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
-            gains[letter] = solutions[letter].posterior.log_integral - before.posterior.log_integral
-        for letter in sorted(gains, key=lambda letter: -gains[letter]):
-            if gains[letter] >= ASKED[letter] and _left_out_ramps_agree(
-                before, solutions[letter], remaining_rows
-            ):
+            solution = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
+            gains[letter] = solution.posterior.log_integral - before.posterior.log_integral
+            sizes[letter] = solution.change_from(before)
+            if gains[letter] >= ASKED[letter]:
+                asked_for[letter] = solution
+        for letter in sorted(asked_for, key=lambda letter: -gains[letter]):
+            if _left_out_ramps_agree(before, asked_for[letter], remaining_rows):
                 break
         else:
-            unmodelled = []
-            for letter, gain in gains.items():
-                size, odds = solutions[letter].change_from(before), float(np.exp(-gain))
-                unmodelled.append(Unmodelled(FURTHER[letter], size, 1.0 / (1.0 + odds)))
+            unmodelled = [
+                Unmodelled(FURTHER[letter], sizes[letter], 1.0 / (1.0 + float(np.exp(-gain))))
+                for letter, gain in gains.items()
+            ]
             yield _Fitted(name, before, tuple(unmodelled))
             return
         yield _Fitted(name, before)
         absent -= {letter}
         name, letters = f"{name}, {FURTHER[letter]}", letters + letter
-        before = bank_fit.solve(solutions[letter].problem)
+        before = bank_fit.solve(asked_for[letter].problem)
     yield _Fitted(name, before)
 
 
