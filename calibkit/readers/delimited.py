@@ -18,7 +18,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import damage, tokens
+from calibkit.readers import damage, limited, tokens
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
@@ -107,6 +107,7 @@ def split_names(first: bytes, file: str) -> list[str]:
             hint="save the log as UTF-8 CSV",
         ) from None
     header = [name.strip() for name in line.split(",")]
+    limited.require_columns(len(header), file)
     _require_names(header, file)
     return header
 
@@ -124,6 +125,7 @@ def _require_names(header: list[str], file: str) -> None:
             f"{file}:1: one column named '{header[0][:60]}'",
             hint="separate columns with commas" if other else "expected several columns",
         )
+    earlier: set[str] = set()
     for number, name in enumerate(header, start=1):
         if not name:
             raise LogFormatError(
@@ -133,10 +135,11 @@ def _require_names(header: list[str], file: str) -> None:
             raise LogFormatError(
                 f"{file}:1: column {number} is quoted: {name}", hint="write names without quotes"
             )
-        if name in header[: number - 1]:
+        if name in earlier:
             raise LogFormatError(
                 f"{file}:1: column '{name}' stands twice", hint="give each column its own name"
             )
+        earlier.add(name)
     if all(_is_number(name) for name in header):
         raise LogFormatError(
             f"{file}:1: numbers where the column names should be", hint="put a header line first"
