@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import atomic, coefficients, names, run_document, sealed
+from calibkit.clock import date_or_today
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, output_errors, refuse_run_folder
 
@@ -193,7 +194,7 @@ def find(name: str, runs: Path) -> Path:
             hint="give --runs, or the folder that holds run.json",
         )
     if _DATE.fullmatch(selector):
-        return _in_force_on(runs, serial, numbers, selector)
+        return _in_force_on(runs, serial, numbers, date_or_today(selector, f"run '{name}':"))
     match = _REVISION.fullmatch(selector or f"r{numbers[-1]:03d}")
     if not match or int(match.group(1)) not in numbers:
         raise UsageError(

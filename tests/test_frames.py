@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import calibkit
+from calibkit import recipe
 from conftest import ROOT
 
 PAIR = ROOT / "datasets" / "gyro_pair"
@@ -44,6 +45,14 @@ def test_a_date_is_refused_that_no_run_could_be_read_with(logs, date):
     """As the command refuses it, before anything is fitted."""
     with pytest.raises(calibkit.CalibkitError, match="not a date"):
         fitted(logs, date=date)
+
+
+def test_a_column_that_the_recipe_maps_and_no_log_has_is_named(logs):
+    """A temperature by a name that is mistyped: the pair was fitted without it, without a word."""
+    source = recipe.find("gyro_pair", ('columns.temp_case_degc.from="Tcas"',))
+    found = calibkit.fit(source, logs=logs, runs=None, date=DATE)
+    named = "no column 'Tcas', which the recipe maps: temp_case_degc is not read"
+    assert any(named in flag for flag in found.document["flags"])
 
 
 def test_a_serial_may_be_a_number(logs):

@@ -217,3 +217,10 @@ def spoil(path, kind):
     else:
         with path.open("wb") as stream:
             stream.truncate(20_000_000_000)
+
+
+def test_a_day_that_no_calendar_has_selects_no_run(tmp_path):
+    """SERIAL@2024-31-01 was compared as text, and gave the newest run."""
+    save_run(tmp_path)
+    with pytest.raises(UsageError, match="2024-31-01: not a date"):
+        store.find("S-1@2024-31-01", tmp_path)

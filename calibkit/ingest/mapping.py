@@ -77,6 +77,12 @@ def map_log(
     mapped = _map_columns(recipe, table, required_columns, (*optional, *exclusion_columns))
     require(file, mapped, required_columns)
     notes = [*table.notes, *(note for column in mapped.values() for note in column.notes)]
+    elsewhere = recipe.chamber.provides if recipe.chamber is not None else {}
+    notes += [
+        f"no column '{recipe.columns[name].source}', which the recipe maps: {name} is not read"
+        for name in optional
+        if name in recipe.columns and name not in mapped and name not in elsewhere
+    ]
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
     frame, first_lost = _frame_columns(table, mapped, (*columns, *exclusion_columns))
     notes += first_lost
