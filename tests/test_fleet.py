@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias import figures
 from conftest import ROOT, slow_after, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
+from sample_runs import sample_run
 
 
 @pytest.fixture
@@ -763,3 +765,16 @@ def test_the_screen_of_200_devices_names_who_stands_out_and_the_page_has_them_al
     assert re.findall(r"https?:|url\(|<link|<img", page) == []
     full = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going", "--details").out
     assert full.count("failed: A-") == 40
+
+
+def test_key_values_stand_in_one_order_however_a_run_is_read(tmp_path_factory):
+    """A run that was just fitted has its files in the order of stages, one that is read in that of
+    their names: the table of a fleet was another the second time.
+    """
+    run = store.load(sample_run(tmp_path_factory, "gyro_pair").folder)
+    turned = replace(run, records=dict(reversed(run.records.items())))
+    names = [
+        [figure.name for figure in keys.select_key_figures(one, (".+",), 25.0)]
+        for one in (run, turned)
+    ]
+    assert names[0] == names[1]

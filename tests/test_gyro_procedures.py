@@ -886,6 +886,20 @@ def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
         plans.plan(recipe.find("gyro_pair", ()), tmp_path / "p", have=tmp_path, dry_run=True)
 
 
+def test_the_orthogonality_error_has_the_uncertainty_of_the_angle(pair):
+    """90° − α with u and degrees of freedom of α, the indicated γ with those of γ: without them U
+    was that of the model's, a third too small.
+    """
+    found = figures(record(pair[0], "gyro_orthogonality"))
+    for name, source in (("orthogonality_error_deg", "alpha_deg"), ("gamma_indicated", "gamma")):
+        one, other = found[name], found[source]
+        assert (one.standard_uncertainty, one.effective_dof) == (
+            other.standard_uncertainty,
+            other.effective_dof,
+        )
+        assert one.effective_dof < 10.0
+
+
 def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
     """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
     case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}

@@ -51,7 +51,7 @@ def select_key_figures(
     ]
     key_figures += [
         figure
-        for record in run.records.values()
+        for _, record in sorted(run.records.items())
         for figure in _all_figures(record, reference_temp_degc)
         if any(re.fullmatch(pattern, figure.name) for pattern in names)
     ]

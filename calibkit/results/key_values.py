@@ -75,9 +75,14 @@ class FollowedResult:
         return f"about {_month(reach.expected)}, {span}"
 
 
+def _day(run: StoredRun) -> int:
+    """Effective date as the number of a day."""
+    return dt.date.fromisoformat(run.document["effective_from"]).toordinal()
+
+
 def _year(run: StoredRun) -> float:
     """Effective date in years."""
-    return dt.date.fromisoformat(run.document["effective_from"]).toordinal() / YEAR_DAYS
+    return _day(run) / YEAR_DAYS
 
 
 def _month(year: float) -> str:
@@ -238,7 +243,7 @@ def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
         figure, axes = page(rows, columns, title=title, height=height)
         for ax, key_value in zip(axes, drawn_values, strict=False):
             for run, result in key_value.values:
-                day = dt.date.fromisoformat(run.document["effective_from"]).toordinal()
+                day = _day(run)
                 inside = "none" if run.document["verdict"] == "rejected" else DENOISED
                 shape: Any = {"fmt": "o", "ms": 4.5, "capsize": 3, "mfc": inside}
                 ax.errorbar([day], [result.value], result.U, color=DENOISED, **shape)
@@ -252,6 +257,11 @@ def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
             for end in key_value.limits or ():
                 if np.isfinite(end):
                     ax.axhline(end, color=ALERT, lw=1.2, ls=":")
+            first, last = (_day(key_value.values[k][0]) for k in (0, -1))
+            if (
+                first == last and line is None
+            ):  # a margin in years, not in parts of the day's number
+                ax.set_xlim(first - YEAR_DAYS / 2.0, last + YEAR_DAYS / 2.0)
             days = np.linspace(*ax.get_xlim(), 4).astype(int).tolist()
             ax.set_xticks(days, [dt.date.fromordinal(day).isoformat()[:7] for day in days])
             words, unit = key_value.quantity.words.en, unit_mark(key_value.quantity.unit)

@@ -284,11 +284,11 @@ def _fit_pair(
     indicated = float(ratios.indicated.value)
     figures = (
         *pair.coefficients,
-        Figure("orthogonality_error_deg", 90.0 - alpha.value, "deg", alpha.standard_uncertainty),
+        replace(alpha, name="orthogonality_error_deg", value=90.0 - alpha.value),
         *(() if fits.earlier else ends),
         Figure("side", 1.0 if gamma.value >= 0.0 else -1.0, "1", 0.0),
         Figure("clamped", float(abs(indicated) > 1.0), "1", 0.0),
-        Figure("gamma_indicated", indicated, "1", gamma.standard_uncertainty),
+        replace(gamma, name="gamma_indicated", value=indicated),
         figure_of("gamma_from_a_about_b", from_a, "1"),
     )
     return CampaignFit(

@@ -275,7 +275,7 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
         dof = campaign.pair.dof_of(campaign.pair.coefficients[2])
         yield Remark(
             f"the two runs show a mounting error of {mounting[0].value:.2g}°, which is in u of"
-            f" gamma and alpha with {dof:.2g} degrees of freedom (k ="
+            f" gamma and alpha with {dof:.3g} degrees of freedom (k ="
             f" {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
