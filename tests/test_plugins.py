@@ -368,7 +368,8 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     line = f"{hashlib.sha256(source).hexdigest()}  lab_sentences.py\n"
     assert plugin["sha256"] == hashlib.sha256(line.encode()).hexdigest()
     written = (tmp_path / "compensated.csv").read_text(encoding="utf-8").splitlines()
-    assert written[0] == "time,case,chamber,rate"
+    # the units that the reader states stand behind the names
+    assert written[0] == "time (s),case (degC),chamber (degC),rate (deg/h)"
     proposed = (tmp_path / "proposal.toml").read_text(encoding="utf-8")
     assert 'format = "sentences"' in proposed
     assert 'from = "rate"' in proposed
