@@ -158,7 +158,7 @@ def summarise(rows: Sequence[AnyRow]) -> str:
 
 
 def write_rows(file: Path, rows: Sequence[AnyRow]) -> None:
-    """Write rows as CSV, one a line, with what fails of each."""
+    """Write rows as CSV, and which limits each misses."""
     objects = [{**row.to_object(), "fails": "; ".join(row.faults)} for row in rows]
     for row in objects:
         row.pop("reasons", None)

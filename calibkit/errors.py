@@ -33,7 +33,7 @@ class CalibkitError(Exception):
     exit_code = 70
     code = "internal"
     many_lines = False
-    """Whether a message may state several faults, one a line."""
+    """Whether a message may state several faults, each on its own line."""
 
     def __init__(self, message: str, *, hint: str = "") -> None:
         self.message = visible(message, lines=self.many_lines)

@@ -375,7 +375,7 @@ def require(file: str, present: Iterable[str], required: Iterable[str], *, of: s
 
 
 def refuse(findings: Iterable[Finding]) -> None:
-    """Raise FrameError with every refused finding, one a line."""
+    """Raise FrameError with every refused finding, each on its own line."""
     refused = [visible(str(finding)) for finding in findings if finding.refused]
     if refused:
         raise FrameError("\n".join(refused))

@@ -11,9 +11,10 @@ from calibkit.instruments.bias import compensate, drift_choice as decision
 from calibkit.instruments.bias.numeric import bank, bank_fit, choice, evidence
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.thermal import fits, left_out
-from calibkit.numeric.thermal.pooled_fit import BlockNoise, thermal_blocks
-from calibkit.numeric.thermal.terms import TERMS, ThermalModel, Valid
+from calibkit.numeric.thermal.pooled_fit import thermal_blocks
+from calibkit.numeric.thermal.terms import TERMS, Valid
 from conftest import ROOT, load_script, slow_after
+from drift_fits import on_levels
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
 REST_DEGC = (-40.0, -20.0, 0.0, 40.0, 60.0)
@@ -59,25 +60,14 @@ def fitted(seed, kind="plain", candidates="bank", **options):
 
 
 def thermal_model():
-    """Return a lagged model."""
-    return ThermalModel(
-        form="lagged",
+    """Return a lagged model without drift, of one lag."""
+    return replace(
+        on_levels(lags=(100.0,)),
         terms=TERMS[:5],
         coefficients=np.zeros(9),
-        lags=(100.0,),
         covariance=np.zeros((10, 10)),
-        window_s=0.0,
         valid=Valid((-40.0, 60.0), (-10.0, 10.0), (0.0, 0.0), (0.0, 0.0)),
-        turn_on=np.zeros(0),
-        turn_on_variance=0.0,
-        constant_dof=7.0,
-        dof=100,
-        residual_rms=0.02,
-        noise=BlockNoise(1e-4, 0.01),
         model_error=0.0,
-        model_error_dof=7.0,
-        entangled=(),
-        flags=(),
     )
 
 

@@ -249,7 +249,7 @@ def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):
 
 
 def test_a_revision_that_was_taken_meanwhile_is_neither_replaced_nor_added_to(tmp_path):
-    """Of two that write r002 the second is told so, and nothing of it is left; its fit goes on with
+    """Of two that write r002 the second gets None and leaves nothing; its fit goes on with
     r003, which supersedes r002.
     """
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))

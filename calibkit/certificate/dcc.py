@@ -20,6 +20,7 @@ from calibkit.certificate.dcc_results import Notation
 from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words
 from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
+from calibkit.templates import read_templates
 from calibkit.version import __version__
 
 if TYPE_CHECKING:
@@ -69,7 +70,8 @@ REF_TYPES = {
 def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
     """The DCC as a file of the certificate, validated against the schema where a folder has it."""
     document = render(certificate, lang)
-    dcc_xml.read(document, schema_dir)
+    if schema_dir is not None:
+        dcc_xml.read(document, schema_dir)
     return Attachment(FILE, document, *DESCRIBED)
 
 
@@ -132,15 +134,7 @@ def wording(notation: Notation) -> dict[str, Any]:
 @cache
 def templates() -> jinja2.Environment:
     """Templates of a certificate and of its results, with their filters."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = read_templates(Path(__file__).parent, escaped=True)
     environment.filters.update(
         {
             "base64": lambda content: base64.b64encode(content).decode(),

@@ -121,9 +121,10 @@ def _uniform(column: Sequence[Result]) -> bool:
     )
 
 
-def table_notes(table: ListTable | GridTable, notation: Notation) -> list[Words]:
+def table_notes(
+    table: ListTable | GridTable, columns: Sequence[ResultColumn], notation: Notation
+) -> list[Words]:
     """Note of a table, and whether its accelerations are ratios to an unknown gravity."""
-    columns = split_columns(table)
     results = [r for column in columns for r in (*column.single, *column.series)]
     ratio = notation.gravity is None and any(dsi(r.unit).gravity for r in results)
     return [*([table.note] if table.note else []), *([RATIO] if ratio else [])]

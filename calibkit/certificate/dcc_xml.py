@@ -73,7 +73,7 @@ def _parse(document: bytes) -> _Element:
 
 
 def finish(text: str) -> bytes:
-    """A filled template as it is written: elements with identifiers, one a line."""
+    """A filled template as it is written: elements with identifiers, each on its own line."""
     root = _parse(text.encode())
     for element in root.iter():
         element.tail = None

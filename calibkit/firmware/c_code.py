@@ -14,6 +14,7 @@ from calibkit.firmware import blob, exact, facts, vectors
 from calibkit.firmware.chain import ChainInput
 from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.steps import Code, Limit
+from calibkit.templates import read_templates
 
 if TYPE_CHECKING:
     import jinja2
@@ -136,17 +137,8 @@ def _loader_title(export: FirmwareRun) -> list[str]:
 
 @cache
 def _templates() -> "jinja2.Environment":
-    """Templates of the C, with their filter for numbers."""
-    import jinja2
-
-    return jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=False,  # noqa: S701 (C is no HTML; texts of a device stand in comments and strings)
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    """Templates of the C; texts of a device stand in its comments and strings."""
+    return read_templates(Path(__file__).parent / "templates", escaped=False)
 
 
 def _fill(template: str, export: FirmwareRun, title: Sequence[str], **values: Any) -> bytes:  # noqa: ANN401 (what a template prints)
@@ -194,7 +186,7 @@ def _fill(template: str, export: FirmwareRun, title: Sequence[str], **values: An
 
 
 def _joined(parts: Sequence[str], operator: str, indent: int) -> str:
-    """Expressions in parentheses, one a line; a single one without them."""
+    """Expressions in parentheses, each on its own line; a single one without them."""
     return parts[0][1:-1] if len(parts) == 1 else f"\n{' ' * indent}{operator}".join(parts)
 
 

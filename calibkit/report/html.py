@@ -20,6 +20,7 @@ from calibkit.report.documents import Drawn
 from calibkit.report.markup import Markup, shown
 from calibkit.report.overview import concise
 from calibkit.report.table import Table
+from calibkit.templates import read_templates
 
 if TYPE_CHECKING:
     import jinja2
@@ -146,16 +147,7 @@ def _fill_macro(name: str, *values: Any) -> Markup:  # noqa: ANN401 (what a temp
 @functools.cache
 def templates() -> "jinja2.Environment":
     """Templates of pages."""
-    import jinja2
-
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        keep_trailing_newline=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = read_templates(FOLDER, escaped=True)
     environment.globals["most_rows"] = MOST_ROWS
     environment.filters.update(
         {

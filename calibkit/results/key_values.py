@@ -258,9 +258,8 @@ def draw(serial: str, key_values: Sequence[FollowedResult]) -> Figure:
                 if np.isfinite(end):
                     ax.axhline(end, color=ALERT, lw=1.2, ls=":")
             first, last = (_day(key_value.values[k][0]) for k in (0, -1))
-            if (
-                first == last and line is None
-            ):  # a margin in years, not in parts of the day's number
+            # a margin in months: matplotlib's is a share of the number of the day
+            if first == last:
                 ax.set_xlim(first - YEAR_DAYS / 2.0, last + YEAR_DAYS / 2.0)
             days = np.linspace(*ax.get_xlim(), 4).astype(int).tolist()
             ax.set_xticks(days, [dt.date.fromordinal(day).isoformat()[:7] for day in days])

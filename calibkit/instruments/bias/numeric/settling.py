@@ -15,8 +15,8 @@ from calibkit.numeric.thermal.pooled_fit import Stack
 
 DECAYS_S = np.array([100.0, 300.0, 1000.0])
 BY_CHANCE = 1e-6
-"""Chance at which a faultless power-on is said to settle: a thermometer that lags looks like it, a
-little.
+"""Chance at which a faultless power-on is said to settle: as small as this, because a thermometer
+that lags looks slightly like it.
 """
 
 
