@@ -35,16 +35,17 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 from certified.campaigns import PROCEDURES, Errors  # noqa: E402
 from speed.page import machine, replaced, table  # noqa: E402
 
-from calibkit import analysis, instruments, recipe, units  # noqa: E402 the folder is found first
+from calibkit import instruments, recipe, units  # noqa: E402 the folder is found first
 from calibkit.certificate import profile, uncertainty  # noqa: E402
 from calibkit.certificate.stated import Stated  # noqa: E402
-from calibkit.coefficients import Identity  # noqa: E402
+from calibkit.commands import analysis  # noqa: E402 the folder is found first
 from calibkit.errors import CalibkitError  # noqa: E402
-from calibkit.ingest import logs as ingest  # noqa: E402
 from calibkit.instruments import silent  # noqa: E402
+from calibkit.logs import log_files  # noqa: E402
 from calibkit.readers import in_memory  # noqa: E402
 from calibkit.recipe import type_b  # noqa: E402
-from calibkit.sensitivities import InputError  # noqa: E402
+from calibkit.records.coefficients import Identity  # noqa: E402
+from calibkit.records.sensitivities import InputError  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,7 +107,7 @@ def results(name: str, logs: Frames) -> list[Result]:
     spec = instruments.parse_recipe(recipe.find(name))
     instrument, stated = instruments.find(spec.procedure), profile_of(name)
     with in_memory.hold(logs, analysis.patterns(spec)) as folder:
-        fitted = instrument.fit(spec, folder, ingest.find_logs(spec, folder), silent)
+        fitted = instrument.fit(spec, folder, log_files.find_logs(spec, folder), silent)
     identity = Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, fitted.inputs)
     blocks = instruments.optional(spec.procedure, "blocks")(
         Stated(

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import calibkit
-from calibkit import coefficients, instruments, recipe
-from calibkit.ingest import logs
+from calibkit import instruments, recipe
+from calibkit.logs import log_files
+from calibkit.records import coefficients
 
 if TYPE_CHECKING:
     from types import FrameType
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 PACKAGE = Path(calibkit.__file__).parent
 DATASETS = PACKAGE.parent / "datasets"
 READING = "reading of logs"
-ONE_STOP = {"fit": "the solver", "ingest": READING, "readers": READING, "check": READING}
+ONE_STOP = {"fit": "the solver", "logs": READING, "readers": READING, "check": READING}
 """Package of calibkit → the stop that all its functions are."""
 ROWS = ("instruments.accelerometer.plausibility.read_plausible",)
 """Functions of instruments that read logs as far as the rows that are fitted: what they call is
@@ -53,7 +54,7 @@ def walk(procedure: str) -> list[str]:
     """Stops of the fit of a procedure's sample logs up to its last stage, in the order of entry."""
     source = recipe.find(procedure)
     spec = instruments.parse_recipe(source)
-    files = logs.find_logs(spec, DATASETS / procedure)
+    files = log_files.find_logs(spec, DATASETS / procedure)
     stops: dict[str, None] = {}
     inside: FrameType | None = None  # the call below which everything is one stop
     to_last_stage = 0

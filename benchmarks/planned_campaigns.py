@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from calibkit import instruments, new_files, plans, recipe
-from calibkit.arrays import Array
+from calibkit import instruments, recipe
+from calibkit.commands import plans
 from calibkit.fit.solve import solve
-from calibkit.ingest import logs as ingest
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     plan as triad_plan,
@@ -30,12 +29,15 @@ from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.bias import plan as fog_plan
 from calibkit.instruments.bias.numeric import bank as forward, bank_fit
 from calibkit.instruments.gyro_scale import equation, plan as gyro_plan
+from calibkit.logs import log_files
 from calibkit.numeric import flicker, gum
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil, fits
 from calibkit.numeric.thermal.pooled_fit import Stack
 from calibkit.planning import document, equipment
 from calibkit.planning.bench import Task, total_variance
+from calibkit.records import new_files
 
 FAINT = 6.4
 """Noise terms below so many predicted u are not judged: fits do not report most of them."""
@@ -208,7 +210,7 @@ def run_logs(plan: document.Plan, seed: int, spec: Any) -> tuple[Array, ...]:  #
     with tempfile.TemporaryDirectory() as folder:
         new_files.write_all({Path(folder) / key: own for key, own in made.files().items()})
         fitted = instrument.fit(
-            spec, Path(folder), ingest.find_logs(spec, Path(folder)), instruments.silent
+            spec, Path(folder), log_files.find_logs(spec, Path(folder)), instruments.silent
         )
     models = {one.name: one for result in fitted.results for one in result.models}
     figures = {one.name: one for result in fitted.results for one in result.figures}

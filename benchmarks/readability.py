@@ -33,11 +33,11 @@ SCOPE = (
     "instruments",
     "numeric",
     "planning",
-    "plans.py",
+    "commands/plans.py",
     "results",
-    "forms.py",
-    "left_out.py",
-    "sensitivities.py",
+    "records/forms.py",
+    "records/left_out.py",
+    "records/sensitivities.py",
     "fit",
     "physics",
 )
@@ -130,9 +130,18 @@ def read_tree(root: Path) -> list[Module]:
     return [Module.read(root, path) for path in sorted(root.rglob("*.py"))]
 
 
+def room(module: Module) -> str:
+    """The entry of the scope that holds a module; else its folder or itself, directly below the
+    root.
+    """
+    path = module.path.as_posix()
+    holders = [name for name in SCOPE if path == name or path.startswith(f"{name}/")]
+    return holders[0] if holders else module.path.parts[0]
+
+
 def in_scope(module: Module) -> bool:
     """Whether a module belongs to the scope of the rebuild."""
-    return module.path.parts[0] in SCOPE
+    return room(module) in SCOPE
 
 
 def measure(modules: Sequence[Module]) -> dict[str, float]:
@@ -172,9 +181,9 @@ def measure_folders(modules: Sequence[Module]) -> dict[str, Size]:
     marked so.
     """
     sizes = {}
-    for name in dict.fromkeys(module.path.parts[0] for module in modules):
+    for name in dict.fromkeys(map(room, modules)):
         mark = "scope: " if name in SCOPE else ""
-        sizes[mark + name] = Size.sum(m for m in modules if m.path.parts[0] == name)
+        sizes[mark + name] = Size.sum(m for m in modules if room(m) == name)
     sizes = dict(sorted(sizes.items(), key=lambda item: not item[0].startswith("scope: ")))
     return sizes | {"scope": Size.sum(filter(in_scope, modules)), "all": Size.sum(modules)}
 

@@ -11,7 +11,7 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING
 
-from calibkit.version import __version__ as __version__
+from calibkit.records.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from calibkit.api import (

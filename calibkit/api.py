@@ -9,30 +9,22 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import (
-    analysis,
-    clock,
-    coefficients,
-    frame,
-    inspection,
-    instruments,
-    pipeline,
-    recipe as recipes,
-    store,
-)
-from calibkit.analysis import Run
+from calibkit import instruments, recipe as recipes
 from calibkit.certificate import certify as certificates
 from calibkit.certificate.signature_trust import Demands
 from calibkit.check import examination
+from calibkit.commands import analysis, inspection, pipeline
+from calibkit.commands.analysis import Run
 from calibkit.errors import CalibkitError, UsageError
-from calibkit.ingest import logs
 from calibkit.instruments import silent
+from calibkit.logs import log_files
 from calibkit.numeric.gum import UncertaintyComponent, combine as combine_uncertainty
 from calibkit.numeric.least_squares.regression import regress
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.readers import in_memory
 from calibkit.recipe import Source, toml_text
+from calibkit.records import clock, coefficients, frame, store
 
 if TYPE_CHECKING:
     import datetime as dt
@@ -41,11 +33,11 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import ArrayLike
 
-    from calibkit.arrays import Array
     from calibkit.certificate.certify import Issued
     from calibkit.certificate.words import Lang
     from calibkit.check.report import LogReport
-    from calibkit.coefficients import Record
+    from calibkit.numeric.arrays import Array
+    from calibkit.records.coefficients import Record
     from calibkit.simulate.campaign import Campaign
 
     AnyPath = str | os.PathLike[str]
@@ -327,7 +319,7 @@ def read_log(recipe: AnyRecipe, log: AnyPath) -> pd.DataFrame:
     axis_columns = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
     columns = dict.fromkeys((*frame.CANONICAL, *axis_columns, *spec.columns, *spec.own_columns()))
     file = Path(log)
-    tidy = logs.read_log(spec, file, file.name, (), tuple(columns)).frame
+    tidy = log_files.read_log(spec, file, file.name, (), tuple(columns)).frame
     in_memory.label_units(tidy)
     if "segment" in tidy.columns:
         return tidy

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import RecipeError, UsageError, did_you_mean
+from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from calibkit.arrays import Array
+    from calibkit.numeric.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,15 +13,20 @@ os.environ.setdefault(
 import sys
 import tempfile
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
 from calibkit.certificate import certify
-from calibkit.ingest import logs as ingest
+from calibkit.commands import pipeline
 from calibkit.instruments import silent
 from calibkit.instruments.bias import compensate, ramps
 from calibkit.instruments.bias.figures import DriftReport
+from calibkit.logs import log_files
 from calibkit.report import documents, pdf
 from calibkit.report.figures import png
+
+if TYPE_CHECKING:
+    from calibkit.records import store
 
 ROOT = Path(__file__).resolve().parents[1]
 DATE = "2026-11-21"
@@ -87,7 +92,7 @@ def picture(run: store.StoredRun, out: Path) -> None:
     spec = pipeline.run_recipe(run, ())
     data = ROOT / "datasets" / "fog_thermal"
     model = compensate.DriftModel.read(run.records, spec)
-    read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
+    read = [log_files.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
     prepared = [ramps.prepare(log, spec, ramps.find_faults(log, spec)) for log in read]
     found = [compensate.LogFigures.summarize(log.name, log.raw, model) for log in prepared]
     view = DriftReport(spec.drift.interval_s, tuple(prepared), tuple(found))

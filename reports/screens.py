@@ -16,7 +16,8 @@ from pathlib import Path
 
 from regenerate import DATE, ROOT, SAMPLES
 
-from calibkit import pipeline, recipe
+from calibkit import recipe
+from calibkit.commands import pipeline
 from calibkit.instruments import silent
 from calibkit.report.documents import PAGE
 

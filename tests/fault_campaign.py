@@ -17,8 +17,8 @@ from pathlib import Path
 
 import rfc8785  # noqa: F401 (imported before the steps are counted)
 
-from calibkit import new_files, sealed, store
 from calibkit.errors import CalibkitError
+from calibkit.records import new_files, sealed, store
 from kept import keep, model
 
 EVENTS = (

@@ -2,9 +2,10 @@
 
 import numpy as np
 
-from calibkit import pipeline, store
+from calibkit.commands import pipeline
 from calibkit.firmware import formats, twin, twin_clock
 from calibkit.numeric.intervals import Intervals
+from calibkit.records import store
 
 
 def chain_of(folder):

@@ -6,8 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from calibkit.instruments.bias import forms
+from calibkit.records import store
 from sample_runs import sample_run
 
 HOWEVER_WELL = ("acceptance.max_residual_over_noise=100",)

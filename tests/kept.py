@@ -6,8 +6,15 @@ import hashlib
 from dataclasses import replace
 from pathlib import Path
 
-from calibkit import run_document, sealed, store
-from calibkit.coefficients import Coefficient, Identity, Input, Model, Parameter, StageResult
+from calibkit.records import run_document, sealed, store
+from calibkit.records.coefficients import (
+    Coefficient,
+    Identity,
+    Input,
+    Model,
+    Parameter,
+    StageResult,
+)
 
 RECIPE = 'procedure = "rate_table"\n'
 

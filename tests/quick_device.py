@@ -9,9 +9,9 @@ import signal
 import sys
 from pathlib import Path
 
-from calibkit import atomic, store
 from calibkit.fleet import device
 from calibkit.instruments.bias import figures
+from calibkit.records import atomic, store
 from calibkit.report.documents import Drawn
 
 

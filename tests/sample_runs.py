@@ -12,7 +12,9 @@ import os
 
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
+from calibkit.records import store
 from conftest import REAL, ROOT, use_ink
 from written_logs import warm_up
 

@@ -2,7 +2,7 @@
 
 import mmap
 
-from calibkit.frame import values
+from calibkit.records.frame import values
 
 
 def on_disk(log):

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import store
 from calibkit.errors import FitError
 from calibkit.fit.value import Value
 from calibkit.instruments.accelerometer import simulate as simulator
 from calibkit.instruments.accelerometer.fit import choose_fit
 from calibkit.numeric import attitude
+from calibkit.records import store
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
 

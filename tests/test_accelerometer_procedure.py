@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import store
 from calibkit.instruments.accelerometer import simulate as simulator
 from calibkit.numeric import attitude
+from calibkit.records import store
 from conftest import AUTHORITIES
 
 VECTOR = json.loads((AUTHORITIES / "accel_k.json").read_text(encoding="utf-8"))

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import corrections as triad_errors, forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
@@ -28,6 +27,7 @@ from calibkit.instruments.inclinometer import solve as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
 from calibkit.numeric.thermal.left_out import NoiseSplit
 from calibkit.recipe.type_b import TypeB
+from calibkit.records.coefficients import Figure
 
 RECIPES = Path(__file__).parents[1] / "recipes"
 LIMIT = 0.5

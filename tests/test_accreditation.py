@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import cli, instruments, recipe, store
+from calibkit import cli, instruments, recipe
 from calibkit.certificate import (
     accreditation,
     certify,
@@ -24,6 +24,7 @@ from calibkit.certificate import (
     sheet,
 )
 from calibkit.errors import RecipeError
+from calibkit.records import store
 from conftest import REAL, ROOT
 from sample_runs import sample_run
 

@@ -8,7 +8,7 @@ import pytest
 
 from calibkit.check import magnitude
 from calibkit.errors import MissingColumnError
-from calibkit.frame import require
+from calibkit.records.frame import require
 from conftest import ROOT, write_log
 
 TABLE = ROOT / "datasets" / "rate_table"

@@ -11,7 +11,8 @@ import pandas as pd
 import pytest
 
 import calibkit
-from calibkit import analysis, api
+from calibkit import api
+from calibkit.commands import analysis
 from calibkit.errors import UsageError
 from calibkit.instruments.bias.figures import BiasCurve, BiasReport
 from calibkit.readers import in_memory

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import calibkit as api
-from calibkit.ingest import write_back
+from calibkit.logs import write_back
 
 DATA = Path(__file__).resolve().parents[1] / "datasets" / "fog_thermal"
 LOG = "ramp_heating_05"

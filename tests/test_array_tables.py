@@ -7,7 +7,7 @@ import scipy.io
 
 from calibkit import instruments, recipe
 from calibkit.errors import LogFormatError, RecipeError
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
 
@@ -75,7 +75,7 @@ def test_stations_that_a_person_left_out_are_left_out(tmp_path):
     (tmp_path / "stations.csv").write_text(head + lines, encoding="utf-8")
     left = 'exclude=[{log="stations",stations=[2],reason="moved",person="p"}]'
     spec = instruments.parse_recipe(recipe.find("inclinometer", (left,)))
-    assert ingest.find_logs(spec, tmp_path) == ["stations.csv"]
+    assert log_files.find_logs(spec, tmp_path) == ["stations.csv"]
     log = instruments.find(spec.procedure).read(spec, tmp_path, "stations.csv")
     assert log.frame["station"].unique().tolist() == [1.0, 3.0]
 

@@ -9,10 +9,10 @@ from scipy.signal import lfilter
 from scipy.stats import t
 
 from calibkit.errors import FitError
-from calibkit.frame import Log
 from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
 from calibkit.numeric import gum
+from calibkit.records.frame import Log
 from calibkit.simulate import noise
 from conftest import slow_after
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import store
+from calibkit.records import store
 
 ROOT = Path(__file__).parents[1]
 PUBLISHED = {

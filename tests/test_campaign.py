@@ -4,7 +4,8 @@ import shutil
 
 import pytest
 
-from calibkit import inspection, recipe
+from calibkit import recipe
+from calibkit.commands import inspection
 from conftest import ROOT
 
 DATA = ROOT / "datasets"

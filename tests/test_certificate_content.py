@@ -24,10 +24,10 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.results import Result, Uncertainty, round_descriptor, round_result
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB
-from calibkit.sensitivities import Sensitivity
+from calibkit.records.coefficients import Coefficient, Model, Record
+from calibkit.records.sensitivities import Sensitivity
 
 NO_TERMS = uncertainty.TypeBTerms(())
 
@@ -473,9 +473,9 @@ def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
 
 def test_a_validation_of_another_run_is_refused(tmp_path):
     """As-found and as-left results belong to the coefficients of the certificate."""
-    from calibkit import sealed
     from calibkit.certificate import run_files
     from calibkit.errors import CoefficientError
+    from calibkit.records import sealed
 
     document = {
         "format": "calibkit-validation/2",

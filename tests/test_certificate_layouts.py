@@ -11,8 +11,9 @@ from functools import cache, partial
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, store
+from calibkit import instruments
 from calibkit.certificate import content, pdf, profile, results, run_files, sheet, tables
+from calibkit.commands import pipeline
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
@@ -20,6 +21,7 @@ from calibkit.instruments.bias import forms as fog_forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
+from calibkit.records import store
 from conftest import ROOT, write_log
 from sample_runs import ISSUED, fitted, sample_run
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
 from calibkit.certificate import (
     conformity,
     content,
@@ -25,8 +25,9 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.results import GridTable, ListTable, Result
 from calibkit.certificate.words import Words
-from calibkit.coefficients import at_most
+from calibkit.commands import pipeline
 from calibkit.instruments import silent
+from calibkit.records.coefficients import at_most
 from conftest import ROOT, slow_after
 from sample_runs import ISSUED, sample_run
 

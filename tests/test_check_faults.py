@@ -10,7 +10,8 @@ import io
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from conftest import ROOT, slow_after
 
 ALLOWED = {
@@ -173,7 +174,7 @@ def test_the_healthy_logs_say_nothing(procedure, healthy, tmp_path, log_writer):
 @pytest.mark.parametrize("procedure", slow_after(1, instruments.campaigns()))
 def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path):
     """Every log of a simulated campaign is checked without a word: false alarms cost trust."""
-    from calibkit import inspection, pipeline
+    from calibkit.commands import inspection, pipeline
 
     for name, content in pipeline.simulated(procedure, 11).files().items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
@@ -185,7 +186,7 @@ def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path)
 @pytest.mark.parametrize("procedure", instruments.campaigns())
 def test_the_sample_logs_give_no_finding(procedure):
     """The data sets that come with calibkit are checked without a word."""
-    from calibkit import inspection
+    from calibkit.commands import inspection
 
     reports = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).logs
     assert [str(finding) for report in reports for finding in report.findings] == []

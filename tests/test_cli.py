@@ -69,7 +69,8 @@ def test_a_fit_starts_to_read_before_it_imports_what_it_needs_later(procedure):
     """
     later = ("pandas", "scipy", "matplotlib")
     code = (
-        "from calibkit import instruments, pipeline\nfrom calibkit.recipe import find\n"
+        "from calibkit import instruments\nfrom calibkit.commands import pipeline\n"
+        "from calibkit.recipe import find\n"
         f"instruments.parse_recipe(find({procedure!r}))"
     )
     assert imported(later, code) == "[]"

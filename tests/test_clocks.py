@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.ingest import clocks
+from calibkit.logs import clocks
 from calibkit.simulate import chamber, noise
 
 

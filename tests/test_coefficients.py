@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import coefficients, forms, sealed
-from calibkit.coefficients import (
+from calibkit.errors import CoefficientError
+from calibkit.records import coefficients, forms, sealed
+from calibkit.records.coefficients import (
     Coefficient,
     Component,
     Condition,
@@ -21,7 +22,6 @@ from calibkit.coefficients import (
     Parameter,
     Record,
 )
-from calibkit.errors import CoefficientError
 
 GOLDEN = Path(__file__).parent / "golden"
 

@@ -5,7 +5,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 from calibkit.readers import parts
 from calibkit.readers.table import Guess
 
@@ -17,7 +17,7 @@ def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
         f'procedure = "accelerometer"\n{site}[logs]\nfiles = ["*"]\n{logs}\n[columns]\n{columns}\n'
     )
     spec = instruments.parse_recipe(recipe.Source("r.toml", text))
-    return ingest.read_log(spec, tmp_path / name, name, needed)
+    return log_files.read_log(spec, tmp_path / name, name, needed)
 
 
 def column(log, name):
@@ -302,8 +302,8 @@ time_s = { from = "Time", unit = "s" }
 temp_case_degc = { from = "Chan 101 (C)" }
 """
     spec = instruments.parse_recipe(recipe.Source("r.toml", text))
-    assert ingest.find_logs(spec, tmp_path) == ["dat00001.csv"]
-    log = ingest.read_log(
+    assert log_files.find_logs(spec, tmp_path) == ["dat00001.csv"]
+    log = log_files.read_log(
         spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
     )
     assert column(log, "time_s") == [float(k) for k in range(9)]
@@ -318,7 +318,7 @@ temp_case_degc = { from = "Chan 101 (C)" }
     (tmp_path / "dat00002.csv").write_text(
         "Sweep #,Time,Chan 101 (C),Alarm\n5,4.0,24.5,1\n6,5.0,25.5,0\n"
     )
-    jumped = ingest.read_log(
+    jumped = log_files.read_log(
         spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
     )
     assert any(
@@ -331,7 +331,7 @@ temp_case_degc = { from = "Chan 101 (C)" }
     )
     (tmp_path / "dat00002.csv").unlink()
     with pytest.raises(LogFormatError, match="the next part of this log is number 3, expected 2"):
-        ingest.read_log(
+        log_files.read_log(
             spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
         )
 

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import store, units
+from calibkit import units
 from calibkit.certificate.quantities import Point
 from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.bias import forms
 from calibkit.numeric.thermal.terms import TERMS
 from calibkit.recipe import TypeB
+from calibkit.records import store
 from calibkit.results import comparison, key_values, still_good
 from calibkit.results.evaluation import RunResults
 from drift_fits import RATES, on_levels

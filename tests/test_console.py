@@ -15,8 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import cli, pipeline
+from calibkit import cli
 from calibkit.cli import console, options
+from calibkit.commands import pipeline
 from conftest import ROOT
 from kept import keep, model
 from sample_runs import sample_run

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import calibkit as api
-from calibkit import sealed, store
 from calibkit.check import copies, find_copied_rows
 from calibkit.errors import FrameError
-from calibkit.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
+from calibkit.records import sealed, store
+from calibkit.records.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
 from written_logs import sample_logs
 
@@ -157,7 +157,7 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
 
 def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
     """What tells a copy is taken from the log that is validated, not from another reading of it."""
-    from calibkit.ingest import logs as ingest, mapping
+    from calibkit.logs import log_files, mapping
 
     read, kept = [], mapping.read_file
 
@@ -165,7 +165,7 @@ def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch)
         read.append(file)
         return kept(recipe, path, file, needed, optional)
 
-    monkeypatch.setattr(ingest, "read_file", counted)
+    monkeypatch.setattr(log_files, "read_file", counted)
     withheld = DATA / "inclinometer" / "withheld"
     outcome = calibkit("validate", fitted / "S" / "r001", data=withheld, out=tmp_path / "v.json")
     assert outcome.code in (0, 1)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from calibkit.coefficients import at_least, at_most
+from calibkit.records.coefficients import at_least, at_most
 
 PACKAGE = Path(__file__).resolve().parents[1] / "calibkit"
 LIMIT = 0.3
@@ -45,4 +45,4 @@ def test_a_criterion_is_decided_in_one_module():
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "Criterion"
     }
-    assert makers == {"coefficients.py", "report/run.py"}
+    assert makers == {"records/coefficients.py", "report/run.py"}

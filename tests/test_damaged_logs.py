@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
-from calibkit.ingest import logs
+from calibkit.logs import log_files
 from calibkit.readers import sniff, tokens
 from calibkit.recipe.logs import TextSpec
 from conftest import slow_after
@@ -167,7 +167,7 @@ def outcome(name, data, folder):
     path = folder / f"log{WRITTEN[name].suffix}"
     path.write_bytes(data)
     try:
-        return logs.read_log(RECIPES[name], path, path.name, NAMES)
+        return log_files.read_log(RECIPES[name], path, path.name, NAMES)
     except CalibkitError as refused:
         found = refused
     assert "\n" not in str(found)

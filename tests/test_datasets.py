@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from calibkit import pipeline
+from calibkit.commands import pipeline
 from conftest import ROOT
 
 DATASETS = sorted(path for path in (ROOT / "datasets").iterdir() if path.is_dir())

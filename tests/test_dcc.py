@@ -27,7 +27,7 @@ from calibkit.certificate import (
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import NAMES
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.version import __version__
+from calibkit.records.version import __version__
 from conftest import REAL, ROOT, called
 from sample_runs import SERIAL, sample_run
 

@@ -10,7 +10,7 @@ from calibkit.certificate.dcc_units import ATOMS, dsi
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
 from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Coefficient, Model
+from calibkit.records.coefficients import Coefficient, Model
 
 pytest.importorskip("lxml")
 

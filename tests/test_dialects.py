@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import coefficients, instruments, recipe
-from calibkit.frame import values
-from calibkit.ingest import logs
+from calibkit import instruments, recipe
+from calibkit.logs import log_files
+from calibkit.records import coefficients
+from calibkit.records.frame import values
 from conftest import ROOT, slow_after
 from dialects import DIALECTS, NAMES, Clean
 
@@ -54,7 +55,7 @@ def coefficient_files(source, folder):
     """
     spec = instruments.parse_recipe(source)
     fitted = instruments.find(spec.procedure).fit(
-        spec, folder, logs.find_logs(spec, folder), instruments.silent
+        spec, folder, log_files.find_logs(spec, folder), instruments.silent
     )
     inputs = tuple(
         replace(entry, name=re.sub(r"\..*", "", entry.name), sha256="") for entry in fitted.inputs
@@ -99,7 +100,7 @@ def clean(sample, tmp_path_factory):
 def columns_of(source, folder):
     """Columns of the first log that a recipe reads, as bytes; times since its first row."""
     spec = instruments.parse_recipe(source)
-    name = logs.find_logs(spec, folder)[0]
+    name = log_files.find_logs(spec, folder)[0]
     frame = instruments.find(spec.procedure).read(spec, folder, name).frame
     columns = {column: values(frame, column) for column in NAMES}
     columns["time_s"] = columns["time_s"] - columns["time_s"][0]

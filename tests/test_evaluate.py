@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import instruments, store
+from calibkit import instruments
 from calibkit.certificate.content import Layout
 from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
+from calibkit.records import store
 from calibkit.results import evaluation
 from drift_fits import RATES, bank_model, on_levels
 from kept import RECIPES, keep, model

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from calibkit import extras
+from calibkit.libraries import extras
 from written_logs import still
 
 

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from calibkit.check import series
-from calibkit.frame import Log
 from calibkit.numeric import anomalies
+from calibkit.records.frame import Log
 
 ROWS = 20_000
 ROW = np.arange(ROWS)

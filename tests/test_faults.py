@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import atomic, new_files, store
 from calibkit.errors import OutputError
+from calibkit.records import atomic, new_files, store
 from conftest import ROOT, slow_after
 from kept import keep, model
 

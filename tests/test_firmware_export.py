@@ -12,7 +12,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from calibkit.errors import OutputError
 from calibkit.firmware import export as firmware_export, formats
 from calibkit.instruments.bias import firmware

@@ -23,8 +23,10 @@ def delivered(tmp_path_factory):
     """Return a folder with two revisions of the sample gyro's scale factor as slots with their
     loader, and the drift of the sample gyro as source, as the Makefile expects them.
     """
-    from calibkit import pipeline, recipe, store
+    from calibkit import recipe
+    from calibkit.commands import pipeline
     from calibkit.instruments import silent
+    from calibkit.records import store
 
     root = tmp_path_factory.mktemp("project")
     out = root / "exported"

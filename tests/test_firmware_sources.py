@@ -56,7 +56,7 @@ def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column(
 
 def test_the_factor_is_what_reading_the_log_gives(tmp_path):
     """Scale, offset, sign and unit together give the numbers that the reader gives."""
-    from calibkit.ingest import mapping
+    from calibkit.logs import mapping
 
     spec = instruments.parse_recipe(
         recipe.find(

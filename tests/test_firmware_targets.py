@@ -11,8 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import coefficients, pipeline, store
+from calibkit.commands import pipeline
 from calibkit.firmware import parameters, targets
+from calibkit.records import coefficients, store
 from firmware_runs import ORDERS, UNITS, warmed_up
 
 RAD_S = np.pi / 180.0 / 3600.0

@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 import calibkit as api
-from calibkit import clock, store
-from calibkit.coefficients import Criterion
 from calibkit.history import dates
+from calibkit.records import clock, store
+from calibkit.records.coefficients import Criterion
 from calibkit.report.summary import Summary
 from conftest import ROOT
 from kept import keep, model

@@ -20,10 +20,11 @@ import numpy as np
 import pytest
 
 import quick_device
-from calibkit import atomic, clock, instruments, recipe, store
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias import figures
+from calibkit.records import atomic, clock, store
 from conftest import ROOT, slow_after, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 from sample_runs import sample_run

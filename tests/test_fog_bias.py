@@ -9,10 +9,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import instruments, recipe, store
+from calibkit import instruments, recipe
 from calibkit.errors import RecipeError
 from calibkit.instruments.bias import at_rest as bias, certificate
 from calibkit.numeric import earth
+from calibkit.records import store
 from calibkit.results.evaluation import RunResults
 
 PLACE = ("--set", "site.latitude_deg=34.2", "--set", "input_axis.elevation_deg=90.0")
@@ -36,7 +37,7 @@ def run(campaign, tmp_path_factory):
     """Return the folder of a run with the site and the axis given, and the latitude uncertain by
     0.5°.
     """
-    from calibkit import pipeline
+    from calibkit.commands import pipeline
     from calibkit.instruments import silent
 
     out = tmp_path_factory.mktemp("runs")

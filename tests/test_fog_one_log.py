@@ -5,8 +5,8 @@ regression cannot use.
 import numpy as np
 import pytest
 
-from calibkit import store
 from calibkit.instruments.bias import simulate_fog as fog
+from calibkit.records import store
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme
 

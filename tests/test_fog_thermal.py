@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import coefficients, instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from calibkit.errors import FitError
 from calibkit.instruments.bias import fog_thermal as instrument, simulate_fog as simulator
 from calibkit.numeric import chunks
+from calibkit.records import coefficients, store
 from conftest import AUTHORITIES, ROOT, slow_after
 from sample_runs import sample_run
 

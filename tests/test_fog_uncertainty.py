@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store
-from calibkit.coefficients import Coefficient, Model, StageResult
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from calibkit.errors import FitError
 from calibkit.instruments.bias import compensate, compensate as uncertainty, forms
 from calibkit.instruments.bias.numeric import bank
@@ -19,6 +19,8 @@ from calibkit.instruments.bias.numeric.published import DriftBlocks
 from calibkit.numeric import gum
 from calibkit.numeric.thermal import evaluate
 from calibkit.recipe import TypeB
+from calibkit.records import store
+from calibkit.records.coefficients import Coefficient, Model, StageResult
 from calibkit.report import budget
 from firmware_runs import cached
 from sample_runs import sample_run
@@ -50,7 +52,7 @@ LAGGED = recipe.find("fog_thermal").text.replace('model = "auto"', 'model = "lag
 @pytest.fixture(scope="module")
 def run(campaign, tmp_path_factory):
     """Return the run of a fit with type B terms, and its folder of runs."""
-    from calibkit import pipeline
+    from calibkit.commands import pipeline
     from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("runs")

@@ -15,7 +15,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, LogFormatError, RecipeError, UsageError
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
 from dialects import DIALECTS, Clean, Dialect
@@ -216,7 +216,7 @@ format = "chamber"
 time_s = { from = "time" }
 temp_env_degc = { from = "actual 1" }
 """
-    log = ingest.read_log(
+    log = log_files.read_log(
         instruments.parse_recipe(recipe.Source("r", text)),
         tmp_path / "c.txt",
         "c.txt",

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.coefficients import Coefficient, Model, Parameter, Record
 from calibkit.errors import CoefficientError
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import FigureName
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.records.coefficients import Coefficient, Model, Parameter, Record
 
 RATES = np.linspace(-90.0, 90.0, 7)
 AT = {

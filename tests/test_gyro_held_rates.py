@@ -10,9 +10,9 @@ import pytest
 
 import bench_physics as bench
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import fit, lines, published, simulate, table_runs
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+from calibkit.records.frame import Log
 from conftest import write_log
 
 K = 10000.0

@@ -10,7 +10,6 @@ import pytest
 
 from calibkit.certificate.fit_tables import UNNAMED
 from calibkit.errors import RecipeError
-from calibkit.frame import Log
 from calibkit.instruments import parse_recipe
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
@@ -22,6 +21,7 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe
 from calibkit.numeric import gum
 from calibkit.recipe import find
+from calibkit.records.frame import Log
 
 SEEDS = range(50)
 LEAST = 0.88

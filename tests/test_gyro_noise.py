@@ -6,13 +6,15 @@ import allantools
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.tables import format_result
 from calibkit.certificate.uncertainty import TypeBTerms
+from calibkit.commands import pipeline
 from calibkit.instruments.gyro_noise import certificate, simulate
 from calibkit.numeric.noise import allan
 from calibkit.numeric.noise.allan_fit import LAWS
+from calibkit.records import store
 from calibkit.simulate import noise
 
 

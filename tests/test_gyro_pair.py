@@ -12,7 +12,6 @@ from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.errors import FitError
 from calibkit.fit.value import Value
-from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     certificate,
     coefficient_files,
@@ -25,6 +24,7 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.recipe.type_b import TypeB
+from calibkit.records.frame import Log
 from conftest import AUTHORITIES, slow_after
 from known_fit import known_fit
 

@@ -6,17 +6,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import inspection, instruments, pipeline, plans, recipe, store
+from calibkit import instruments, recipe
 from calibkit.certificate import conformity
+from calibkit.commands import inspection, pipeline, plans
 from calibkit.errors import FitError
-from calibkit.forms import POLYNOMIAL
-from calibkit.frame import Log
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
     fit as gyro_fit,
     simulate,
     table_runs,
 )
+from calibkit.records import store
+from calibkit.records.forms import POLYNOMIAL
+from calibkit.records.frame import Log
 from calibkit.results import comparison, evaluation
 from conftest import AUTHORITIES, ROOT
 from firmware_log import chain_of, correct

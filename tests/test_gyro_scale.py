@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     lines,
@@ -18,6 +17,7 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import earth, gum
+from calibkit.records.frame import Log
 
 GJB, IEEE = gyro_figures.GJB, gyro_figures.IEEE
 K = 10000.0

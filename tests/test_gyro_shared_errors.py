@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit.constants import DPH_PER_DPS
-from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
     fit as gyro_fit,
@@ -18,6 +16,8 @@ from calibkit.instruments.gyro_scale import (
 )
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.numeric import gum
+from calibkit.numeric.constants import DPH_PER_DPS
+from calibkit.records.frame import Log
 from conftest import slow_after
 
 SEEDS = range(24)

@@ -7,11 +7,12 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import instruments, recipe, store
+from calibkit import instruments, recipe
 from calibkit.certificate import conformity
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import gyro_triad, simulate
 from calibkit.recipe import type_b
+from calibkit.records import store
 from calibkit.results import comparison, evaluation
 
 LATITUDE = "site.latitude_deg=34.2"
@@ -79,7 +80,7 @@ def campaign(tmp_path_factory):
 @pytest.fixture(scope="module")
 def fitted(campaign, tmp_path_factory):
     """Return the runs' folder of that campaign's fit, figures drawn."""
-    from calibkit import pipeline
+    from calibkit.commands import pipeline
 
     out = tmp_path_factory.mktemp("runs")
     pipeline.fit(

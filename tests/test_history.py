@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibkit import instruments, store
+from calibkit import instruments
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.history import difference, timeline
 from calibkit.numeric import change
+from calibkit.records import store
 from kept import keep, model
 
 EVERY = {

@@ -8,8 +8,9 @@ from functools import partial
 import pytest
 
 from attacks import documents
-from calibkit import pipeline, sealed
+from calibkit.commands import pipeline
 from calibkit.errors import CoefficientError
+from calibkit.records import sealed
 from conftest import ROOT
 
 GOLDEN = ROOT / "tests" / "golden"

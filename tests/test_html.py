@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from matplotlib.lines import Line2D
 
-from calibkit import store
-from calibkit.coefficients import (
+from calibkit.records import store
+from calibkit.records.coefficients import (
     Coefficient,
     Condition,
     Criterion,
@@ -124,7 +124,8 @@ def fitted(tmp_path_factory):
     """Fit the sample record of noise twice, under a hostile name and with a limit that fails;
     return both run folders.
     """
-    from calibkit import pipeline, recipe
+    from calibkit import recipe
+    from calibkit.commands import pipeline
     from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("noise")

@@ -5,10 +5,10 @@ import pandas as pd
 import pytest
 
 import scratch
-from calibkit import store
-from calibkit.ingest import logs_on_disk
 from calibkit.instruments.inclinometer import dwells
+from calibkit.logs import logs_on_disk
 from calibkit.numeric import chunks
+from calibkit.records import store
 from conftest import ROOT
 
 STANDS_S, TURNS_S = 60, 9

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import calibkit as api
-from calibkit import instruments, recipe, store
+from calibkit import instruments, recipe
 from calibkit.errors import FitError
 from calibkit.instruments import silent
 from calibkit.instruments.inclinometer import (
@@ -18,6 +18,7 @@ from calibkit.instruments.inclinometer import (
     simulate as simulator,
     stations as inclinometer_stations,
 )
+from calibkit.records import store
 from calibkit.simulate.campaign import _csv_text
 from conftest import AUTHORITIES, ROOT
 

@@ -8,9 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit.coefficients import at_most
 from calibkit.errors import FitError
-from calibkit.frame import Log, Remark
 from calibkit.instruments.inclinometer import (
     forms,
     simulate,
@@ -19,6 +17,8 @@ from calibkit.instruments.inclinometer import (
 )
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
+from calibkit.records.coefficients import at_most
+from calibkit.records.frame import Log, Remark
 
 LEAST = 0.88
 """Share of campaigns, or of stations, that the stated interval must cover."""

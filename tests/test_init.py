@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import dialects
-from calibkit import instruments, pipeline, recipe
-from calibkit.ingest.column_names import LogColumn, assign_columns
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
+from calibkit.logs.column_names import LogColumn, assign_columns
 from conftest import ROOT
 
 SHIPPED = (
@@ -448,8 +449,8 @@ def test_a_columns_name_and_unit_write_nothing_but_themselves(tmp_path, calibkit
 @pytest.mark.parametrize("name", HOSTILE)
 def test_a_mapped_columns_name_and_unit_are_values(name):
     """They read back as they are, also in comments that state them."""
-    from calibkit.ingest import recipe_text
-    from calibkit.ingest.column_names import LogColumn
+    from calibkit.logs import recipe_text
+    from calibkit.logs.column_names import LogColumn
     from calibkit.recipe import toml_text
 
     column = LogColumn(name, unit=name)

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from calibkit import api
 from calibkit.certificate.quantities import dof_along
 from calibkit.fit.value import COVERAGE
-from calibkit.forms import Form
+from calibkit.records.forms import Form
 from conftest import ROOT
 
 

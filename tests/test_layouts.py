@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 from calibkit.firmware import blob, formats
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.forms import FILE

@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 
 import calibkit
-from calibkit import instruments, left_out
+from calibkit import instruments
 from calibkit.certificate import circumstances, content, profile, run_files, sheet
 from calibkit.errors import CoefficientError
-from calibkit.left_out import LeftOut
+from calibkit.records import left_out
+from calibkit.records.left_out import LeftOut
 from conftest import ROOT
 from sample_runs import fitted, sample_run
 from written_logs import sample_logs

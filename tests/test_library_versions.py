@@ -11,7 +11,7 @@ import tomllib
 
 import pytest
 
-from calibkit import store
+from calibkit.records import store
 from conftest import ROOT
 from firmware_runs import UNITS, cached, warmed_up
 

@@ -10,13 +10,15 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import scratch
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
 from calibkit.check import chunked
+from calibkit.commands import pipeline
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.frame import Log
-from calibkit.ingest import logs, logs_on_disk, write_back
 from calibkit.instruments.bias import ramps
+from calibkit.logs import log_files, logs_on_disk, write_back
 from calibkit.numeric import anomalies, chunks
+from calibkit.records import store
+from calibkit.records.frame import Log
 from sample_runs import DATE, SERIAL, sample_logs, sample_run
 
 FILE = "ramp_heating_05.csv"
@@ -40,7 +42,7 @@ def on_disk(monkeypatch):
 def prepared(folder, overrides=()):
     """Read and prepare the log; returns both."""
     spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
-    log = logs.read_log(spec, folder / FILE, FILE, ramps.COLUMNS)
+    log = log_files.read_log(spec, folder / FILE, FILE, ramps.COLUMNS)
     return log, ramps.prepare(log, spec, ramps.find_faults(log, spec))
 
 

@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 import calibkit
 from calibkit.check import magnitude, thermometers
-from calibkit.frame import Log
+from calibkit.records.frame import Log
 from conftest import ROOT
 from written_logs import sample_logs
 

@@ -9,12 +9,12 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import published, stations as station_steps
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
 from calibkit.numeric.attitude import gravity_positive
+from calibkit.numeric.constants import EARTH_RATE_DPH
 from conftest import AUTHORITIES
 from stations import FOUR, components_of, forward, vector_components, wrapped
 

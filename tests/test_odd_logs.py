@@ -7,7 +7,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
-from calibkit.ingest import logs
+from calibkit.logs import log_files
 from odd_logs import (
     BLANKS,
     BODY,
@@ -51,7 +51,7 @@ def read(odd, folder):
     (folder / f"a{odd.suffix}").write_bytes(odd.data)
     words = RECIPE.format(head=odd.head, suffix=odd.suffix, logs=odd.logs, tables=odd.tables)
     spec = instruments.parse_recipe(recipe.Source("r.toml", words))
-    return spec, logs.find_logs(spec, folder)
+    return spec, log_files.find_logs(spec, folder)
 
 
 def fit(odd, folder):
@@ -192,7 +192,7 @@ def test_a_torn_line_keeps_its_place_where_rows_count_the_time(tmp_path):
     rows[6] = "-0.3-0.31"
     content = text("temp_case_degc,gyro_dph", *rows)
     spec, names = read(Odd(content, f"rate_hz = 0.5\n{DROP}"), tmp_path)
-    log = logs.read_log(spec, tmp_path / names[0], names[0], ("time_s", "temp_case_degc"))
+    log = log_files.read_log(spec, tmp_path / names[0], names[0], ("time_s", "temp_case_degc"))
     np.testing.assert_array_equal(log.frame["time_s"][4:8], [8.0, 10.0, 14.0, 16.0])
 
 
@@ -203,7 +203,7 @@ def test_lines_of_a_part_of_a_split_log_are_left_out(tmp_path):
     head = 'exclude = [{ log = "a2.csv", lines = [7], reason = "r", person = "p" }]'
     words = RECIPE.format(head=head, suffix="*.csv", logs="split = true", tables="")
     spec = instruments.parse_recipe(recipe.Source("r.toml", words))
-    (name,) = logs.find_logs(spec, tmp_path)
+    (name,) = log_files.find_logs(spec, tmp_path)
     log = instruments.find(spec.procedure).read(spec, tmp_path, name)
     assert (len(log.frame), log.excluded_rows) == (len(BODY), 1)
     assert log.place(45) == "a2.csv:8"

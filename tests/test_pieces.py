@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
 from calibkit.check import chunked, examination
+from calibkit.commands import pipeline
 
 FILE = "ramp_heating_05.csv"
 

@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import inspection, instruments, plans, recipe
+from calibkit import instruments, recipe
+from calibkit.commands import inspection, plans
 from calibkit.errors import UsageError
 from calibkit.instruments.inclinometer import root_choice, simulate
 from calibkit.instruments.inclinometer.plan import azimuth_slopes

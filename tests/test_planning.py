@@ -12,8 +12,9 @@ import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
 
-from calibkit import inspection, instruments, pipeline, plans, recipe, sealed
+from calibkit import instruments, recipe
 from calibkit.cli import cli
+from calibkit.commands import inspection, pipeline, plans
 from calibkit.errors import CoefficientError, RecipeError, UsageError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict
@@ -30,6 +31,7 @@ from calibkit.planning.bench import Design, Predicted, Task
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import choose, find_front, parse_wishes
+from calibkit.records import sealed
 from conftest import ROOT, load_script
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())

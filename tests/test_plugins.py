@@ -20,11 +20,13 @@ from pathlib import Path
 import pytest
 
 import pages
-from calibkit import coefficients, instruments, plugins, recipe
+from calibkit import instruments, recipe
 from calibkit.errors import LogFormatError, RecipeError, UsageError
-from calibkit.ingest import logs as ingest
+from calibkit.libraries import plugins
+from calibkit.logs import log_files
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
+from calibkit.records import coefficients
 from conftest import ROOT
 from pages import validators
 
@@ -108,7 +110,7 @@ def test_a_log_in_the_format_of_a_plugin_is_read_and_names_the_plugin(tmp_path, 
     assert table.plugins == (plugin,)
     text = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\nformat = "pairs"\n'
     spec = instruments.parse_recipe(recipe.Source("r.toml", text))
-    log = ingest.read_log(spec, tmp_path / "log.dat", "log.dat", ("time_s", "gyro_dph"))
+    log = log_files.read_log(spec, tmp_path / "log.dat", "log.dat", ("time_s", "gyro_dph"))
     assert coefficients.Input.of(log).plugins == (plugin,)
     assert set(asdict(plugin)) == {"name", "distribution", "version", "sha256"}
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from calibkit import store
-from calibkit.coefficients import Component
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import solve
 from calibkit.history import pooling
 from calibkit.numeric import attitude
+from calibkit.records import store
+from calibkit.records.coefficients import Component
 
 SPOTS = [(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 90)), (180, 0)]
 

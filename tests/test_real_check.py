@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from calibkit import inspection, recipe
+from calibkit import recipe
+from calibkit.commands import inspection
 from conftest import REAL
 
 pytestmark = pytest.mark.skipif(

@@ -8,9 +8,9 @@ import json
 import numpy as np
 import pytest
 
-from calibkit.constants import DPH_PER_DPS
 from calibkit.instruments.gyro_scale.coefficient_files import of_input_axes
 from calibkit.numeric import earth
+from calibkit.numeric.constants import DPH_PER_DPS
 from known_fit import known_fit
 
 LATITUDE_DEG = 51.0784

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 
 AXES = "xyz"
 ACCEL = tuple(f"accel_{axis}_g" for axis in AXES)
@@ -144,8 +144,8 @@ def logs(text, folder, needed):
     """Return the logs that a recipe finds in a folder, by their names, as arrays [n, columns]."""
     spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     found = [
-        ingest.read_log(spec, folder / file, file, needed)
-        for file in ingest.find_logs(spec, folder)
+        log_files.read_log(spec, folder / file, file, needed)
+        for file in log_files.find_logs(spec, folder)
     ]
     return {log.name: log.frame[list(needed)].to_numpy() for log in found}
 
@@ -231,8 +231,8 @@ def test_a_warm_up_goes_in_by_the_shipped_recipe(real):
     """MPU-6050 warm-up: 63,792 rows at irregular milliseconds, counts as they are."""
     spec = instruments.parse_recipe(recipe.find("mpu6050_warmup"))
     folder = real / "mpu6050_warmup"
-    (file,) = ingest.find_logs(spec, folder)
-    log = ingest.read_log(spec, folder / file, file, ("time_s", *spec.own_columns()))
+    (file,) = log_files.find_logs(spec, folder)
+    log = log_files.read_log(spec, folder / file, file, ("time_s", *spec.own_columns()))
     raw = np.loadtxt(folder / file, delimiter=",", skiprows=1)
     assert log.rows == 63792
     np.testing.assert_array_equal(log.frame["time_s"], raw[:, 12] / 1000.0)

@@ -27,7 +27,8 @@ def printed(content, folder):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """Return the folder of runs with one of the sample record of noise."""
-    from calibkit import pipeline, recipe
+    from calibkit import recipe
+    from calibkit.commands import pipeline
     from calibkit.instruments import silent
 
     runs = tmp_path_factory.mktemp("report") / "runs"

@@ -9,8 +9,8 @@ import shutil
 import pytest
 
 from calibkit.certificate.words import with_unit
-from calibkit.coefficients import at_least, at_most
-from calibkit.frame import Remark
+from calibkit.records.coefficients import at_least, at_most
+from calibkit.records.frame import Remark
 from calibkit.report.overview import KeyValue, Overview, concise, merge_flags
 from calibkit.report.screen import MOST, compose_screen
 from calibkit.report.summary import Summary

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import calibkit as calibkit_api
-from calibkit import coefficients, instruments, recipe
+from calibkit import instruments, recipe
 from calibkit.fleet import device
 from calibkit.instruments.bias import simulate_fog as simulate
+from calibkit.records import coefficients
 
 OFFSET_S = 17.3
 CHAMBER = """

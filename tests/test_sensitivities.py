@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import instruments, recipe, sensitivities
+from calibkit import instruments, recipe
 from calibkit.errors import CoefficientError
-from calibkit.ingest import logs as ingest
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
@@ -16,9 +15,11 @@ from calibkit.instruments.accelerometer import (
     plausibility,
 )
 from calibkit.instruments.accelerometer.fit import find_sensitivities, list_results
+from calibkit.logs import log_files
 from calibkit.numeric import earth
 from calibkit.recipe.tables import Errors
-from calibkit.sensitivities import InputError
+from calibkit.records import sensitivities
+from calibkit.records.sensitivities import InputError
 from conftest import ROOT
 from sample_runs import sample_logs
 from triad_dwells import fit_triad
@@ -86,7 +87,7 @@ def fit(name, folder, *overrides):
     """Fit of a procedure's logs."""
     source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"), overrides)
     spec = instruments.parse_recipe(source)
-    files = ingest.find_logs(spec, folder)
+    files = log_files.find_logs(spec, folder)
     return instruments.find(spec.procedure).fit(spec, folder, files, silent)
 
 
@@ -172,7 +173,7 @@ def dwells_of_the_sample():
     """Recipe, dwells and fit of the accelerometer's sample logs."""
     spec = instruments.parse_recipe(recipe.find(str(ROOT / "recipes" / "accelerometer.toml")))
     folder = ROOT / "datasets" / "accelerometer"
-    logs = [accelerometer.read(spec, folder, file) for file in ingest.find_logs(spec, folder)]
+    logs = [accelerometer.read(spec, folder, file) for file in log_files.find_logs(spec, folder)]
     held = triad_dwells.collect_dwells(logs, spec)
     held = held.without(plausibility.find_implausible(held, spec)[0])
     return spec.model_copy(update={"loss": "least_squares"}), held, fit_triad(held, spec)

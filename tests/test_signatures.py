@@ -7,8 +7,8 @@ import io
 
 import pytest
 
-from calibkit import pipeline
 from calibkit.certificate import countersign, sign, signature_trust, signing_key, verify_signature
+from calibkit.commands import pipeline
 from calibkit.errors import CalibkitError, OutputError, UsageError
 
 for needed in ("typst", "lxml", "pypdf", "pyhanko", "pikepdf"):

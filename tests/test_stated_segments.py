@@ -2,7 +2,8 @@
 
 import pytest
 
-from calibkit import instruments, pipeline, recipe
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
 
 PIN = '\n[[segment]]\nlog = "%s"\nkind = "%s"\nfrom_s = %s\nto_s = %s\n'
 

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from calibkit import atomic, new_files, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
+from calibkit.records import atomic, new_files, store
 from kept import keep, model
 
 

@@ -8,7 +8,8 @@ import tomllib
 import pytest
 
 import stranger_logs
-from calibkit import inspection, recipe
+from calibkit import recipe
+from calibkit.commands import inspection
 from calibkit.errors import CalibkitError
 
 RIGHT, ACCEPTED, MOST_EDITS = 25, 23, 2

@@ -12,11 +12,11 @@ from scipy.optimize import minimize
 from scipy.signal import lfilter
 
 import calibkit
-from calibkit import store
 from calibkit.instruments.bias import power_ons, simulate
 from calibkit.instruments.bias.numeric import choice
 from calibkit.numeric import gum, intervals
 from calibkit.numeric.thermal import coil, evaluate, pooled_fit
+from calibkit.records import store
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, Programme

@@ -11,10 +11,10 @@ from hypothesis import given, settings, strategies as st
 import bench_physics as bench
 from calibkit import recipe
 from calibkit.check import thermometers
-from calibkit.ingest import logs as ingest
 from calibkit.instruments.bias import simulate_fog as simulate
 from calibkit.instruments.bias.ramps import COLUMNS
 from calibkit.instruments.bias.recipe import FogThermalRecipe
+from calibkit.logs import log_files
 from conftest import write_log
 
 
@@ -115,7 +115,7 @@ def test_a_case_that_short_soaks_do_not_settle_is_not_told_as_degf(rate, lag, he
             temp_env_degc=air,
             gyro_dph=np.zeros_like(time),
         )
-        log = ingest.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
+        log = log_files.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
         found = thermometers.check_pair(log, "temp_case_degc", "temp_env_degc")
         assert [finding.name for finding in found] == expected
 
@@ -140,7 +140,7 @@ def test_a_case_behind_several_lags_is_not_told_as_degf(soak, rate, offset, tmp_
         gyro_dph=np.zeros_like(time),
     )
     spec = recipe.find("fog_thermal").table(FogThermalRecipe)
-    log = ingest.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
+    log = log_files.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
     assert thermometers.check_pair(log, "temp_case_degc", "temp_env_degc") == []
 
 

@@ -13,10 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import coefficients, instruments, recipe, run_document, sealed, store
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, CoefficientError, LogFormatError, RecipeError, UsageError
 from calibkit.readers import hdf5
 from calibkit.recipe.logs import Logs
+from calibkit.records import coefficients, run_document, sealed, store
 from conftest import ROOT
 from kept import keep, model
 

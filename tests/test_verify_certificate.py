@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import instruments, sealed
+from calibkit import instruments
 from calibkit.certificate import (
     content,
     dcc,
@@ -28,6 +28,7 @@ from calibkit.certificate import (
 from calibkit.certificate.results import ListTable
 from calibkit.certificate.words import Words
 from calibkit.errors import CoefficientError
+from calibkit.records import sealed
 from conftest import AUTHORITIES, ROOT, called
 from sample_runs import sample_run
 

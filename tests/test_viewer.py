@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import browser
-from calibkit import store
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.records import store
 from calibkit.viewer import index
 from calibkit.viewer.server import RunPages, Server, _NotFoundError
 from conftest import ROOT

@@ -9,20 +9,20 @@ from calibkit import recipe
 from calibkit.certificate.quantities import Quantity, of_form, ranged
 from calibkit.certificate.words import Words
 from calibkit.check import find_missing_values
-from calibkit.coefficients import Input, StageResult
 from calibkit.firmware import exact
 from calibkit.firmware.draft import BEYOND, Draft, powers
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict, solve
 from calibkit.fit.unseen import unseen
-from calibkit.forms import Form
-from calibkit.frame import Examined, refuse, values
-from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
+from calibkit.logs import log_files, write_back
 from calibkit.numeric import gum
 from calibkit.planning import bench, schedule
 from calibkit.recipe.shared_errors import state_sizes
+from calibkit.records.coefficients import Input, StageResult
+from calibkit.records.forms import Form
+from calibkit.records.frame import Examined, refuse, values
 from calibkit.report.summary import Summary
 
 FILE, SENSOR, STOPS = "turned_sensor.json", "sensor_deg", ("from_stop_deg", "to_stop_deg")
@@ -71,7 +71,7 @@ def turns_of(logs):
     return Turns(indication, stops[:, 1] - stops[:, 0], number)
 
 
-def read(spec, data, file, reader=ingest.read_log):
+def read(spec, data, file, reader=log_files.read_log):
     """One log of turns."""
     return reader(spec, data / file, file, (SENSOR, *STOPS))
 

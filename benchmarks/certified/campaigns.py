@@ -16,8 +16,6 @@ import pandas as pd
 from calibkit import instruments, recipe
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
-from calibkit.coefficients import Identity
-from calibkit.frame import Log
 from calibkit.instruments.accelerometer import (
     certificate as triads,
     dwells,
@@ -30,6 +28,8 @@ from calibkit.instruments.bias import simulate as sweep, simulate_fog as fog
 from calibkit.instruments.gyro_noise import simulate as static
 from calibkit.instruments.gyro_scale import simulate
 from calibkit.instruments.inclinometer import simulate as tool
+from calibkit.records.coefficients import Identity
+from calibkit.records.frame import Log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

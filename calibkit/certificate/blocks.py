@@ -21,7 +21,7 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import TEMPERATURE, Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Model, Record
+from calibkit.records.coefficients import Model, Record
 
 COEFFICIENTS = Words("Coefficients", "系数")
 COEFFICIENT_NOTE = Words(

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from calibkit import new_files, store
 from calibkit.certificate import (
     content,
     countersign,
@@ -22,7 +21,8 @@ from calibkit.certificate.signing_key import Key
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import loader
-from calibkit.run_document import ACCEPTED
+from calibkit.records import new_files, store
+from calibkit.records.run_document import ACCEPTED
 
 
 @dataclass(frozen=True, slots=True)

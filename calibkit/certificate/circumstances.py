@@ -7,7 +7,7 @@ from calibkit.certificate import names, tables
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Profile, Standard
 from calibkit.certificate.words import CONDITIONS, SENTENCES, Lang, Words, unit_mark, with_unit
-from calibkit.left_out import Cause, Kind, LeftOut
+from calibkit.records.left_out import Cause, Kind, LeftOut
 
 Rows = list[list[str]]
 

@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
-from calibkit import sensitivities
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_criterion, name_result
@@ -18,9 +17,10 @@ from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
-from calibkit.new_files import RUN_FILE
 from calibkit.recipe import Recipe, TypeB, type_b
-from calibkit.run_document import Verdict
+from calibkit.records import sensitivities
+from calibkit.records.new_files import RUN_FILE
+from calibkit.records.run_document import Verdict
 
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]

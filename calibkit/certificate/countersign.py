@@ -5,10 +5,10 @@ checked or approved one that is signed already.
 from pathlib import Path
 from typing import Any
 
-from calibkit import new_files, store
 from calibkit.certificate import content, sign, signature_trust, verify, verify_signature
 from calibkit.certificate.signing_key import Key
 from calibkit.errors import OutputError, UsageError
+from calibkit.records import new_files, store
 
 
 def countersign(

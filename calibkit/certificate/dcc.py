@@ -13,15 +13,15 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from calibkit import coefficients
 from calibkit.certificate import circumstances, dcc_results, dcc_xml, names, tables
 from calibkit.certificate.content import Attachment, Relationship
 from calibkit.certificate.dcc_results import Notation
 from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words
-from calibkit.new_files import RUN_FILE
+from calibkit.libraries.templates import read_templates
 from calibkit.numeric import gum
-from calibkit.templates import read_templates
-from calibkit.version import __version__
+from calibkit.records import coefficients
+from calibkit.records.new_files import RUN_FILE
+from calibkit.records.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.profile import Standard
     from calibkit.certificate.words import Lang
-    from calibkit.coefficients import Model
+    from calibkit.records.coefficients import Model
 
     _Stated: TypeAlias = tuple[Words, Sequence[Words | str], str]
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import GridTable, Result
     from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
     from calibkit.certificate.words import Lang
-    from calibkit.coefficients import Coefficient, Model
+    from calibkit.records.coefficients import Coefficient, Model
 
 LANGUAGES: dict[Lang, tuple[str, ...]] = {"en": ("en",), "zh": ("zh",), "both": ("en", "zh")}
 REGION = 0.95

@@ -7,9 +7,9 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, Any
 
-from calibkit import extras
 from calibkit.certificate.words import character_code
 from calibkit.errors import OutputError, UsageError
+from calibkit.libraries import extras
 
 if TYPE_CHECKING:
     from pathlib import Path

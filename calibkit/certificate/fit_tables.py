@@ -8,10 +8,10 @@ from calibkit.certificate.stated import Stated
 from calibkit.certificate.tables import format_result
 from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Identity, StageResult
 from calibkit.recipe import Recipe
+from calibkit.records.coefficients import Identity, StageResult
+from calibkit.records.sensitivities import Sensitivity
 from calibkit.report.table import Table
-from calibkit.sensitivities import Sensitivity
 
 COLUMNS = 3
 """Results side by side."""

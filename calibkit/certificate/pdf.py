@@ -13,11 +13,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from calibkit import extras
 from calibkit.certificate.content import Attachment, Certificate
 from calibkit.certificate.sheet import sheet
 from calibkit.certificate.words import HEADINGS, SENTENCES, Lang, character_code
 from calibkit.errors import OutputError, RecipeError, UsageError
+from calibkit.libraries import extras
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 LONGEST_WORD = 36

@@ -10,14 +10,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.certificate.results import Result
 from calibkit.certificate.stated import Stated, input_unit, interval_of_magnitude
 from calibkit.certificate.uncertainty import TYPE_A
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Figure, Model, Record
-from calibkit.forms import Form
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Figure, Model, Record
+from calibkit.records.forms import Form
 
 At: TypeAlias = "Mapping[str, float]"
 """Canonical column → value in its unit."""

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from calibkit import left_out, sealed
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.left_out import LeftOut
-from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
+from calibkit.records import left_out, sealed
+from calibkit.records.coefficients import Condition, Criterion, Input, Record
+from calibkit.records.left_out import LeftOut
+from calibkit.records.new_files import RUN_FILE
+from calibkit.records.run_document import VALIDATION_FORMAT, Verdict
+from calibkit.records.store import StoredRun, read_bytes
 from calibkit.report.run import stated_criteria
-from calibkit.run_document import VALIDATION_FORMAT, Verdict
-from calibkit.store import StoredRun, read_bytes
 
 
 @dataclass(frozen=True, slots=True)

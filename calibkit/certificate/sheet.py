@@ -22,9 +22,9 @@ from calibkit.certificate.words import (
     unit_mark,
     with_unit,
 )
-from calibkit.coefficients import Criterion
-from calibkit.new_files import RUN_FILE
 from calibkit.numeric import gum
+from calibkit.records.coefficients import Criterion
+from calibkit.records.new_files import RUN_FILE
 
 
 def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict[str, Any]:

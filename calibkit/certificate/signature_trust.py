@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calibkit import clock, extras
 from calibkit.certificate import signing_key
 from calibkit.errors import UsageError
+from calibkit.libraries import extras
+from calibkit.records import clock
 
 ROLES = {"checked": "checked", "approved": "approved"}
 """What a further signature says that its signer did."""

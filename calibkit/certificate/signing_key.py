@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from calibkit import extras
 from calibkit.errors import UsageError
+from calibkit.libraries import extras
 
 PASSPHRASE = "CALIBKIT_SIGN_PASSPHRASE"  # noqa: S105 (the name of the variable, not what it holds)
 _LEAST_BITS = {"rsa": 2048, "rsassa_pss": 2048, "ec": 256}

@@ -10,15 +10,15 @@ from functools import lru_cache
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.results import Uncertainty
 from calibkit.certificate.uncertainty import Part, TypeBTerms
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Model, Record
 from calibkit.numeric import gum
-from calibkit.sensitivities import Kind, Sensitivity
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Model, Record
+from calibkit.records.sensitivities import Kind, Sensitivity
 
 TRIALS = 20_000
 """Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""

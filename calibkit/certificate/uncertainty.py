@@ -12,7 +12,7 @@ from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.numeric import gum
 from calibkit.recipe import TypeB, type_b
-from calibkit.sensitivities import Kind
+from calibkit.records.sensitivities import Kind
 
 Influences = Mapping[tuple[str, Kind], float]
 """Input and kind of its error → derivative of a result by it."""

@@ -17,7 +17,6 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, extras, new_files, run_document, store
 from calibkit.certificate import (
     checklist,
     content,
@@ -37,6 +36,8 @@ from calibkit.certificate.dcc_xml import NAMES, SI
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFiles
 from calibkit.certificate.signing_key import quiet
 from calibkit.errors import CalibkitError, CoefficientError, NotCheckedError, OutputError
+from calibkit.libraries import extras
+from calibkit.records import coefficients, new_files, run_document, store
 
 if TYPE_CHECKING:
     import datetime as dt

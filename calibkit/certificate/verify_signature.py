@@ -11,11 +11,11 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from calibkit import extras
 from calibkit.certificate import signature_bytes
 from calibkit.certificate.signature_trust import Demands, JudgedSignature, Signature
 from calibkit.certificate.signing_key import quiet
 from calibkit.errors import CalibkitError
+from calibkit.libraries import extras
 
 _MARKS = (re.compile(rb"/ByteRange"), re.compile(rb"/Contents\s*<30"))
 """What every signature has once."""

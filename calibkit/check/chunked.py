@@ -14,9 +14,9 @@ import numpy as np
 
 from calibkit import check, units
 from calibkit.check import facts
-from calibkit.frame import Log, values
-from calibkit.ingest import logs_on_disk, mapping
+from calibkit.logs import logs_on_disk, mapping
 from calibkit.readers import clean
+from calibkit.records.frame import Log, values
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from calibkit.check.facts import Facts
-    from calibkit.frame import Finding
     from calibkit.recipe import Recipe
+    from calibkit.records.frame import Finding
 
 LARGEST = 100_000_000
 """Bytes of a log up to which it is read whole."""
@@ -70,7 +70,7 @@ def examine_file(
     largest: int = LARGEST,
 ) -> ChunkedLog | None:
     """Examine a large clean log in chunks; None for a log that is read whole. Raises as
-    `ingest.read_log`.
+    `log_files.read_log`.
     """
     scan = logs_on_disk.scan_large_log(recipe, path, file, largest)
     if scan is None:

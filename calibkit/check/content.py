@@ -11,8 +11,8 @@ from typing import ParamSpec
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array, Integers
-from calibkit.frame import GAP, Finding, Log, Severity, values
+from calibkit.numeric.arrays import Array, Integers
+from calibkit.records.frame import GAP, Finding, Log, Severity, values
 
 LARGEST_RATE_DPH = 1e7
 """Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""

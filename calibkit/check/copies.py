@@ -14,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Input
 from calibkit.errors import FrameError
-from calibkit.frame import KEPT_DIGITS, Log, fingerprint
-from calibkit.ingest import mapping
+from calibkit.logs import mapping
+from calibkit.numeric.arrays import Array
 from calibkit.readers import parts
 from calibkit.readers.table import Guess
 from calibkit.recipe import Exclude, Recipe
+from calibkit.records.coefficients import Input
+from calibkit.records.frame import KEPT_DIGITS, Log, fingerprint
 
 SHARED = 0.9
 """Share of the shorter log's rows from which two logs are copies; noise makes the rows of two

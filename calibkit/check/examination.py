@@ -12,8 +12,8 @@ import numpy as np
 from calibkit.check import chunked, copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
-from calibkit.frame import THERMOMETERS, Examined, Finding, values
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
+from calibkit.records.frame import THERMOMETERS, Examined, Finding, values
 from calibkit.report.logs import Curve, LogFigure, envelope
 
 if TYPE_CHECKING:
@@ -22,10 +22,10 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Array
-    from calibkit.frame import Held, Log
-    from calibkit.ingest.logs import LogReader
+    from calibkit.logs.log_files import LogReader
+    from calibkit.numeric.arrays import Array
     from calibkit.recipe import Recipe
+    from calibkit.records.frame import Held, Log
 
 
 class _Examiner(Protocol):
@@ -74,7 +74,7 @@ def examine_log(
             recipe, path, file, required_columns, optional, largest=largest
         )
         if chunked_log is None:
-            return ingest.read_log(recipe, path, file, required_columns, optional)
+            return log_files.read_log(recipe, path, file, required_columns, optional)
         in_chunks.append(chunked_log)
         return chunked_log.log
 

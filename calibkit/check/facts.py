@@ -9,9 +9,9 @@ from typing import Self
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array
-from calibkit.frame import GAP, Log, values
 from calibkit.numeric import anomalies
+from calibkit.numeric.arrays import Array
+from calibkit.records.frame import GAP, Log, values
 
 BIN_DEGC = 10.0
 """Width of a temperature bin of the occupancy."""

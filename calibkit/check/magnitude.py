@@ -8,13 +8,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
-from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import advise_exclude
-from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, dispersion, segments
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
 from calibkit.recipe import Recipe
+from calibkit.records.frame import Finding, Log, values
 
 QUIETEST_DPH = 0.02
 """Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""

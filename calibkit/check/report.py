@@ -5,9 +5,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from calibkit.check.facts import Facts
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Finding, Severity
+from calibkit.numeric.constants import SECONDS_PER_HOUR
+from calibkit.records.frame import Finding, Severity
 from calibkit.report.overview import concise, describe_span
 from calibkit.report.screen import MOST, arrange, shorten, wrap
 from calibkit.report.table import Cell, Table

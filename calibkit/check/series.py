@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
 from calibkit.errors import advise_exclude
-from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, dispersion
+from calibkit.numeric.arrays import Array, Integers
+from calibkit.records.frame import Finding, Log, values
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""

@@ -12,13 +12,13 @@ from itertools import chain, combinations
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.errors import advise_exclude
-from calibkit.frame import Finding, Log, Severity, values
 from calibkit.numeric import segments
 from calibkit.numeric.anomalies import LEVEL_ROWS, level_steps
+from calibkit.numeric.arrays import Array
+from calibkit.records.frame import Finding, Log, Severity, values
 
 APART_DEGC = 20.0
 """Difference [°C] of case and air that no self-heating keeps up in a soak."""

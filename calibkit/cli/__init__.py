@@ -13,7 +13,7 @@ from calibkit.cli import fleets, logs, outputs, plans, records, results
 from calibkit.cli.console import prepare_streams
 from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
 from calibkit.cli.options import CommandGroup
-from calibkit.version import __version__
+from calibkit.records.version import __version__
 
 
 @click.group(
@@ -60,7 +60,7 @@ for subcommand in (
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit with the contract's codes."""
-    # libraries that are loaded later start no threads that `calibkit.threads` would have to stop
+    # libraries loaded later start no threads that calibkit.libraries.threads must stop
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
     tolerate_closed_pipes()

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from calibkit.clock import now
 from calibkit.errors import OutputError, visible
+from calibkit.records.clock import now
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -130,7 +130,7 @@ def _append_to_log(path: Path, level: str, text: str) -> None:
     A log file is the one file that calibkit adds to; it is never opened inside a run folder, and no
     result is ever read from it.
     """
-    from calibkit import new_files
+    from calibkit.records import new_files
 
     new_files.refuse_run_folder(path)
     time = now().strftime("%Y-%m-%dT%H:%M:%SZ")

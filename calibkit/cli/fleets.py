@@ -7,8 +7,8 @@ import click
 from calibkit.cli.console import print_all_or_screen, print_guesses, print_json
 from calibkit.cli.options import DETAILS, DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
 from calibkit.cli.progress import working
-from calibkit.clock import date_or_today
 from calibkit.errors import UsageError
+from calibkit.records.clock import date_or_today
 
 
 @command()

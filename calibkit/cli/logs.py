@@ -33,8 +33,8 @@ from calibkit.cli.options import (
     command,
 )
 from calibkit.cli.progress import working
-from calibkit.clock import date_or_today
 from calibkit.errors import UsageError
+from calibkit.records.clock import date_or_today
 
 VERDICT_KEYS = (
     "serial",
@@ -82,8 +82,8 @@ def fit(
     """
     tune_memory()
     date = date_or_today(date) if date else None
-    from calibkit import pipeline
     from calibkit.cli.next_command import follow_fit
+    from calibkit.commands import pipeline
     from calibkit.recipe import find
 
     source = find(recipe, overrides)
@@ -127,9 +127,9 @@ def check(
     calibkit check my_recipe.toml --data logs --json --figure logs.pdf
     """
     tune_memory()
-    from calibkit import inspection
     from calibkit.check.report import compose_report, report_document
     from calibkit.cli.next_command import follow_check
+    from calibkit.commands import inspection
     from calibkit.planning import document as plan_file
     from calibkit.recipe import find
 
@@ -156,7 +156,7 @@ def init(folder: Path, sheet: str, *, as_json: bool) -> int:
     calibkit init --from logs > my_recipe.toml
     calibkit init --from logs --sheet Data --json
     """
-    from calibkit import inspection
+    from calibkit.commands import inspection
 
     with working("reading"):
         proposal = inspection.init(folder, sheet)
@@ -201,7 +201,8 @@ def apply(
     calibkit apply INC-7 --data well.csv --out out.csv --set site.latitude_deg=59
     """
     tune_memory()
-    from calibkit import pipeline, store
+    from calibkit.commands import pipeline
+    from calibkit.records import store
 
     stored_run = store.load(store.find(run, runs))
     with working("compensating"):
@@ -243,7 +244,8 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     calibkit validate FOG-0001@r002 --data withheld --out validation.json --json
     """
     tune_memory()
-    from calibkit import pipeline, store
+    from calibkit.commands import pipeline
+    from calibkit.records import store
 
     stored_run = store.load(store.find(run, runs))
     with working("validating") as progress:
@@ -275,7 +277,7 @@ def simulate(
         raise UsageError(
             "simulate needs a procedure or --plan", hint="calibkit simulate --plan plan --out logs"
         )
-    from calibkit import pipeline, plans
+    from calibkit.commands import pipeline, plans
 
     with working("simulating"):
         written = (

@@ -6,8 +6,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from calibkit import instruments, recipe, store
-from calibkit.pipeline import FitOutcome
+from calibkit import instruments, recipe
+from calibkit.commands.pipeline import FitOutcome
+from calibkit.records import store
 from calibkit.report.documents import PAGE
 
 

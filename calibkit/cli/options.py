@@ -9,7 +9,7 @@ import click
 
 from calibkit.cli import completion, console
 from calibkit.errors import UsageError
-from calibkit.version import __version__
+from calibkit.records.version import __version__
 
 _EXAMPLE = "calibkit "
 """Start of an example's line in the help of a command."""

@@ -10,8 +10,8 @@ import click
 from calibkit.cli.console import SETTINGS, print_flags, print_message, print_result
 from calibkit.cli.options import DETAILS, DRY, JSON, PATH, RUN, RUNS, command
 from calibkit.cli.progress import working
-from calibkit.clock import date_or_today, now
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.records.clock import date_or_today, now
 
 if TYPE_CHECKING:
     from calibkit.certificate.certify import Issued
@@ -78,9 +78,9 @@ def certify(
     calibkit certify FOG-0001 --profile lab.toml --check
     calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out c.pdf
     """
-    from calibkit import store
     from calibkit.certificate import certify as certificates
     from calibkit.instruments import certificate_layout
+    from calibkit.records import store
 
     _require_one(out, check=check)
     if timestamp and not key and _SERVER not in os.environ:
@@ -275,7 +275,8 @@ def export(
 
     Several runs make one row or one blob per device, and a manifest with the digests of all files.
     """
-    from calibkit import pipeline, store
+    from calibkit.commands import pipeline
+    from calibkit.records import store
 
     with working("writing firmware") as progress:
         stored_runs = [store.load(store.find(name, runs)) for name in progress(run, "reading runs")]
@@ -313,7 +314,7 @@ def report(run: str, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> 
 
     The PDF has the content and the figures of the page, set by typst (calibkit[pdf]).
     """
-    from calibkit import new_files, store
+    from calibkit.records import new_files, store
     from calibkit.report import pdf
     from calibkit.report.documents import PAGE
 

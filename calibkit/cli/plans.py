@@ -89,7 +89,7 @@ def plan(
         raise UsageError(
             "a plan needs a recipe and --out", hint="calibkit plan accelerometer --out plan"
         )
-    from calibkit import plans
+    from calibkit.commands import plans
     from calibkit.recipe import find
 
     with working("planning"):

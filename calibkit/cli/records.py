@@ -19,7 +19,6 @@ from calibkit.cli.console import (
 )
 from calibkit.cli.options import CSV, DETAILS, JSON, PATH, RUN, RUNS, command
 from calibkit.cli.progress import working
-from calibkit.clock import date_or_today
 from calibkit.errors import (
     CalibkitError,
     CoefficientError,
@@ -27,6 +26,7 @@ from calibkit.errors import (
     UsageError,
     visible,
 )
+from calibkit.records.clock import date_or_today
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -132,7 +132,7 @@ def _verify_all(
     """What each file was found to be, in their order, and every error; PDFs are read first, as DCCs
     are compared with them.
     """
-    from calibkit import pipeline
+    from calibkit.commands import pipeline
 
     results: dict[Path, dict[str, Any]] = {}
     failed: list[CalibkitError] = []
@@ -174,7 +174,7 @@ def show(run: str, runs: Path, *, as_csv: bool, as_json: bool) -> int:
     calibkit show FOG-0001@2026-05-01
     calibkit show runs/FOG-0001/r002 --csv
     """
-    from calibkit import store
+    from calibkit.records import store
     from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
@@ -211,9 +211,9 @@ def history(serial: str, runs: Path, figure: Path | None, *, as_csv: bool, as_js
     Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one
     before.
     """
-    from calibkit import new_files
     from calibkit.history import timeline_tables as tables
     from calibkit.history.timeline import Timeline
+    from calibkit.records import new_files
     from calibkit.results import figures, key_values
 
     _one_format(as_csv=as_csv, as_json=as_json)

@@ -56,7 +56,7 @@ def evaluate(
     value may have a unit of its own kind behind it. Rates are held until the lags of a model have
     settled. Outside the calibrated range a value is extrapolated, without U, and flagged.
     """
-    from calibkit import store
+    from calibkit.records import store
     from calibkit.results import evaluation, figures
 
     if out is not None:
@@ -122,8 +122,9 @@ def compare(
     Results are compared over the range that both runs were calibrated in, whatever their model
     forms. Exit codes: 0 yes, 1 no, 3 cannot tell.
     """
-    from calibkit import store, units
+    from calibkit import units
     from calibkit.certificate import profile as profiles
+    from calibkit.records import store
     from calibkit.results import comparison, figures, still_good
 
     if out is not None:
@@ -190,7 +191,7 @@ def open_page(serial: str, runs: Path, port: int, *, no_browser: bool, as_json: 
 
 def _write(out: Path, content: bytes) -> None:
     """Write one new file."""
-    from calibkit import new_files
+    from calibkit.records import new_files
 
     new_files.write_new(out, content)
 

@@ -14,7 +14,7 @@ from calibkit.firmware import blob, exact, facts, vectors
 from calibkit.firmware.chain import ChainInput
 from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.steps import Code, Limit
-from calibkit.templates import read_templates
+from calibkit.libraries.templates import read_templates
 
 if TYPE_CHECKING:
     import jinja2

@@ -8,12 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from fractions import Fraction
 
-from calibkit.arrays import Array
 from calibkit.firmware.exact import Poly
 from calibkit.firmware.formats import Format
 from calibkit.firmware.lanes import Call, Words
 from calibkit.firmware.ranges import Ranges
 from calibkit.firmware.steps import ChainStep, Code, Limit, Map, Memory, NumberTable, Slope, c_flag
+from calibkit.numeric.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

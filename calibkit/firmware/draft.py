@@ -5,10 +5,10 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from fractions import Fraction
 from typing import Any
 
-from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain, ChainCorrection, ChainInput, Output, Structure
 from calibkit.firmware.steps import ChainStep, ChainTerm, Limit, Map, Sum
+from calibkit.records.coefficients import Model
 
 BEYOND = Fraction(5, 4)
 """How far [u] the word of an input reaches beyond the fitted range."""

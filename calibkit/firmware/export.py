@@ -6,13 +6,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calibkit import names
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.firmware import bounds, vectors
 from calibkit.firmware.chain import Chain, Program, Structure
 from calibkit.firmware.formats import Format
 from calibkit.firmware.vectors import Vectors
-from calibkit.run_document import Verdict
+from calibkit.records import names
+from calibkit.records.run_document import Verdict
 
 SCHEMA = "calibkit-firmware/1"
 C_WORDS = (

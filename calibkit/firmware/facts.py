@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from calibkit.errors import CoefficientError, visible
 from calibkit.firmware import exact
 from calibkit.firmware.export import SCHEMA, FirmwareRun
-from calibkit.run_document import ACCEPTED
+from calibkit.records.run_document import ACCEPTED
 
 NUMBERS = {
     "f32": "IEEE 754 single precision",

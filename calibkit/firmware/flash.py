@@ -2,9 +2,9 @@
 
 from typing import Any
 
-from calibkit import extras
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import blob
+from calibkit.libraries import extras
 
 LARGEST = 1 << 32
 

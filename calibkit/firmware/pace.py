@@ -10,11 +10,11 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import OutputError
 from calibkit.firmware import bounds, exact, formats, vectors
 from calibkit.firmware.chain import Chain, Pace, Trials
 from calibkit.firmware.steps import Sum
+from calibkit.numeric.arrays import Array
 
 SETTLED = 0.01
 """Share of the error of a start on the fastest fitted ramp at which the lags count as settled."""

@@ -18,11 +18,11 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import exact, facts
 from calibkit.firmware.export import FirmwareRun
 from calibkit.firmware.steps import Sum
+from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
 
 DEGREE = 3
 ARDUPILOT_SCALE = 10**6

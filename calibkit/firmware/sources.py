@@ -8,11 +8,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import Record
 from calibkit.errors import OutputError, RecipeError
 from calibkit.firmware.chain import Chain
 from calibkit.recipe import Recipe
 from calibkit.recipe.tables import ColumnMapping
+from calibkit.records.coefficients import Record
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
 """Characters that could end a C comment, join its lines, or be taken for a mark of the generator;

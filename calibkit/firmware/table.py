@@ -12,8 +12,8 @@ from dataclasses import asdict
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import exact, facts, layout, vectors
 from calibkit.firmware.export import FirmwareRun
+from calibkit.records.run_document import ACCEPTED
 from calibkit.report.table import Table
-from calibkit.run_document import ACCEPTED
 
 FACTS = (
     "serial",

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import run_document, sealed, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.firmware import (
     blob,
@@ -19,7 +18,8 @@ from calibkit.firmware import (
     table,
 )
 from calibkit.firmware.export import FirmwareRun
-from calibkit.run_document import ACCEPTED
+from calibkit.records import run_document, sealed, store
+from calibkit.records.run_document import ACCEPTED
 
 MANIFEST = "calibkit-manifest/2"
 FLOATS = ("f32", "f64")

@@ -5,13 +5,13 @@ temperatures, once per interval.
 from collections.abc import Iterable
 from fractions import Fraction
 
-from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.draft import Draft, factor, number_or_zero, numbers
 from calibkit.firmware.pace import FASTEST
 from calibkit.firmware.steps import Map, Memory, Slope
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.terms import CASE, DRIVERS, GRADIENT, LAGS, RATE, TERMS
+from calibkit.records.coefficients import Model
 
 GRADIENT_RATE = DRIVERS[3]
 AIR = "temp_env_degc"

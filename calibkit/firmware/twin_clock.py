@@ -8,11 +8,11 @@ from itertools import zip_longest
 
 import numpy as np
 
-from calibkit.arrays import Integers
 from calibkit.firmware import twin
 from calibkit.firmware.chain import Program
 from calibkit.firmware.lanes import State, Words
 from calibkit.firmware.twin import TwinResult
+from calibkit.numeric.arrays import Integers
 
 LONGEST_MS = 2**32 - 1
 """Milliseconds that a counter of 32 bits holds."""

@@ -6,12 +6,12 @@ from math import frexp, ldexp
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import CoefficientError
 from calibkit.firmware import twin, twin_clock
 from calibkit.firmware.chain import Chain, Program, Trials
 from calibkit.firmware.lanes import Words
 from calibkit.firmware.steps import Sum
+from calibkit.numeric.arrays import Array
 
 INSIDE = 12
 """Vectors of a chain without memory that are within all ranges, the first ones."""

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array
+from calibkit.numeric.arrays import Array
 
 STEP = 1e-30
 Numbers = NDArray[Any]

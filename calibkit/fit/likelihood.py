@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.numeric.arrays import Array, Integers, Mask
 
 ITERATIONS = 60
 HALVINGS = 30

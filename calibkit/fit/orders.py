@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.fit import likelihood
 from calibkit.fit.solve import Fit
+from calibkit.numeric.arrays import Array
 
 SPARE = 2
 """Fewest runs, stations or logs that an order leaves over: with one, its residuals, and so its

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 from calibkit.numeric.least_squares import fit as least_squares
 

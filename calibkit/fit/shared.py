@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.fit.complex_step import Numbers
+from calibkit.numeric.arrays import Array, Integers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,13 +13,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError, UsageError
 from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.fit.likelihood import KnownVariances, MixedRows, MixedSolution
 from calibkit.fit.shared import Prior, Residual, Shared
 from calibkit.fit.value import Value
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.least_squares import fit as least_squares
 
 ASKED_FOR = 6.0

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
 
 FALSE_ALARM = 1e-3
 """Chance that errors as large as stated fail in a validation."""

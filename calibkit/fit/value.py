@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.numeric.arrays import Array
 
 COVERAGE = 0.97725
 """Probability below the upper end of an interval of 95.45 %, that of two standard deviations of a

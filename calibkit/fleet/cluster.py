@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from calibkit.errors import UsageError
-from calibkit.extras import install_hint
 from calibkit.fleet import device
 from calibkit.fleet.device import DeviceTask, Outcome
-from calibkit.version import __version__
+from calibkit.libraries.extras import install_hint
+from calibkit.records.version import __version__
 
 PATIENCE_S = 15
 """How long a scheduler, then a first worker, is waited for."""

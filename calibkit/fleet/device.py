@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, recipe
 from calibkit.check import copies
+from calibkit.commands import pipeline
 from calibkit.errors import CalibkitError, CoefficientError, TakenError
 from calibkit.fleet import keys
 from calibkit.fleet.keys import KeyFigure
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 from calibkit.readers import parts
-from calibkit.version import SOFTWARE
+from calibkit.records import store
+from calibkit.records.version import SOFTWARE
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +155,7 @@ def _already(plan: DeviceTask, serial: str, spec: recipe.Recipe) -> store.Stored
         return None
     logs = {
         file: parts.digest_log(plan.data / serial / file, file, split=spec.logs.split)
-        for file in ingest.find_logs(spec, plan.data / serial)
+        for file in log_files.find_logs(spec, plan.data / serial)
     }
     second_loggers = _second_loggers(plan.data / serial, spec)
     for run in candidates:

@@ -5,14 +5,15 @@ record of all of them.
 from collections.abc import Mapping
 from typing import Any
 
-from calibkit import run_content, sealed, store
+from calibkit.commands import run_content
 from calibkit.fleet import page
 from calibkit.fleet.device import DeviceTask
 from calibkit.fleet.table import FleetTable
+from calibkit.records import sealed, store
+from calibkit.records.version import SOFTWARE
 from calibkit.report import control_charts, figures as drawing
 from calibkit.report.control_charts import ControlChart
 from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
-from calibkit.version import SOFTWARE
 
 DEVICE_KEYS = ("serial", "run", "run_sha256", "verdict", "error", "flags")
 TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")

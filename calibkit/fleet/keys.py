@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.coefficients import Model, Record
-from calibkit.store import StoredRun
+from calibkit.records.coefficients import Model, Record
+from calibkit.records.store import StoredRun
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,13 @@ from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibkit import atomic, clock, instruments, new_files, recipe, store
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
 from calibkit.fleet.device import DeviceTask, Failure, Outcome, Row, fit_device
 from calibkit.fleet.table import FleetTable
 from calibkit.instruments import Progress
+from calibkit.records import atomic, clock, new_files, store
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 COPIES = sys.platform == "linux"
 NEEDED = (
     "calibkit.fleet.handover",
-    "calibkit.lean_imports",
+    "calibkit.libraries.lean_imports",
     "pandas",
     "scipy.linalg",
     "scipy.special",

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from calibkit import store
 from calibkit.errors import CoefficientError
+from calibkit.records import store
 from calibkit.report.summary import Summary
 
 

@@ -11,13 +11,13 @@ from typing import Any, Literal
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import UsageError
-from calibkit.forms import Form, FormsOf
 from calibkit.numeric import change, gum
 from calibkit.numeric.change import CHANCE, SIGNIFICANT, Joint
+from calibkit.records.coefficients import Coefficient, Model, Record
+from calibkit.records.forms import Form, FormsOf
+from calibkit.records.store import StoredRun
 from calibkit.report.table import Column, Table, number_or_none, tabulate
-from calibkit.store import StoredRun
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 LONGEST_CELL = 36

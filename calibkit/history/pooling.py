@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from calibkit import store
-from calibkit.coefficients import Component
 from calibkit.readers import parts
 from calibkit.recipe import Recipe
 from calibkit.recipe.tables import ErrorComponent
-from calibkit.store import StoredRun
+from calibkit.records import store
+from calibkit.records.coefficients import Component
+from calibkit.records.store import StoredRun
 
 POOLED = "pooled"
 """Key of run.json that lists the runs which a fit took components from."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from calibkit import store
 from calibkit.check import copies
-from calibkit.coefficients import Record
 from calibkit.errors import CoefficientError, UsageError
-from calibkit.store import StoredRun
+from calibkit.records import store
+from calibkit.records.coefficients import Record
+from calibkit.records.store import StoredRun
 
 YEAR_DAYS = 365.25
 

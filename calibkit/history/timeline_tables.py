@@ -4,9 +4,9 @@ from dataclasses import asdict
 from typing import Any
 
 from calibkit.history.timeline import Timeline
+from calibkit.records.store import StoredRun
 from calibkit.report.summary import Summary
 from calibkit.report.table import Cell, Table
-from calibkit.store import StoredRun
 
 REVISION_HEADS = (
     "revision",

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
 
-from calibkit import plugins, recipe
+from calibkit import recipe
 from calibkit.errors import UsageError
+from calibkit.libraries import plugins
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -20,11 +21,11 @@ if TYPE_CHECKING:
     from calibkit.certificate.content import Layout
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Input, StageResult
-    from calibkit.forms import Form
-    from calibkit.left_out import LeftOut
+    from calibkit.records.coefficients import Input, StageResult
+    from calibkit.records.forms import Form
+    from calibkit.records.left_out import LeftOut
+    from calibkit.records.sensitivities import Sensitivity
     from calibkit.report.summary import Summary
-    from calibkit.sensitivities import Sensitivity
     from calibkit.simulate.campaign import Campaign
 
 Drawing = TypeVar("Drawing")

@@ -13,8 +13,8 @@ spike of six standard deviations.
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.dispersion import mad_sigma
 
 SAMPLE = 1 << 16

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
 
 Convention = Literal["gravity", "specific_force"]
 """What a positive indication means: "gravity" is positive along gravity, "specific_force" is

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
 
 SIGNIFICANT = 2.0
 """Standard uncertainties of a difference beyond which a number has moved."""

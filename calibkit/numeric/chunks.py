@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.numeric.arrays import Array, Integers, Mask
 
 ROWS = 1 << 17
 """Rows of a chunk: a few columns of this length fit in a processor's cache."""

@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import mad_sigma
 
 FEWEST = 10

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Integers
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Integers
 
 MAD_TO_SIGMA = 1.4826022185056018
 """Standard deviation of a normal distribution over its median absolute deviation, 1/Φ⁻¹(3/4)."""

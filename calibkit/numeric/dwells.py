@@ -7,9 +7,9 @@ these scatter more.
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.arrays import Array, Integers
 
 STILL_FACTOR = 2.0
 """Windowed noise, over the noise at rest, up to which a sample counts as held still."""

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array
-from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import EARTH_RATE_DPH
 
 EQUATOR_MPS2 = 9.7803253359
 """Normal gravity at the equator of WGS 84 [m/s²]."""

@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.numeric.arrays import Array, Integers
 
 FINER = 8
 """Samples of flicker noise per averaging interval; with 100 the variogram is 2 % lower."""

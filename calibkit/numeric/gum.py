@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
 

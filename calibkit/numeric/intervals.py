@@ -5,8 +5,8 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Integers, Mask
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.numeric.least_squares import polynomial
 
 CHANCE, DEGF_CHANCE = 0.001, 1e-4

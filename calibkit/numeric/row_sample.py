@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array
 
 SIZE = 1000
 """Hashes of a sample."""

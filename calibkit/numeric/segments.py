@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 
 COARSE_DEGC_MIN = 0.3
 """Slope [°C/min] that one quantisation step within the window may cause: the rate that separates a

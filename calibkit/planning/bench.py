@@ -18,17 +18,17 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Record, StageResult
 from calibkit.errors import UsageError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
-from calibkit.forms import power_unit
-from calibkit.frame import Log
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.equipment import Equipment
 from calibkit.planning.schedule import Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.coefficients import Record, StageResult
+from calibkit.records.forms import power_unit
+from calibkit.records.frame import Log
 
 COVERAGE = 2.0
 """Coverage factor of U in plans: the sizes of shared errors are assumed, not estimated."""

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.frame import Log, values
 from calibkit.numeric import attitude
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.planning.schedule import Action, Schedule
+from calibkit.records.frame import Log, values
 
 NEAR_DEGC = 5.0
 """Largest difference of a case temperature [°C] from the set point of the chamber."""

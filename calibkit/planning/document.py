@@ -9,16 +9,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from calibkit import sealed, store
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.planning.bench import COVERAGE, Design, name_errors
 from calibkit.planning.equipment import Device, read_equipment
 from calibkit.planning.schedule import Schedule, read_schedule
 from calibkit.planning.search import Proposal
 from calibkit.recipe import Recipe, Source, toml_text
 from calibkit.recipe.tables import ErrorComponent
-from calibkit.version import SOFTWARE
+from calibkit.records import sealed, store
+from calibkit.records.version import SOFTWARE
 
 FORMAT = "calibkit-plan/1"
 PLAN, SCHEDULE, RECIPE, PAGE = "plan.json", "schedule.csv", "recipe.toml", "plan.html"

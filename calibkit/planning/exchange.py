@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.fit.shared import Shared
+from calibkit.numeric.arrays import Array, Integers
 
 GAIN = 1e-9
 """Relative decrease of a criterion that is no rounding."""

@@ -5,10 +5,10 @@ attitudes, and uncertainty against hours above the same tables.
 
 import numpy as np
 
-from calibkit.coefficients import at_most
-from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.planning.bench import WITHHELD, name_source
 from calibkit.planning.search import Proposal
+from calibkit.records.coefficients import at_most
 from calibkit.report import figures, html, svg
 from calibkit.report.markup import Markup, element, join_markup
 from calibkit.report.overview import Overview, concise

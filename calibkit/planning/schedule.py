@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, fields
 from math import copysign
 from typing import Any, Literal
 
-from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.errors import CoefficientError
+from calibkit.numeric.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.planning.equipment import Device, Equipment, Fixture
 
 Kind = Literal["mount", "ramp", "soak", "dwell", "rate", "remount", "wait"]

@@ -18,9 +18,9 @@ from typing import BinaryIO
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import LogFormatError, advise_exclude
 from calibkit.native import kernels
+from calibkit.numeric.arrays import Array
 from calibkit.readers import delimited
 from calibkit.readers.table import Table
 

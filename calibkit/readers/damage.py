@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from calibkit.arrays import Integers
 from calibkit.errors import LogFormatError, advise_exclude, format_ranges
+from calibkit.numeric.arrays import Integers
 from calibkit.readers import tokens
 from calibkit.recipe.logs import Logs, TextSpec
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Integers
+    from calibkit.numeric.arrays import Integers
 
 _BLOCK = 1 << 24
 """Bytes whose fields are counted at once."""

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
+from calibkit.numeric.arrays import Array
 from calibkit.readers import arrays, delimited, encoding as encodings
 from calibkit.readers.table import Table
 from calibkit.recipe.logs import Logs

@@ -19,11 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.frame import values
 from calibkit.readers import delimited, encoding as encodings, sniff, text, tokens
 from calibkit.readers.sniff import Dialect
 from calibkit.readers.table import FIRST_ROW, Table
 from calibkit.recipe.logs import Logs
+from calibkit.records.frame import values
 
 SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
 """Names of the column that counts scans, in lower case."""

@@ -19,8 +19,8 @@ import numpy as np
 import pandas as pd
 
 from calibkit import units
-from calibkit.arrays import Array, Integers
 from calibkit.errors import LogFormatError
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.readers import damage, delimited, encoding as encodings, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 from calibkit.recipe.logs import Logs

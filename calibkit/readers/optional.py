@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from calibkit import extras
 from calibkit.errors import CalibkitError, LogFormatError, UsageError
+from calibkit.libraries import extras
 
 
 def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)

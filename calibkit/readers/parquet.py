@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from calibkit.arrays import Array
+    from calibkit.numeric.arrays import Array
     from calibkit.recipe.logs import Logs
 
 

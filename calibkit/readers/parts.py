@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibkit.arrays import Integers
 from calibkit.errors import LogFormatError
+from calibkit.numeric.arrays import Integers
 from calibkit.readers import in_memory, registry
 from calibkit.readers.keysight import SCAN_NUMBERS
 from calibkit.readers.table import Table

@@ -10,8 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from calibkit import plugins, units
+from calibkit import units
 from calibkit.errors import LogFormatError, UsageError
+from calibkit.libraries import plugins
 from calibkit.readers import (
     clean,
     delimited,

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Integers
-    from calibkit.plugins import Plugin
+    from calibkit.libraries.plugins import Plugin
+    from calibkit.numeric.arrays import Integers
 
 FIRST_ROW = 2
 """Line of a file that holds its first row where one header line stands above; a frame's index

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from calibkit.arrays import Array
+    from calibkit.numeric.arrays import Array
     from calibkit.recipe.logs import Logs
 
 LEAD_BYTES = 28

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.arrays import Integers, Mask
+    from calibkit.numeric.arrays import Integers, Mask
     from calibkit.readers.sniff import Dialect
     from calibkit.recipe.logs import Logs
 

@@ -19,15 +19,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import LogFormatError, advise_exclude
-from calibkit.frame import Origin
 from calibkit.readers.table import FIRST_ROW, Guess
+from calibkit.records.frame import Origin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
 
-    from calibkit.arrays import Array, Integers, Mask
+    from calibkit.numeric.arrays import Array, Integers, Mask
 
 
 EXCEL, ELAPSED, DECIMAL = "excel", "elapsed", "decimal"

@@ -15,8 +15,8 @@ from typing import Any, Protocol, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError, did_you_mean
-from calibkit.frame import CANONICAL, is_canonical
 from calibkit.recipe.tables import Recipe
+from calibkit.records.frame import CANONICAL, is_canonical
 
 LARGEST_BYTES = 10_000_000
 """Of a recipe, a profile or a mark: the shipped ones have some thousands."""

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from calibkit import plugins, units
+from calibkit import units
+from calibkit.libraries import plugins
 from calibkit.recipe.strict import Positive, Table
 
 AUTO = "auto"

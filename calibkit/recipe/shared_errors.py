@@ -6,8 +6,8 @@ from dataclasses import replace
 from calibkit.errors import RecipeError
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import SharedSize
-from calibkit.frame import Remark
 from calibkit.recipe.tables import Errors
+from calibkit.records.frame import Remark
 
 FEW_DOF = 3
 """Degrees of freedom between groups below which a warning says how wide intervals become."""

@@ -20,11 +20,11 @@ import numpy as np
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.errors import CoefficientError, RecipeError, did_you_mean
-from calibkit.frame import is_canonical
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
 from calibkit.recipe.strict import Positive, Table
+from calibkit.records.frame import is_canonical
 
 RELATIVE = {unit: units.SHARES[unit] for unit in ("ppm", "%")}
 """Units of an uncertainty that is a share of the quantity itself."""

@@ -5,9 +5,9 @@ uncertainty, beside its type A one.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from calibkit.coefficients import Coefficient, StageResult
 from calibkit.numeric import gum
 from calibkit.recipe import TypeB, type_b
+from calibkit.records.coefficients import Coefficient, StageResult
 from calibkit.report.table import number_or_none
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
+    from calibkit.numeric.arrays import Array
     from calibkit.numeric.control import Control
 
 

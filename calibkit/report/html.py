@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit.coefficients import Coefficient, Record
+from calibkit.libraries.templates import read_templates
+from calibkit.records.coefficients import Coefficient, Record
 from calibkit.report import html_tables, svg
 from calibkit.report.documents import Drawn
 from calibkit.report.markup import Markup, shown
 from calibkit.report.overview import concise
 from calibkit.report.table import Table
-from calibkit.templates import read_templates
 
 if TYPE_CHECKING:
     import jinja2

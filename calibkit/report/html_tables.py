@@ -5,7 +5,7 @@ combined uncertainties; their numbers with every digit.
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from calibkit.coefficients import Record
+from calibkit.records.coefficients import Record
 from calibkit.report.markup import Content, element
 from calibkit.report.run import SHARED, list_components, quantity_table, states_dof
 from calibkit.report.table import Column, Table

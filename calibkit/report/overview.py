@@ -15,7 +15,7 @@ from calibkit.numeric import gum
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from calibkit.coefficients import Criterion
+    from calibkit.records.coefficients import Criterion
     from calibkit.report.table import Table
 
 _NAMED = 3

@@ -9,8 +9,8 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from calibkit import extras
 from calibkit.errors import OutputError
+from calibkit.libraries import extras
 
 _TEMPLATE = Path(__file__).with_name("report.typ")
 _SVG = re.compile(r"<svg\b.*?</svg>", re.DOTALL)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from matplotlib.backend_bases import RendererBase
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array, Integers
+    from calibkit.numeric.arrays import Array, Integers
 
 _FIRST = (0.7, 0.5, 0.1, 0.3)
 """Margins [in] of a panel, left, bottom, right and top, at which its words are first measured."""

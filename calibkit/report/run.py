@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from calibkit.coefficients import Coefficient, Condition, Criterion, Model, Record
+from calibkit.records.coefficients import Coefficient, Condition, Criterion, Model, Record
 from calibkit.report.summary import Summary
 from calibkit.report.table import Cell, Column, Table, tabulate
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from calibkit import run_document
 from calibkit.errors import visible
-from calibkit.frame import Remark
+from calibkit.records import run_document
+from calibkit.records.frame import Remark
 from calibkit.report.overview import Overview, describe_verdict, merge_flags
 
 if TYPE_CHECKING:
@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from calibkit.coefficients import Criterion
+    from calibkit.records.coefficients import Criterion
+    from calibkit.records.run_document import Verdict
     from calibkit.report.table import Table
-    from calibkit.run_document import Verdict
 
 STYLES: Mapping[str, str] = {"accepted": "green", "rejected": "bold red", "no verdict": ""}
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from calibkit.arrays import Array, Integers
+    from calibkit.numeric.arrays import Array, Integers
 
 
 MOST_POINTS = 4000

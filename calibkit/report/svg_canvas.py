@@ -6,7 +6,7 @@ import functools
 import sys
 from typing import Literal, TextIO
 
-from calibkit.lean_imports import only_when_used
+from calibkit.libraries.lean_imports import only_when_used
 
 # pages that TeX has set, and controls in windows
 only_when_used("matplotlib", "dviread")

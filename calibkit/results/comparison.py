@@ -21,13 +21,13 @@ from calibkit.certificate.profile import Profile, Specification
 from calibkit.certificate.quantities import At, Quantity, ResultLimit
 from calibkit.certificate.results import Result
 from calibkit.check import copies
-from calibkit.coefficients import Criterion
 from calibkit.errors import UsageError, did_you_mean
 from calibkit.history import difference
 from calibkit.numeric import gum
+from calibkit.records.coefficients import Criterion
+from calibkit.records.store import StoredRun
 from calibkit.report.run import stated_criteria
 from calibkit.results.evaluation import RunResults
-from calibkit.store import StoredRun
 
 Answer = Literal["yes", "no", "cannot tell"]
 POINTS = 25

@@ -17,18 +17,19 @@ from typing import Any, Self
 
 import numpy as np
 
-from calibkit import instruments, sensitivities, units
-from calibkit.arrays import Array
+from calibkit import instruments, units
 from calibkit.certificate.quantities import At, Quantity, QuantityInput, state
 from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.certificate.words import unit_mark
 from calibkit.errors import UsageError, did_you_mean
+from calibkit.numeric.arrays import Array
 from calibkit.recipe import TypeB, type_b
+from calibkit.records import sensitivities
+from calibkit.records.store import StoredRun
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
-from calibkit.store import StoredRun
 
 SETTLED = "rates are held until the lags of the model have settled"
 EXTRAPOLATED = "extrapolated, U is not known"

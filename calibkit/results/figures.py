@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
+    from calibkit.numeric.arrays import Array
+    from calibkit.records.store import StoredRun
     from calibkit.results.evaluation import PointResult
-    from calibkit.store import StoredRun
 
 SUFFIXES = (".pdf", ".png")
 COLOURS = (SIDES["cooling"], SIDES["heating"], SIDES["both"], "#aa7700", "#7744aa", MUTED)

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.quantities import Quantity
     from calibkit.certificate.results import Result
     from calibkit.numeric.change import Reach, Trend
-    from calibkit.store import StoredRun
+    from calibkit.records.store import StoredRun
 
 MOST_PANELS = 12
 YEAR_DAYS = 365.25

@@ -17,9 +17,9 @@ from calibkit.results.evaluation import flag_outside
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model
-    from calibkit.forms import Form
+    from calibkit.numeric.arrays import Array
+    from calibkit.records.coefficients import Model
+    from calibkit.records.forms import Form
 
 
 @dataclass(frozen=True, slots=True, repr=False)

@@ -8,8 +8,8 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.simulate.noise import reading
 
 

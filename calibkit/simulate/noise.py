@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 
 
 def angle_random_walk(

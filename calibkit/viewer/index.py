@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import CalibkitError, UsageError
-from calibkit.new_files import RUN_FILE
+from calibkit.records.new_files import RUN_FILE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -117,11 +117,11 @@ def _read(serial: str, revision: str, path: Path, stamp: str) -> Entry:
     try:
         if path.is_symlink():
             return Entry(serial, revision, stamp, fault="run.json is a link")
-        from calibkit import store
+        from calibkit.records import store
 
         document = json.loads(store.read_bytes(path))
         if "verdict" not in document:  # an older format states less
-            from calibkit import run_document
+            from calibkit.records import run_document
 
             document = run_document.loads(path.read_text(encoding="utf-8"), RUN_FILE)
         if document["serial"] != serial or f"r{document['revision']:03d}" != revision:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from calibkit.store import StoredRun
+    from calibkit.records.store import StoredRun
     from calibkit.viewer.index import Entry
 
 A_PAGE = 100
@@ -229,8 +229,8 @@ def _answer(serial: str, old: str, new: str, runs: Path) -> tuple[Markup, list[M
     """The sentence on two runs, and the rest of their comparison; why there is none where a run
     cannot be used.
     """
-    from calibkit import store
     from calibkit.errors import CalibkitError
+    from calibkit.records import store
     from calibkit.report.html import summary_table
     from calibkit.results import comparison, still_good
 
@@ -289,8 +289,8 @@ def show_comparison(serial: str, entries: Sequence[Entry], old: str, new: str, r
 
 def _history(serial: str, entries: Sequence[Entry], runs: Path) -> list[Markup]:
     """Key values over the years."""
-    from calibkit import store
     from calibkit.errors import CalibkitError
+    from calibkit.records import store
     from calibkit.report.html import summary_table
     from calibkit.results import key_values
 

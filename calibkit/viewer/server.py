@@ -104,7 +104,7 @@ class RunPages:
         """Page of a run, or one of the files that its run.json lists, once all digests were
         checked.
         """
-        from calibkit import store
+        from calibkit.records import store
 
         if not REVISION.fullmatch(revision):
             raise _NotFoundError

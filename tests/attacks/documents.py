@@ -6,9 +6,10 @@ import json
 import random
 import re
 
-from calibkit import pipeline, sealed
 from calibkit.certificate.signature_trust import Demands
+from calibkit.commands import pipeline
 from calibkit.errors import CalibkitError
+from calibkit.records import sealed
 
 JUNK = (None, True, -1, 1e300, "x", [], {}, [1], {"a": 1}, "../..", "/etc/passwd", "\0", "a" * 300)
 TEXTS = (b"", b"nan", b"1e999", b"-", b"&#0;", b"1 2 3", "é٣".encode(), b"9" * 5000, b"\\metre")

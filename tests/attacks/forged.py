@@ -14,10 +14,12 @@ from pathlib import Path
 
 import authority
 from attacks import documents, signed
-from calibkit import inspection, instruments, pipeline, recipe, sealed, store
+from calibkit import instruments, recipe
 from calibkit.certificate import certify, countersign, signature_trust, verify_signature
 from calibkit.certificate.signing_key import Key
+from calibkit.commands import inspection, pipeline
 from calibkit.errors import CalibkitError, RecipeError
+from calibkit.records import sealed, store
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

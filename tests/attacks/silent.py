@@ -11,7 +11,7 @@ from scipy import stats
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
-from calibkit.ingest import logs as ingest
+from calibkit.logs import log_files
 from calibkit.readers.table import Guess
 
 PROBABILITY = 0.95
@@ -78,7 +78,7 @@ class Campaign:
         without their digits.
         """
         instrument = instruments.find(self.spec.procedure)
-        files = ingest.find_logs(self.spec, self.folder)
+        files = log_files.find_logs(self.spec, self.folder)
         fitted = instrument.fit(self.spec, self.folder, files, instruments.silent)
         found = {
             f"{result.stage}.{model.name}.{one.name}": (

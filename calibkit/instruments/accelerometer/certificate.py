@@ -18,10 +18,10 @@ from calibkit.certificate.quantities import coefficient, state
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Record
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.quantities import over_temperature
+from calibkit.records.coefficients import Record
 
 K_EQUATION = Equation(
     forms.K.name,

@@ -9,20 +9,20 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, Model, Record, StageResult, at_most, over_u
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
-from calibkit.forms import Form, Inputs, within_ranges
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, gum
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
 from calibkit.recipe.type_b import RELATIVE, TypeB
+from calibkit.records.coefficients import Criterion, Model, Record, StageResult, at_most, over_u
+from calibkit.records.forms import Form, Inputs, within_ranges
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Table, number_or_none
 

@@ -7,11 +7,11 @@ is assumed and temperature sweeps at a few attitudes are judged correctly.
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES, Terms, name_terms, read_terms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.numeric.arrays import Array
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this [°C] count as one level."""

@@ -8,13 +8,13 @@ from itertools import chain, pairwise
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Finding, Log, Remark, refuse, values
-from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.logs import stated_segments
 from calibkit.numeric import attitude, dwells as stretches
+from calibkit.numeric.arrays import Array, Integers
+from calibkit.records.frame import Finding, Log, Remark, refuse, values
 
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0

@@ -20,10 +20,10 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, length
 from calibkit.instruments.accelerometer import published
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.least_squares import polynomial
 
 AXES = "xyz"

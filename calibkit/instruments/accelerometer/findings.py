@@ -10,9 +10,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
-from calibkit.coefficients import Criterion, at_most
-from calibkit.frame import Remark
 from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import AXES
@@ -24,7 +21,10 @@ from calibkit.instruments.accelerometer.shared_errors import (
     number_soaks,
 )
 from calibkit.instruments.accelerometer.triad import Triad
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.recipe.shared_errors import warn_of_few_levels
+from calibkit.records.coefficients import Criterion, at_most
+from calibkit.records.frame import Remark
 
 POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
 """95 % half-widths that are flagged as too wide: of a Q [rad]; of a relative scale factor, or of a

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from calibkit.coefficients import Model, Record
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, factor, numbers
@@ -14,6 +13,7 @@ from calibkit.instruments.accelerometer.equation import AXES, read_terms
 from calibkit.instruments.accelerometer.published import CROSS
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
+from calibkit.records.coefficients import Model, Record
 
 if TYPE_CHECKING:
     from calibkit.firmware.steps import ChainTerm

@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Condition, Figure, Parameter, StageResult
 from calibkit.errors import FitError
 from calibkit.fit.solve import sensitivities
 from calibkit.instruments.accelerometer import findings, forms, profile_intervals, published
@@ -26,8 +24,10 @@ from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.instruments.accelerometer.triad import Triad, residual, solve_triad
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.least_squares import polynomial
-from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
+from calibkit.records.coefficients import Condition, Figure, Parameter, StageResult
+from calibkit.records.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
 WORSE = 1.1
 """Ratio of median absolute residuals above which one fit is worse than the other: on clean data the

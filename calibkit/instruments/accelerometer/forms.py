@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Model
 from calibkit.fit.complex_step import Numbers
-from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.equation import read_terms
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Model
+from calibkit.records.forms import Form, Inputs
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"

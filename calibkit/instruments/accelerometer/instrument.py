@@ -7,10 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Criterion, Input
 from calibkit.errors import FitError, RecipeError
-from calibkit.frame import refuse, require, values
-from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted
 from calibkit.instruments.accelerometer import (
     corrections,
@@ -23,8 +20,11 @@ from calibkit.instruments.accelerometer.corrections import Correction, DwellErro
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.left_out import LeftOut
+from calibkit.logs import log_files, write_back
 from calibkit.numeric import attitude
+from calibkit.records.coefficients import Criterion, Input
+from calibkit.records.frame import refuse, require, values
+from calibkit.records.left_out import LeftOut
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.coefficients import Record, StageResult
-    from calibkit.frame import Log
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Progress
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.triad import Triad
+    from calibkit.logs.log_files import LogReader
+    from calibkit.logs.write_back import Applied
+    from calibkit.records.coefficients import Record, StageResult
+    from calibkit.records.frame import Log
     from calibkit.report.table import Table
 
 CORRECTIONS = {"accel_k": "K-factor", "accel_affine": "affine"}
@@ -56,7 +56,7 @@ faults = plausibility.examine
 
 
 def read(
-    spec: AccelerometerRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
+    spec: AccelerometerRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
 ) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     angles: tuple[str, ...] = (forms.TEMPERATURE, *triad_dwells.ATTITUDE)
@@ -74,7 +74,7 @@ def fit(
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the triad to the dwells of all logs together."""
     refuse_recipe(spec)
-    in_turn = ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+    in_turn = log_files.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     logs = list(copies.refuse_copies(in_turn))
     dwells = plausibility.read_plausible(logs, spec)
     triad, results = fit_triad(dwells, spec)
@@ -178,7 +178,7 @@ def correct(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path
         update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})}
     )
     columns_beside = (forms.TEMPERATURE, *triad_dwells.ATTITUDE, "time_s")
-    log = ingest.read_log(spec.on_site(), data, data.name, forms.COMPONENTS, columns_beside)
+    log = log_files.read_log(spec.on_site(), data, data.name, forms.COMPONENTS, columns_beside)
     refuse(triad_dwells.find_faults(log, lengths))
     correction = corrections.find_correction(spec.compensation, records.values())
     low, high = correction.models[0].valid[forms.TEMPERATURE]

@@ -14,13 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Record, StageResult
 from calibkit.errors import UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Residual, Shared
 from calibkit.fit.solve import Fit, predict
-from calibkit.frame import Log
 from calibkit.instruments.accelerometer import (
     dwells as triad_dwells,
     forms,
@@ -34,6 +31,7 @@ from calibkit.instruments.accelerometer.determination import asked_terms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import rms
 from calibkit.planning.bench import (
     WITHHELD,
@@ -50,6 +48,8 @@ from calibkit.planning.equipment import Device
 from calibkit.planning.exchange import Pool, pool, spread_apart
 from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.coefficients import Record, StageResult
+from calibkit.records.frame import Log
 from calibkit.simulate.campaign import Campaign
 
 DECIMALS = 12

@@ -10,17 +10,17 @@ from itertools import permutations, product
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
 from calibkit.fit import robust
-from calibkit.frame import Examined, Finding, Held, Log, refuse
-from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer import dwells as triad_dwells
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.logs import stated_segments
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.dispersion import mad_sigma
+from calibkit.records.frame import Examined, Finding, Held, Log, refuse
 
 LEAST_G = 0.03
 """Departure [g] below which no dwell is implausible: 1.7° of a table, the robust fit judges it."""

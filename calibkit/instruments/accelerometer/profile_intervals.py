@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Figure
 from calibkit.fit.complex_step import Numbers, derivative, length
 from calibkit.fit.solve import solve
 from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.triad import Triad
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Figure
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", *published.Q_NAMES)
 UNITS = ("1",) * 3 + ("g",) * 3 + ("rad",) * 3

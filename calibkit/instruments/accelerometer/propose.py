@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.ingest.nameless import find_sphere
 from calibkit.instruments.accelerometer.forms import COMPONENTS
+from calibkit.logs.nameless import find_sphere
 
 if TYPE_CHECKING:
-    from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.recipe_text import RecipeChoice
+    from calibkit.logs.evidence import Evidence
+    from calibkit.logs.recipe_text import RecipeChoice
 
 TEMPERATURE, AIR = "temp_case_degc", "temp_env_degc"
 ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")

@@ -18,9 +18,9 @@ of a lower triangular matrix; x is (1, 0, 0).
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
+from calibkit.numeric.arrays import Array
 
 K_NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
 K_UNITS = (

@@ -17,10 +17,10 @@ from calibkit.certificate.quantities import (
     ranged,
 )
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Model, Record
 from calibkit.instruments.accelerometer import corrections, forms
 from calibkit.instruments.accelerometer.equation import AXES, read_terms
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.records.coefficients import Model, Record
 
 POSITIONS = tuple(
     {name: sign * float(name == vertical) for name in forms.COMPONENTS}

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import ASKED_FOR, Fit
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.numeric.arrays import Array, Integers
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.recipe.shared_errors import state_sizes
 
 SAME_SOAK_DEGC = 2.0

@@ -12,9 +12,9 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.instruments.accelerometer import simulate_magnitude
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array
 from calibkit.simulate.campaign import Campaign
 
 TEMPERATURES_DEGC = (-20.0, -5.0, 10.0, 25.0, 45.0, 65.0, 85.0, 105.0, 125.0)

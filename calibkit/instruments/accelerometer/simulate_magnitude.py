@@ -8,8 +8,8 @@ smooth. Indications are positive along gravity.
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.instruments.accelerometer import published
+from calibkit.numeric.arrays import Array
 from calibkit.simulate.campaign import Campaign
 
 INTERVAL_S = 0.04

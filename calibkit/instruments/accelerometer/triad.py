@@ -14,19 +14,19 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.fit import robust
 from calibkit.fit.complex_step import Numbers, length
 from calibkit.fit.shared import Prior, Shared
 from calibkit.fit.solve import Fit, solve, stand_out_together
-from calibkit.ingest.nameless import find_sphere
 from calibkit.instruments.accelerometer import determination, shared_errors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.equation import Terms, rotation, tilted_gravity
 from calibkit.instruments.accelerometer.forms import TEMPERATURE
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.logs.nameless import find_sphere
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array
 
 Loss = Literal["least_squares", "robust"]
 OF_LENGTHS = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")

@@ -15,10 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Condition, Figure
-from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.frame import Remark
 from calibkit.instruments.bias import drift_choice, forms
 from calibkit.instruments.bias.compensate import TURN_ON, DriftModel
 from calibkit.instruments.bias.numeric import bank
@@ -26,10 +22,14 @@ from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.instruments.bias.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal.left_out import MOVING_DEGC_MIN
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import CASE
 from calibkit.recipe import type_b
+from calibkit.records.coefficients import Condition, Figure
+from calibkit.records.frame import Remark
 from calibkit.report import budget
 from calibkit.report.overview import KeyValue
 from calibkit.report.table import number_or_none

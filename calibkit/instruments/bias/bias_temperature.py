@@ -15,18 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit import check as checks, units
-from calibkit.arrays import Array
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.results import ListTable
 from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
-from calibkit.coefficients import Input, Model, Record, StageResult, at_most
 from calibkit.errors import FitError
 from calibkit.fit.solve import SharedSize
 from calibkit.fit.unseen import unseen
-from calibkit.forms import POLYNOMIAL, components_of, power_unit
-from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import certificate, figures, sensitivities, tables
 from calibkit.instruments.bias.blocks import (
@@ -41,13 +36,18 @@ from calibkit.instruments.bias.figures import BiasCurve
 from calibkit.instruments.bias.forms import POLYNOMIALS
 from calibkit.instruments.bias.quantities import FittedBias
 from calibkit.instruments.bias.recipe import Bias, BiasTemperatureRecipe, Polynomials
+from calibkit.logs import log_files, write_back
 from calibkit.numeric import chunks, dispersion, gum
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.flicker import Turned
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import linear_in_blocks, rank
 from calibkit.recipe.shared_errors import state_sizes, warn_of_few_levels
 from calibkit.recipe.tables import Errors
 from calibkit.recipe.type_b import RELATIVE, combine_terms
+from calibkit.records.coefficients import Input, Model, Record, StageResult, at_most
+from calibkit.records.forms import POLYNOMIAL, components_of, power_unit
+from calibkit.records.frame import Examined, Finding, Log, refuse, values
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
 
@@ -57,10 +57,10 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
-    from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.recipe_text import RecipeChoice
-    from calibkit.ingest.write_back import Applied
+    from calibkit.logs.evidence import Evidence
+    from calibkit.logs.log_files import LogReader
+    from calibkit.logs.recipe_text import RecipeChoice
+    from calibkit.logs.write_back import Applied
     from calibkit.report.table import Table
 
 
@@ -70,7 +70,7 @@ FORMS = (POLYNOMIAL,)
 
 
 def read(
-    spec: BiasTemperatureRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
+    spec: BiasTemperatureRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
 ) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
     return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))
@@ -103,7 +103,7 @@ def fit(
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.refuse_copies(
-        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+        log_files.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         findings = _find_faults(spec, log)
         refuse(findings)

@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, solve
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.flicker import Turned
 
 GROUP, TURN_ON = "log", "turn-on bias"

@@ -28,14 +28,14 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Record
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.at_rest import RESULT as BIAS
 from calibkit.instruments.bias.numeric.bank import ORIGIN_DEGC
 from calibkit.instruments.bias.quantities import COIL_FORMS, RATES, FittedBias
 from calibkit.numeric import earth
 from calibkit.numeric.thermal.terms import CASE, RATE
+from calibkit.records.coefficients import Record
+from calibkit.records.forms import POLYNOMIAL
 
 COEFFICIENT_RATES = (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0)
 """Temperature rates [°C/min] that the coefficients of the published scheme are stated at."""

@@ -18,12 +18,8 @@ from typing import Any, Literal, Self, cast
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Figure, Model, Record
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import CoefficientError, FitError, UsageError
 from calibkit.fit.unseen import unseen
-from calibkit.frame import Log, values
 from calibkit.instruments.bias import forms, power_ons, ramps
 from calibkit.instruments.bias.forms import FILE
 from calibkit.instruments.bias.numeric import bank, published
@@ -33,6 +29,8 @@ from calibkit.instruments.bias.power_ons import PowerOn
 from calibkit.instruments.bias.ramps import PreparedLog
 from calibkit.instruments.bias.recipe import FogThermalRecipe, ThermalRecipe
 from calibkit.numeric import chunks, gum
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal import evaluate, left_out
@@ -41,6 +39,8 @@ from calibkit.numeric.thermal.left_out import blocks_per_figure
 from calibkit.numeric.thermal.pooled_fit import BlockNoise, ThermalLog
 from calibkit.numeric.thermal.terms import ThermalModel
 from calibkit.recipe import TypeB, type_b
+from calibkit.records.coefficients import Figure, Model, Record
+from calibkit.records.frame import Log, values
 from calibkit.report import budget
 
 FLAGGED_SHARE = 0.005

@@ -17,11 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Figure, StageResult
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.frame import Remark
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.compensate import DriftModel, LogFigures
 from calibkit.instruments.bias.numeric import choice, published
@@ -29,6 +25,8 @@ from calibkit.instruments.bias.numeric.bank import BankModel, OnLevels
 from calibkit.instruments.bias.numeric.choice import ThermalChoice
 from calibkit.instruments.bias.ramps import PreparedLog, Ramp
 from calibkit.instruments.bias.recipe import HIGHEST_RATE_ORDER, Drift, FogThermalRecipe
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal.left_out import (
     WORSE,
     LeftOutErrors,
@@ -37,6 +35,8 @@ from calibkit.numeric.thermal.left_out import (
     simplest,
     split_noise,
 )
+from calibkit.records.coefficients import Figure, StageResult
+from calibkit.records.frame import Remark
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.certificate.words import unit_mark
-from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.frame import share_unit
 from calibkit.numeric import chunks
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.dispersion import rms
+from calibkit.records.frame import share_unit
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 from calibkit.units import column_unit
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
     from calibkit.instruments import Fitted
     from calibkit.instruments.bias.at_rest import Hysteresis
     from calibkit.instruments.bias.compensate import LogFigures
     from calibkit.instruments.bias.numeric import published
     from calibkit.instruments.bias.power_ons import PowerOn
     from calibkit.instruments.bias.ramps import PreparedLog
+    from calibkit.numeric.arrays import Array
 
 
 ON_A_PAGE = 3

@@ -26,7 +26,6 @@ from math import comb
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact, pace, thermal_steps, vectors
 from calibkit.firmware.chain import Chain, Trials
@@ -62,6 +61,7 @@ from calibkit.instruments.bias.recipe import (
 )
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.numeric.thermal.terms import CASE, GRADIENT, RATE
+from calibkit.records.coefficients import Model, Record
 
 CHANNEL_FORMULA = "corrected = indication - bias, each channel in its unit; the bias is 0 "
 AT_REFERENCE = "at {:g} degC, or at the end of the fitted range nearest to it"

@@ -16,10 +16,7 @@ import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies, find_unusable, flag_bridged_gaps, magnitude, thermometers
-from calibkit.coefficients import Criterion, Record, StageResult, at_least, at_most, over_stated_u
 from calibkit.errors import FitError
-from calibkit.frame import Finding, Log, refuse, values
-from calibkit.ingest import logs as ingest, two_loggers, write_back
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.bias import (
     at_rest,
@@ -33,18 +30,28 @@ from calibkit.instruments.bias import (
     tables,
 )
 from calibkit.instruments.bias.recipe import FogThermalRecipe
+from calibkit.logs import log_files, two_loggers, write_back
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
+from calibkit.records.coefficients import (
+    Criterion,
+    Record,
+    StageResult,
+    at_least,
+    at_most,
+    over_stated_u,
+)
+from calibkit.records.frame import Finding, Log, refuse, values
 from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.recipe_text import RecipeChoice
-    from calibkit.ingest.write_back import Applied
+    from calibkit.logs.evidence import Evidence
+    from calibkit.logs.log_files import LogReader
+    from calibkit.logs.recipe_text import RecipeChoice
+    from calibkit.logs.write_back import Applied
     from calibkit.report.table import Table
 
 Recipe = FogThermalRecipe
@@ -177,7 +184,7 @@ def _prepare(
 
     logs = [
         ramps.prepare(log, spec, findings[log.file])
-        for log in copies.refuse_copies(ingest.read_ahead(files, checked))
+        for log in copies.refuse_copies(log_files.read_ahead(files, checked))
     ]
     levels, slopes, rates, driven = {}, {}, {}, {}
     for log in logs:
@@ -197,7 +204,9 @@ def _prepare(
     return logs, [str(finding) for _, finding in comparisons]
 
 
-def read(spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
+def read(
+    spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
+) -> Log:
     """One log in canonical columns."""
     return reader(spec, data / file, file, ramps.COLUMNS)
 
@@ -264,7 +273,7 @@ def judge(
 def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps its unit and sign in the log."""
     model = compensate.DriftModel.read(records, spec)
-    log = ingest.read_log(spec, data, data.name, model.columns)
+    log = log_files.read_log(spec, data, data.name, model.columns)
     refuse(find_unusable(log, 3))
     output, flags = compensate.compensate_log(log, model, spec)
     gyro = values(log.frame, "gyro_dph")

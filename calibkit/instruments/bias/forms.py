@@ -1,6 +1,6 @@
 """Model forms of biases over temperature, and their conversion to and from coefficient files.
 
-    polynomial/1                             Σ_k p_k x^k of any abscissa (`calibkit.forms`)
+    polynomial/1                             Σ_k p_k x^k of any abscissa (`calibkit.records.forms`)
     bias-level/1, fog-drift-level/1          Σ_k c_k x_k(T, Ṫ, G, Ġ), the nine TERMS of `terms`
     bias-lagged/1, fog-drift-lagged/1        the same of a coil: τ_o Ṫ_o = T − T_o,
                                              τ_i Ṫ_i = T_o − T_i, G = T_o − T_i
@@ -18,10 +18,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Component, Model, Parameter
 from calibkit.fit.complex_step import STEP, Numbers
-from calibkit.forms import POLYNOMIAL, Form, Inputs, power_unit
 from calibkit.instruments.bias.numeric import published
 from calibkit.instruments.bias.numeric.bank import (
     SCALE_DEGC,
@@ -30,6 +27,7 @@ from calibkit.instruments.bias.numeric.bank import (
     BankModel,
     OnLevels,
 )
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.numeric.thermal.terms import (
@@ -43,6 +41,8 @@ from calibkit.numeric.thermal.terms import (
     ThermalModel,
     Valid,
 )
+from calibkit.records.coefficients import Component, Model, Parameter
+from calibkit.records.forms import POLYNOMIAL, Form, Inputs, power_unit
 
 POLYNOMIALS, THERMAL, FILE = "bias.json", "thermal.json", "drift_rate.json"
 """Coefficient files: of polynomials, of terms, of the exported drift term of a gyro."""

@@ -15,16 +15,14 @@ from itertools import combinations, product, zip_longest
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array, Integers
-from calibkit.coefficients import Record, StageResult
-from calibkit.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.solve import Fit, predict
-from calibkit.frame import Log, refuse, values
 from calibkit.instruments.bias import blocks, compensate, forms, ramps, simulate_fog as simulated
 from calibkit.instruments.bias.numeric import bank as forward, bank_fit, evidence
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe, FogThermalRecipe
 from calibkit.instruments.bias.simulate_fog import FogGyro
+from calibkit.numeric.arrays import Array, Integers
+from calibkit.numeric.constants import SECONDS_PER_HOUR, SECONDS_PER_MINUTE
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal import coil
@@ -46,6 +44,8 @@ from calibkit.planning.equipment import Device
 from calibkit.planning.exchange import invert
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.coefficients import Record, StageResult
+from calibkit.records.frame import Log, refuse, values
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme, follow_with_lag
 

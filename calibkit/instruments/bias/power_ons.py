@@ -12,16 +12,16 @@ from itertools import pairwise
 import numpy as np
 
 from calibkit import units
-from calibkit.arrays import Array, Mask
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.frame import Log, values
 from calibkit.instruments.bias.numeric import settling
 from calibkit.instruments.bias.recipe import ThermalTable
 from calibkit.numeric import intervals
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import Stack, ThermalLog
+from calibkit.records.frame import Log, values
 
 CASE = "temp_case_degc"
 COLUMNS = ("time_s", CASE)

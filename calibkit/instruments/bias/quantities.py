@@ -26,11 +26,11 @@ from calibkit.certificate.quantities import (
     ranged,
 )
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Model, Record
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.recipe import BiasRecipe, FogThermalRecipe
 from calibkit.numeric.thermal.terms import CASE, DRIVERS, GRADIENT, RATE
+from calibkit.records.coefficients import Model, Record
+from calibkit.records.forms import POLYNOMIAL
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""

@@ -10,17 +10,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array
-from calibkit.coefficients import Figure, Input
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import stated_segments
 from calibkit.instruments.bias.numeric import published
 from calibkit.instruments.bias.recipe import FogThermalRecipe
+from calibkit.logs import stated_segments
 from calibkit.numeric import intervals, segments
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.thermal import pooled_fit
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.wavelet.denoise import denoise
+from calibkit.records.coefficients import Figure, Input
+from calibkit.records.frame import Examined, Finding, Held, Log, refuse, values
 
 LONGER_WINDOWS = 3
 """Largest number of doublings of the slope window for a log that changes temperature but shows no

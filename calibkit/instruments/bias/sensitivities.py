@@ -14,13 +14,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibkit.coefficients import Model, StageResult
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.at_rest import RESULT
 from calibkit.instruments.bias.drift_choice import FittedRamp
 from calibkit.instruments.bias.recipe import Drift
 from calibkit.numeric.thermal.terms import CASE, LAGS, RATE
-from calibkit.sensitivities import InputError, Kind, Sensitivity, differentiate, of_thermometer
+from calibkit.records.coefficients import Model, StageResult
+from calibkit.records.sensitivities import (
+    InputError,
+    Kind,
+    Sensitivity,
+    differentiate,
+    of_thermometer,
+)
 
 DEGREE = {"s_grad2": 2, "s_temp_rate": 2}
 """Degree in temperatures of the terms that are neither powers p_k, b_k nor linear."""

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.bias import simulate_fog
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import Chamber, Programme, follow_with_lag

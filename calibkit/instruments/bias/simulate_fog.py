@@ -19,8 +19,8 @@ import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array
-from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_MINUTE
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import EARTH_RATE_DPH, SECONDS_PER_MINUTE
 from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign

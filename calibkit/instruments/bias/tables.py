@@ -3,15 +3,15 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from calibkit.arrays import Array
-from calibkit.coefficients import at_least, at_most, over_stated_u
-from calibkit.frame import Log, values
 from calibkit.instruments.bias.compensate import LogFigures
 from calibkit.instruments.bias.drift_choice import Export, LeftOutRates
 from calibkit.instruments.bias.ramps import PreparedLog
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
 from calibkit.numeric.thermal.left_out import split_noise
+from calibkit.records.coefficients import at_least, at_most, over_stated_u
+from calibkit.records.frame import Log, values
 from calibkit.report.overview import KeyValue, Overview, describe_span
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Column, Table

@@ -21,7 +21,22 @@ import numpy as np
 from calibkit import check as checks, units
 from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
-from calibkit.coefficients import (
+from calibkit.errors import FitError
+from calibkit.instruments import Fitted, Progress
+from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
+from calibkit.instruments.bias.figures import ChannelCurves, ThermalReport
+from calibkit.instruments.bias.numeric import choice
+from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
+from calibkit.logs import log_files, write_back
+from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares.fit import linear
+from calibkit.numeric.thermal.evaluate import evaluate_wide
+from calibkit.numeric.thermal.left_out import (
+    blocks_per_figure,
+)
+from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.records.coefficients import (
     Component,
     Criterion,
     Figure,
@@ -32,22 +47,7 @@ from calibkit.coefficients import (
     at_least,
     at_most,
 )
-from calibkit.errors import FitError
-from calibkit.frame import Examined, Finding, Log, Remark, refuse
-from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Fitted, Progress
-from calibkit.instruments.bias import compensate, forms, power_ons, sensitivities, tables
-from calibkit.instruments.bias.figures import ChannelCurves, ThermalReport
-from calibkit.instruments.bias.numeric import choice
-from calibkit.instruments.bias.recipe import EFFECT, GROUP, ThermalRecipe
-from calibkit.numeric import chunks, dispersion
-from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares.fit import linear
-from calibkit.numeric.thermal.evaluate import evaluate_wide
-from calibkit.numeric.thermal.left_out import (
-    blocks_per_figure,
-)
-from calibkit.numeric.thermal.pooled_fit import Stack
+from calibkit.records.frame import Examined, Finding, Log, Remark, refuse
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
@@ -56,12 +56,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.arrays import Array
-    from calibkit.ingest.evidence import Evidence
-    from calibkit.ingest.logs import LogReader
-    from calibkit.ingest.recipe_text import RecipeChoice
-    from calibkit.ingest.write_back import Applied
     from calibkit.instruments.bias.power_ons import PowerOn
+    from calibkit.logs.evidence import Evidence
+    from calibkit.logs.log_files import LogReader
+    from calibkit.logs.recipe_text import RecipeChoice
+    from calibkit.logs.write_back import Applied
+    from calibkit.numeric.arrays import Array
     from calibkit.numeric.thermal.terms import ThermalModel
 
 
@@ -74,7 +74,7 @@ SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis i
 """Channels of the shipped recipe."""
 
 
-def read(spec: ThermalRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
+def read(spec: ThermalRecipe, data: Path, file: str, reader: LogReader = log_files.read_log) -> Log:
     """One log in the recipe's columns."""
     return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 
@@ -109,7 +109,7 @@ def fit(
     """
     raw, logs, flags = [], [], []
     for log in copies.refuse_copies(
-        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+        log_files.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         mended = power_ons.mend_clock(log, spec.thermal)
         findings = _find_faults(spec, mended)

@@ -13,7 +13,6 @@ from calibkit.certificate.quantities import Quantity, ResultLimit, of_figure, st
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Record
 from calibkit.instruments.gyro_noise.forms import (
     ALLAN_DEVIATION,
     PROBABILITY,
@@ -23,6 +22,7 @@ from calibkit.instruments.gyro_noise.forms import (
 from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, GyroNoiseRecipe
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
+from calibkit.records.coefficients import Record
 
 ALLAN = Equation(
     ALLAN_DEVIATION,

@@ -13,10 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit import check, units
-from calibkit.arrays import Array, Integers
-from calibkit.coefficients import Figure, Input
 from calibkit.errors import FitError
-from calibkit.frame import Finding, Log, Remark, values
 from calibkit.instruments.gyro_noise import forms
 from calibkit.instruments.gyro_noise.forms import FigureName
 from calibkit.instruments.gyro_noise.recipe import (
@@ -26,7 +23,10 @@ from calibkit.instruments.gyro_noise.recipe import (
     find_sensor,
 )
 from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.noise import allan, allan_fit
+from calibkit.records.coefficients import Figure, Input
+from calibkit.records.frame import Finding, Log, Remark, values
 
 CASE = "temp_case_degc"
 STEADY_DEGC = 2.0

@@ -11,20 +11,20 @@ import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.words import unit_mark
-from calibkit.coefficients import Criterion, StageResult, at_most
-from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.frame import share_unit
 from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_noise import certificate
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, list_figures
 from calibkit.instruments.gyro_noise.forms import read_name
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.noise.confidence import TYPES
+from calibkit.records.coefficients import Criterion, StageResult, at_most
+from calibkit.records.frame import share_unit
+from calibkit.records.sensitivities import Sensitivity
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
-from calibkit.sensitivities import Sensitivity
 from calibkit.units import known
 
 

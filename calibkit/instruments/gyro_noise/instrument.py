@@ -12,23 +12,23 @@ from typing import Any
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Condition, Figure, Input, Record, StageResult
-from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CalibkitError, FitError, UsageError
-from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.ingest import logs as ingest
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.logs import LogReader
-from calibkit.ingest.recipe_text import RecipeChoice
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_noise import certificate, deviations, forms
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.figures import NoiseReport, summarize, validation_entry
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.left_out import LeftOut
+from calibkit.logs import log_files
+from calibkit.logs.evidence import Evidence
+from calibkit.logs.log_files import LogReader
+from calibkit.logs.recipe_text import RecipeChoice
+from calibkit.logs.write_back import Applied
+from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
+from calibkit.records.coefficients import Condition, Figure, Input, Record, StageResult
+from calibkit.records.frame import Examined, Finding, Log, refuse, values
+from calibkit.records.left_out import LeftOut
+from calibkit.records.sensitivities import Sensitivity
 from calibkit.report.summary import Summary
-from calibkit.sensitivities import Sensitivity
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 REFERENCES = {"inclination_deg", "toolface_deg", "position", "station", "position_deg"}
@@ -50,7 +50,9 @@ results = certificate.results
 KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
 
-def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: LogReader = ingest.read_log) -> Log:
+def read(
+    spec: GyroNoiseRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
+) -> Log:
     """One log in canonical columns; the case temperature is read where the log has it."""
     return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
 
@@ -104,7 +106,7 @@ def fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[NoiseReport]:
     """Estimate the noise of every record."""
-    in_turn = ingest.read_ahead(
+    in_turn = log_files.read_ahead(
         progress(files, "reading and averaging"), lambda file: read(spec, data, file)
     )
     records, result, sensitivities = _estimate(spec, copies.refuse_copies(in_turn))
@@ -175,7 +177,7 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
     with_gravity = spec.model_copy(update={"site": site})
     for file in evidence.group.files:
         try:
-            log = ingest.read_log(
+            log = log_files.read_log(
                 with_gravity, evidence.folder / file, file, ("time_s", *columns), TEMPERATURES
             )
         except CalibkitError:

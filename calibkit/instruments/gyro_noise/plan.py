@@ -8,13 +8,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Record, StageResult
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import UsageError
-from calibkit.frame import Log, values
 from calibkit.instruments.gyro_noise.forms import FigureName, read_name
 from calibkit.instruments.gyro_noise.recipe import GYRO, GyroNoiseRecipe, find_sensor
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.noise.allan_fit import predict_terms
 from calibkit.planning.bench import (
     NOISE,
@@ -29,6 +27,8 @@ from calibkit.planning.bench import (
 from calibkit.planning.equipment import Device
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.coefficients import Record, StageResult
+from calibkit.records.frame import Log, values
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 

@@ -6,7 +6,7 @@ recorder that lost some rows.
 
 import numpy as np
 
-from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_HOUR
+from calibkit.numeric.constants import EARTH_RATE_DPH, SECONDS_PER_HOUR
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 

@@ -16,7 +16,6 @@ from itertools import combinations
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.certificate.blocks import (
     COEFFICIENT_NOTE,
     column_results,
@@ -50,11 +49,12 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import Stated, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
-from calibkit.coefficients import Figure, Model, Record
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Figure, Model, Record
+from calibkit.records.forms import POLYNOMIAL
 
 EQUATIONS = (
     Equation(

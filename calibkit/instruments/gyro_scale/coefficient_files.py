@@ -17,23 +17,30 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Component, Condition, Figure, Model, Parameter, StageResult
-from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, arctan2, length
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import equation, forms, published, table_runs
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.ordering import Ordering
 from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe
 from calibkit.instruments.gyro_scale.table_runs import TableRun
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import DPH_PER_DPS
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
+from calibkit.records.coefficients import (
+    Component,
+    Condition,
+    Figure,
+    Model,
+    Parameter,
+    StageResult,
+)
+from calibkit.records.forms import POLYNOMIAL
 
 Runs = Mapping[str, tuple[TableRun, ...]]
 """Table axis → its runs."""

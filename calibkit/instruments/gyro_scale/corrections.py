@@ -16,16 +16,10 @@ from typing import Any
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array
 from calibkit.certificate.quantities import Quantity
-from calibkit.coefficients import Criterion, Record, over_u
-from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.fit.unseen import unseen
 from calibkit.fit.value import Value
-from calibkit.frame import Log, refuse, require, values
-from calibkit.ingest import logs as ingest, write_back
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments.gyro_scale import (
     certificate,
     fit,
@@ -39,9 +33,15 @@ from calibkit.instruments.gyro_scale.forms import AXES, TEMPERATURE, GyroMatrix,
 from calibkit.instruments.gyro_scale.lines import Lines
 from calibkit.instruments.gyro_scale.published import GJB, IEEE, PPM, FigureName, Line
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroPairRecipe, GyroTriadRecipe
+from calibkit.logs import log_files, write_back
+from calibkit.logs.write_back import Applied
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import DPH_PER_DPS
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe import type_b
+from calibkit.records.coefficients import Criterion, Record, over_u
+from calibkit.records.frame import Log, refuse, require, values
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 
@@ -85,10 +85,10 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
     inertial_dps, triad = 0.0, isinstance(spec, GyroTriadRecipe)
     if isinstance(spec, GyroTriadRecipe):
         required_columns = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
-        log = ingest.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
+        log = log_files.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
     else:
         inertial_dps = forms.read_earth_rate(spec, records, CoefficientError)
-        log = ingest.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *gyros))
+        log = log_files.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *gyros))
         if not {*gyros} & {*log.frame.columns}:
             require(log.file, log.frame.columns, gyros[:1])
     columns, rows, flags = list(log.frame.columns), len(log.frame), [*log.notes]

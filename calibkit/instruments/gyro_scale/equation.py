@@ -28,12 +28,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.constants import DPH_PER_DPS
 from calibkit.fit import orders
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, solve
+from calibkit.numeric.arrays import Array, Integers, Mask
+from calibkit.numeric.constants import DPH_PER_DPS
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import rank

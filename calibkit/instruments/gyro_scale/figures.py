@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.numeric import gum
+from calibkit.records.forms import POLYNOMIAL
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 

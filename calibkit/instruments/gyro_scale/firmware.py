@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import ceil
 
-from calibkit.coefficients import Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain
@@ -36,6 +35,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     RateTableRecipe,
 )
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
+from calibkit.records.coefficients import Record
 
 MARGIN = Fraction(21, 20)
 """Factor by which an indication may exceed that of the fastest fitted rate before its status says

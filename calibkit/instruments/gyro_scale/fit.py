@@ -14,13 +14,9 @@ from itertools import product
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Figure, Model
-from calibkit.constants import DPH_PER_DPS
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
 from calibkit.fit.value import Value
-from calibkit.forms import components_of
 from calibkit.instruments.gyro_scale import (
     equation,
     flags,
@@ -51,9 +47,13 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import DPH_PER_DPS
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.recipe import shared_errors
+from calibkit.records.coefficients import Figure, Model
+from calibkit.records.forms import components_of
 
 SMALL_SINE = 0.01
 """Sine of the angle between the gyros below which two γ do not tell the error of mounting."""

@@ -19,10 +19,8 @@ from typing import Any, Self
 
 import numpy as np
 
-from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError, advise_exclude
 from calibkit.fit.value import Value
-from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation, forms, ordering
 from calibkit.instruments.gyro_scale.coefficient_files import (
     AxesSet,
@@ -42,6 +40,8 @@ from calibkit.instruments.gyro_scale.recipe import (
 from calibkit.instruments.gyro_scale.table_runs import TableRun
 from calibkit.numeric import gum, left_out_run
 from calibkit.recipe import shared_errors
+from calibkit.records.coefficients import Criterion, Figure, at_most
+from calibkit.records.frame import Remark
 
 CHANCE = 0.005
 """Probability with which a gyro of a faultless campaign is named, of all its logs together."""

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Model, Record
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fit.complex_step import Numbers
-from calibkit.forms import POLYNOMIAL, Form, Inputs
 from calibkit.instruments.gyro_scale import equation
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe, OwnAxisRecipe
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Model, Record
+from calibkit.records.forms import POLYNOMIAL, Form, Inputs
 
 SCALE_FILE, ORTHOGONALITY_FILE = "gyro_scale.json", "gyro_orthogonality.json"
 RATE, TEMPERATURE = "table_rate_dps", "temp_case_degc"

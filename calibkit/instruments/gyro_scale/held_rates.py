@@ -17,13 +17,13 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
-from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale.recipe import PlateauSpec
 from calibkit.numeric import chunks, dispersion
+from calibkit.numeric.arrays import Array, Integers, Mask
+from calibkit.numeric.constants import REVOLUTION_DEG
 from calibkit.numeric.dispersion import mad_sigma
+from calibkit.records.frame import Remark
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
 """Standard deviation of normal noise over the 0.2 quantile of its magnitude."""

@@ -12,9 +12,7 @@ import numpy as np
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
-from calibkit.coefficients import Coefficient, Figure, Input, StageResult
 from calibkit.errors import RecipeError
-from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.gyro_scale import (
     coefficient_files,
@@ -30,10 +28,12 @@ from calibkit.instruments.gyro_scale.forms import FORMS
 from calibkit.instruments.gyro_scale.published import GJB, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe
 from calibkit.instruments.gyro_scale.table_runs import TableRun, faults, read
+from calibkit.logs import log_files
+from calibkit.records.coefficients import Coefficient, Figure, Input, StageResult
+from calibkit.records.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
-from calibkit.sensitivities import InputError, Sensitivity, differentiate, of_thermometer
 
 MOVED = {
     forms.RATE: ("rate_dps", "angle_rate_dps"),
@@ -60,7 +60,7 @@ def fit(
                 f"no log about table axis {axis} among {', '.join(files)}",
                 hint="each table axis needs a log: see [pair] or [axes], and [logs] files, exclude",
             )
-    logs = ingest.read_ahead(
+    logs = log_files.read_ahead(
         progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
     )
     # runs about each table axis, in the order of the files

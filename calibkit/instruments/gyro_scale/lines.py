@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.shared import Shared
@@ -22,6 +21,7 @@ from calibkit.fit.value import Value
 from calibkit.instruments.gyro_scale import equation, ordering
 from calibkit.instruments.gyro_scale.published import Line
 from calibkit.instruments.gyro_scale.table_runs import TableRun
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.dispersion import rms
 
 DRIFTS = {

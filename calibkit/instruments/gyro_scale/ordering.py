@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.frame import Remark
 from calibkit.instruments.gyro_scale import equation
 from calibkit.instruments.gyro_scale.published import PPM
+from calibkit.numeric.arrays import Array
+from calibkit.records.frame import Remark
 
 CHANCE, CERTAIN = 1e-4, 20.0
 """Probability of so large an F by chance, and D from which one of both is certain."""

@@ -14,16 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Record, StageResult
-from calibkit.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.errors import FitError, UsageError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.solve import Fit, predict
-from calibkit.frame import Log
 from calibkit.instruments.gyro_scale import equation, forms, simulate, table_runs
 from calibkit.instruments.gyro_scale.published import PPM
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import DPH_PER_DPS, REVOLUTION_DEG, SECONDS_PER_HOUR
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
 from calibkit.planning.bench import (
@@ -46,6 +44,8 @@ from calibkit.planning.bench import (
 from calibkit.planning.equipment import Device
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.coefficients import Record, StageResult
+from calibkit.records.frame import Log
 from calibkit.simulate.campaign import Campaign
 
 Spec = RateTableRecipe | GyroTriadRecipe | GyroPairRecipe

@@ -10,12 +10,12 @@ from dataclasses import replace
 import numpy as np
 
 from calibkit import recipe
-from calibkit.ingest import mapping
-from calibkit.ingest.column_names import LogColumn
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.log_groups import file_patterns
-from calibkit.ingest.recipe_text import RecipeChoice
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.logs import mapping
+from calibkit.logs.column_names import LogColumn
+from calibkit.logs.evidence import Evidence
+from calibkit.logs.log_groups import file_patterns
+from calibkit.logs.recipe_text import RecipeChoice
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
 """Table axis in the name of a log: a single letter, or a letter after a word for axis."""

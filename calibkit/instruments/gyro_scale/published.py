@@ -18,15 +18,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Figure
-from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.errors import FitError
 from calibkit.fit.solve import Fit
 from calibkit.fit.value import Value
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import ARCSECONDS_PER_DEGREE
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import LinearFit, linear, rank
+from calibkit.records.coefficients import Figure
 
 PPM = 1e6
 GJB, IEEE = "GJB 2426A", "IEEE Std 952"

@@ -17,8 +17,8 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import DPH_PER_DPS, EARTH_RATE_DPH
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import DPH_PER_DPS, EARTH_RATE_DPH
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 

@@ -18,17 +18,17 @@ from typing import Literal
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array, Mask
 from calibkit.check.content import finding_of_column
-from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, advise_exclude
-from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale import forms, held_rates
 from calibkit.instruments.gyro_scale.held_rates import HeldMeans
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
+from calibkit.logs import log_files, stated_segments
 from calibkit.numeric import anomalies, chunks, dispersion, earth
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import DPH_PER_DPS
 from calibkit.numeric.dispersion import mad_sigma
+from calibkit.records.frame import Examined, Finding, Held, Log, refuse, values
 
 ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
@@ -89,7 +89,9 @@ class TableRun:
         return float(self.plateaus.temp_degc.mean())
 
 
-def read(spec: AnyRecipe, data: Path, file: str, reader: logs.LogReader = logs.read_log) -> Log:
+def read(
+    spec: AnyRecipe, data: Path, file: str, reader: log_files.LogReader = log_files.read_log
+) -> Log:
     """Read one log of the table in canonical columns; table angle and temperature are optional, and
     times of rows that are means over a held rate each.
     """

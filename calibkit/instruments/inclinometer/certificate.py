@@ -18,9 +18,9 @@ from calibkit.certificate.quantities import (
 from calibkit.certificate.results import Block, Equation
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.records.coefficients import Model, Record
 
 SCALE = Equation(
     SCALE_FORM.name,

@@ -8,13 +8,13 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FrameError
-from calibkit.frame import Finding, Held, Log, require, values
 from calibkit.instruments.inclinometer import published
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.dwells import average_dwells
+from calibkit.records.frame import Finding, Held, Log, require, values
 
 FEWEST = 3
 """Fewest rows of a dwell: the standard error of its mean is estimated from them."""

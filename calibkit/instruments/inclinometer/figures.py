@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import at_most
 from calibkit.instruments import Fitted
 from calibkit.instruments.inclinometer.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import AngleErrors, SolvedStations
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.dispersion import rms
+from calibkit.records.coefficients import at_most
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import DENOISED, GOOD, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview

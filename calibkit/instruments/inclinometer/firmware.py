@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 
-from calibkit.coefficients import Record
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, powers
@@ -10,6 +9,7 @@ from calibkit.firmware.sources import required_record
 from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
+from calibkit.records.coefficients import Record
 
 
 def files(_: InclinometerRecipe) -> tuple[str, ...]:

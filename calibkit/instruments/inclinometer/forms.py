@@ -7,12 +7,12 @@ from typing import Self
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.coefficients import Model
-from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.published import Noise
 from calibkit.instruments.inclinometer.root_choice import ScalePrior
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Model
+from calibkit.records.forms import Form, Inputs
 
 FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"

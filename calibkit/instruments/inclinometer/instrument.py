@@ -14,17 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
-from calibkit.coefficients import Condition, Figure, Input, Record, StageResult, at_most
 from calibkit.errors import CoefficientError, FrameError
-from calibkit.frame import Log, refuse, values
-from calibkit.ingest import logs as ingest, write_back
-from calibkit.ingest.evidence import Evidence
-from calibkit.ingest.logs import LogReader
-from calibkit.ingest.recipe_text import RecipeChoice
-from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.inclinometer import (
     certificate,
@@ -40,10 +32,18 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import ROOT_DISAGREES
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
-from calibkit.left_out import LeftOut
+from calibkit.logs import log_files, write_back
+from calibkit.logs.evidence import Evidence
+from calibkit.logs.log_files import LogReader
+from calibkit.logs.recipe_text import RecipeChoice
+from calibkit.logs.write_back import Applied
+from calibkit.numeric.arrays import Array
+from calibkit.records.coefficients import Condition, Figure, Input, Record, StageResult, at_most
+from calibkit.records.frame import Log, refuse, values
+from calibkit.records.left_out import LeftOut
+from calibkit.records.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 from calibkit.report.summary import Summary
 from calibkit.report.table import number_or_none
-from calibkit.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 
 Recipe = InclinometerRecipe
 KEY_FIGURES = (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)")
@@ -79,7 +79,7 @@ results = certificate.results
 
 
 def read(
-    spec: InclinometerRecipe, data: Path, file: str, reader: LogReader = ingest.read_log
+    spec: InclinometerRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
 ) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns = [
@@ -101,7 +101,7 @@ def fit(
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.refuse_copies(
-            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+            log_files.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
     admitted, findings = inclinometer_stations.admit_logs(logs, spec)

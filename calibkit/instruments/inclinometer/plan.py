@@ -17,12 +17,10 @@ from itertools import product
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.fit.shared import Prior
 from calibkit.fit.solve import Fit, predict
-from calibkit.frame import Log
 from calibkit.instruments.inclinometer import scale_fit, simulate as simulated, stations
 from calibkit.instruments.inclinometer.forms import FILE
 from calibkit.instruments.inclinometer.published import Components
@@ -30,6 +28,7 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.root_choice import estimate_roots, mounting_slopes
 from calibkit.instruments.inclinometer.scale_fit import StationRoots
 from calibkit.numeric import earth
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.planning.bench import (
     LEVELS,
     WITHHELD,
@@ -45,6 +44,7 @@ from calibkit.planning.equipment import Device
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Clock, Schedule
 from calibkit.recipe.tables import ErrorComponent
+from calibkit.records.frame import Log
 from calibkit.simulate.campaign import Campaign
 
 WALK, ACCEL = ("reading", "bias walk"), ("reading", "accelerometer noise")

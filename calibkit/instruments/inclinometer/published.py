@@ -13,11 +13,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.constants import EARTH_RATE_DPH
 from calibkit.fit.complex_step import Numbers, arctan2
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array, Integers, Mask
+from calibkit.numeric.constants import EARTH_RATE_DPH
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""

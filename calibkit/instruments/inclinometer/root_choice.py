@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import Numbers, derivative
 from calibkit.instruments.inclinometer import published
@@ -30,6 +29,7 @@ from calibkit.instruments.inclinometer.published import (
     full_circle,
 )
 from calibkit.instruments.inclinometer.recipe import DepartureSpec, HistorySpec, LimitSpec
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0

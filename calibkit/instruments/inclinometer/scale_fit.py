@@ -14,25 +14,25 @@ from functools import partial
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.coefficients import Component, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.fit import likelihood
 from calibkit.fit.complex_step import Numbers
 from calibkit.fit.orders import average, orders
 from calibkit.fit.shared import Shared
 from calibkit.fit.solve import Fit, solve
-from calibkit.forms import components_of
-from calibkit.frame import Remark
 from calibkit.instruments.inclinometer.forms import MOUNTING, SCALE, TEMPERATURE, ScaleModel
 from calibkit.instruments.inclinometer.published import NO_NOISE, Noise
 from calibkit.instruments.inclinometer.recipe import HistorySpec
 from calibkit.instruments.inclinometer.root_choice import DEFAULT_HISTORY, ScalePrior, Solution
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.polynomial import HIGHEST_ORDER
 from calibkit.recipe.shared_errors import warn_of_few_levels
-from calibkit.sensitivities import InputError
+from calibkit.records.coefficients import Component, Model, Parameter
+from calibkit.records.forms import components_of
+from calibkit.records.frame import Remark
+from calibkit.records.sensitivities import InputError
 
 SPARE = 3
 """Fewest degrees of freedom with which the turn of a gyro is measured."""

@@ -6,8 +6,8 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.numeric import earth
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.simulate.campaign import Campaign
 
 REFERENCE_DEGC = 25.0

@@ -11,8 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.coefficients import Criterion, at_most, over_u
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.fit.unseen import unseen
@@ -28,10 +26,12 @@ from calibkit.instruments.inclinometer.root_choice import (
 )
 from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.stations import Stations
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.dispersion import rms
 from calibkit.recipe.shared_errors import state_sizes
 from calibkit.recipe.type_b import terms_of
+from calibkit.records.coefficients import Criterion, at_most, over_u
 
 TURNED = 5.0
 """Standard uncertainties above which unseen azimuths are turned together; 260 simulated tools had

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array, Integers, Mask
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer import dwells as inclinometer_dwells, published
 from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
@@ -26,9 +22,13 @@ from calibkit.instruments.inclinometer.published import (
     Sensor,
 )
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.logs.column_values import unmap_values
 from calibkit.numeric import attitude
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.attitude import gravity_positive
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.least_squares.fit import undetermined
+from calibkit.records.frame import Examined, Finding, Log, refuse, values
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -13,9 +13,9 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array
 
 RANK_TOLERANCE = 1e-11
 """Smallest singular value, relative to the largest after column scaling, that still counts as

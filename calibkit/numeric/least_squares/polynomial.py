@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
+from calibkit.numeric.arrays import Array
 
 HIGHEST_ORDER = 3
 """Of the polynomials over temperature that are compared."""

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import rms
 
 RESTARTS = 6

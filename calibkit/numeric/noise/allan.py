@@ -15,9 +15,9 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.noise.confidence import (
     Noise,
     chi_square_limits,

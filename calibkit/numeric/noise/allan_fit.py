@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.noise.allan import DeviationCurve, Spacing, averaging_factors
 from calibkit.numeric.noise.confidence import logarithmic_grid
 

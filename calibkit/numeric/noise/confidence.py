@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.numeric.arrays import Array, Integers
 
 Noise = Literal[
     "quantization",

@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal.terms import Drivers
 
 WINDOW_S = 90.0

@@ -16,8 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.numeric import gum
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.flicker import Flicker
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import ThermalLog

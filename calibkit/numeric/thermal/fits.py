@@ -18,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import LeastSquares, Stack, WhitenedRows, sound_blocks

@@ -17,9 +17,9 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.numeric.thermal.fits import Basis, TermSolution, lagged_basis
 from calibkit.numeric.thermal.pooled_fit import Stack, WhitenedRows
 

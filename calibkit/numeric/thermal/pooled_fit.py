@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric import dispersion
+from calibkit.numeric.arrays import Array, Integers, Mask
 from calibkit.numeric.dispersion import MAD_TO_SIGMA, mad_sigma
 from calibkit.numeric.flicker import Turned, kernel
 from calibkit.numeric.intervals import Intervals

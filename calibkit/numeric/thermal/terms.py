@@ -15,8 +15,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Integers
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.thermal.pooled_fit import BlockNoise
 

@@ -23,8 +23,8 @@ import numpy as np
 import pywt
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, did_you_mean
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.numeric.chunks import ranges
 from calibkit.numeric.wavelet.lifting import CACHED, clean_spans, find_wavelet
 from calibkit.numeric.wavelet.shrinkage import (

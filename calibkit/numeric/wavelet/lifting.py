@@ -16,8 +16,8 @@ from functools import cache
 import numpy as np
 import pywt
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError, did_you_mean
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.chunks import ranges
 
 EVEN, ODD = 0, 1

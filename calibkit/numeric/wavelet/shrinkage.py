@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 import pywt
 
-from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]

@@ -21,8 +21,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from calibkit.arrays import Array
-from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.evaluate import (
     Evaluation,

@@ -18,10 +18,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calibkit.arrays import Array
 from calibkit.instruments.bias.numeric import bank as forward, evidence
 from calibkit.instruments.bias.numeric.bank import Bank, BankModel
 from calibkit.instruments.bias.numeric.evidence import FLAT, Gram, Posterior, VariancePrior
+from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.thermal import coil
 from calibkit.numeric.thermal.pooled_fit import BlockNoise, Stack, WhitenedRows

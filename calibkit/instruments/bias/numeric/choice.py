@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
-from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.bias.numeric import bank, bank_fit
 from calibkit.instruments.bias.numeric.bank import OnLevels
 from calibkit.numeric import chunks
+from calibkit.numeric.arrays import Array, Mask
+from calibkit.numeric.constants import SECONDS_PER_MINUTE
 from calibkit.numeric.thermal import evaluate, fits
 from calibkit.numeric.thermal.left_out import (
     CLEARLY,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.numeric.arrays import Array, Integers
 
 ITERATIONS = 40
 LARGEST_STEP = 1.5

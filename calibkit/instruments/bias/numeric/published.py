@@ -26,8 +26,8 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.numeric.arrays import Array, Mask
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit

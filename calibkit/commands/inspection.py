@@ -1,0 +1,215 @@
+"""What stands in logs, before coefficients are written: check and init."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit import instruments, recipe
+from calibkit.check import examination
+from calibkit.check.report import CheckedCampaign, Judgement, Reached
+from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
+from calibkit.libraries.threads import one_thread
+from calibkit.logs import log_files, proposal
+from calibkit.planning import comparison, equipment, search
+from calibkit.planning.bench import COVERAGE, Task
+from calibkit.recipe import type_b
+from calibkit.records import new_files
+from calibkit.records.frame import values
+from calibkit.report import budget, figures
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+    from calibkit.check.report import LogReport
+    from calibkit.instruments import Fitted, Instrument, Progress
+    from calibkit.logs.proposal import ProposedText
+    from calibkit.planning.document import Plan
+    from calibkit.planning.schedule import Schedule
+    from calibkit.records.coefficients import StageResult
+    from calibkit.records.frame import Log
+
+CASE = "temp_case_degc"
+LARGEST_TRIAL = 50_000_000
+"""Bytes of logs up to which a campaign is judged by a fit on trial."""
+
+
+@one_thread()
+def check(
+    source: recipe.Source,
+    data: Path,
+    figure: Path | None = None,
+    progress: Progress = instruments.silent,
+    planned: Plan | None = None,
+) -> CheckedCampaign:
+    """What each log that a recipe would read holds and what is wrong with it, and what the logs
+    determine together; nothing is written but the figure.
+
+    A figure (PDF, one page per log) is written where a path for it is given. Where the recipe is
+    that of a plan, its schedule states what is missing or differs.
+    """
+    if figure is not None:
+        new_files.refuse_existing(figure)
+    spec = instruments.parse_recipe(source)
+    instrument = instruments.find(spec.procedure)
+    with source.placing():
+        files = log_files.find_logs(spec, data)
+        log_files.require_named_logs(spec, files)
+        outcomes = [
+            examination.examine_log(instrument, spec, data, file)
+            for file in progress(files, "checking")
+        ]
+    compared = examination.compare_logs(outcomes)
+    if figure is not None:
+        log_figures = [outcome.figure for outcome in outcomes if outcome.figure is not None]
+        if not log_figures:
+            raise FrameError(
+                f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
+            )
+        with figures.styled():
+            new_files.write_new(
+                figure, figures.pdf([log_figure.draw() for log_figure in log_figures])
+            )
+    reports = []
+    for report in (outcome.report for outcome in outcomes):
+        shared = [finding for log_file, finding in compared if log_file == report.file]
+        reports.append(replace(report, findings=(*report.findings, *shared)))
+    judgement = _judge(instrument, spec, data, files, reports, progress, planned)
+    if planned is not None:
+        missing = _compare(instrument, spec, data, reports, planned.schedule)
+        judgement = replace(judgement, lacks=(*judgement.lacks, *missing))
+    return CheckedCampaign(tuple(reports), judgement)
+
+
+def _compare(
+    instrument: Instrument,
+    spec: recipe.Recipe,
+    data: Path,
+    reports: Sequence[LogReport],
+    schedule: Schedule,
+) -> Iterator[str]:
+    """Actions of a schedule that the logs lack, and those that differ."""
+    refused = {report.file for report in reports if report.refused}
+
+    def read(name: str) -> Log | None:
+        is_readable = (data / name).is_file() and name not in refused
+        return instrument.read(spec, data, name) if is_readable else None
+
+    return comparison.find_differences(schedule, read)
+
+
+def _judge(
+    instrument: Instrument,
+    spec: recipe.Recipe,
+    data: Path,
+    files: Sequence[str],
+    reports: Sequence[LogReport],
+    progress: Progress,
+    planned: Plan | None,
+) -> Judgement:
+    """What the logs of a campaign determine together: by the fit itself, on trial, and with which
+    uncertainty, as a plan judges it.
+    """
+    refused = sum(report.refused for report in reports)
+    if refused:
+        lacks = f"{refused} of {len(reports)} logs refused: mend them, or exclude them"
+        return Judgement((), (lacks,), exports=False, exit_code=FrameError.exit_code)
+    size = sum((data / file).stat().st_size for file in files if (data / file).is_file())
+    if size > LARGEST_TRIAL:
+        lacks = f"{size / 1e6:,.0f} MB of logs are not fitted on trial: see fit --dry-run"
+        return Judgement((), (lacks,), exports=None)
+    try:
+        fitted = instrument.fit(spec, data, files, progress)
+        results = budget.name_results(fitted.results)
+        type_b.require_known(spec.type_b, (*results, *spec.own_columns()))
+    except (FrameError, FitError, LogFormatError, RecipeError) as error:
+        plannable = (
+            isinstance(error, FitError)
+            and instruments.optional(spec.procedure, "prepare_plan") is not None
+        )
+        cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
+        return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
+    determined = tuple(_describe(result) for result in fitted.results)
+    reached = _predict(instrument, spec, data, files, fitted, planned)
+    missed = (
+        f"{prediction}: calibkit plan RECIPE --have {data} plans what is missing"
+        for prediction in reached
+        if prediction.wanted is not None and prediction.expanded_uncertainty > prediction.wanted
+    )
+    return Judgement(
+        determined,
+        (*fitted.lacks, *missed),
+        exports=fitted.exports,
+        verdict=fitted.summary.verdict,
+        predicted=reached,
+    )
+
+
+def _predict(
+    instrument: Instrument,
+    spec: recipe.Recipe,
+    data: Path,
+    files: Sequence[str],
+    fitted: Fitted[Any],
+    planned: Plan | None,
+) -> tuple[Reached, ...]:
+    """Uncertainty of results that logs tell over the range of a plan, else over their own: with
+    noise and shared errors as the fit found them, others as on the sample bench. Empty for what is
+    not planned, or not determined.
+    """
+    prepare = instruments.optional(spec.procedure, "prepare_plan")
+    if prepare is None:
+        return ()
+    logs = tuple(instrument.read(spec, data, file) for file in files)
+    range_degc = planned.range_degc if planned else None
+    logged = [values(log.frame, CASE) for log in logs if CASE in log.frame.columns]
+    if range_degc is None and any(degc.size for degc in logged):
+        degc = np.concatenate(logged)
+        range_degc = float(np.nanmin(degc)), float(np.nanmax(degc))
+    earlier = {f"{result.stage}.json": result for result in fitted.results}
+    bench = equipment.read_equipment(None)
+    try:
+        task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
+        predictions = search.judge(prepare(spec, task))
+    except (UsageError, FitError, FrameError):
+        return ()
+    targets = planned.wanted if planned else {}
+    return tuple(
+        Reached(
+            *(result.name, result.unit, result.expanded, COVERAGE, range_degc, result.limits),
+            targets.get(result.name),
+        )
+        for result in predictions
+    )
+
+
+def _describe(result: StageResult) -> str:
+    """A stage of a fit and its models by name, or how many there are of anything."""
+    names = [model.name for model in result.models]
+    if not names:
+        return f"{result.stage} ({len(result.figures)} figures)"
+    return f"{result.stage} ({', '.join(names) if len(names) < 5 else f'{len(names)} models'})"
+
+
+def init(folder: Path, sheet: str = "") -> ProposedText:
+    """Commented recipe for the logs of a folder, with what check finds in the first of them."""
+    proposers = [
+        propose
+        for procedure in instruments.list_usable()
+        if (propose := instruments.optional(procedure, "propose")) is not None
+    ]
+    parse, skeleton = instruments.parse_recipe, instruments.SKELETON
+    proposed = proposal.propose(folder, parse, proposers, skeleton, sheet)
+    spec = parse(recipe.Source("proposed recipe", proposed.text))
+    instrument, file = instruments.find(spec.procedure), log_files.find_logs(spec, folder)[0]
+    try:
+        report = examination.examine_log(instrument, spec, folder, file).report
+    except RecipeError as error:  # something that is not in the logs, like the site's gravity
+        check_lines = [str(error)]
+    else:
+        check_lines = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [visible(f"# check of {file}: {x}") for part in check_lines for x in part.splitlines()]
+    return replace(proposed, text="\n".join([*lines, proposed.text]))

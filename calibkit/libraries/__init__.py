@@ -1,0 +1,1 @@
+"""What calibkit takes from other packages: optional libraries, plugins, templates, threads."""

@@ -1,0 +1,301 @@
+"""A log and its second logger, joined: the second logger's columns on the clock of the log."""
+
+import fnmatch
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from calibkit.errors import FitError, FrameError
+from calibkit.logs import clocks, mapping, stamps
+from calibkit.numeric.arrays import Array, Integers, Mask
+from calibkit.readers import in_memory
+from calibkit.recipe import Recipe
+from calibkit.recipe.logs import Logs
+from calibkit.recipe.tables import SecondLogger
+from calibkit.records.frame import Log, values
+
+_GAIN = 0.1
+"""Departure from 1 of the gain between two sensors of one quantity that is noted."""
+_HOW_RELATED = {"same": "one clock", "stated": "stated", "estimate": "estimated"}
+"""[chamber] clock → how the two clocks are related, in words."""
+_PROBE = "shared_quantity"
+"""Name under which the log's own column of the shared quantity is read."""
+
+
+def exclude_second_logger(chamber: SecondLogger, logs: Sequence[str], folder: Path) -> list[str]:
+    """Logs that are not the second logger's own files."""
+    second_files = {
+        path.relative_to(folder).as_posix()
+        for pattern in chamber.files
+        for path in _match(folder, pattern.replace("{log}", "*"))
+    }
+    first_logs = [name for name in logs if name not in second_files]
+    if not first_logs:
+        raise FrameError(
+            f"{folder}: every log matches [chamber] files too",
+            hint="make [logs] files and [chamber] files differ",
+        )
+    return first_logs
+
+
+def _match(folder: Path, pattern: str) -> list[Path]:
+    """Files of a folder, or frames in memory, that a pattern matches."""
+    frames_in_memory = in_memory.match(folder, pattern)
+    return frames_in_memory or [path for path in folder.glob(pattern) if path.is_file()]
+
+
+def read_joined(
+    recipe: Recipe,
+    chamber: SecondLogger,
+    path: Path,
+    file: str,
+    required_columns: Sequence[str],
+    optional: Sequence[str],
+) -> Log:
+    """Read one log with the columns of its second logger; raises FitError where the two clocks
+    cannot be related, otherwise as `mapping.read_file`.
+    """
+    names = _find_files(chamber, path, file)
+    if not names:
+        complete_log = _read_complete(recipe, path, file, required_columns, optional)
+        if complete_log is not None:
+            return complete_log
+    if len(names) != 1:
+        matches_text = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
+        raise FrameError(
+            f"{file}: [chamber] files matches {matches_text}, expected the one of this log",
+            hint=(
+                'it lies in the folder of the log; name it with "{log}" in place of the log\'s name'
+            ),
+        )
+    first, probe = _read_first(recipe, chamber, path, file, required_columns, optional)
+    second = _read_second(recipe, chamber, path.parent / names[0])
+    begins = stamps.relate_origins(first, second, same_clock=chamber.clock == "same")
+    if begins:
+        second = replace(second, frame=second.frame.assign(time_s=second.frame["time_s"] + begins))
+    if probe:
+        second = _crop(second, values(first.frame, "time_s"), chamber)
+    clock = _relate_clocks(chamber, first, probe, second, begins)
+    return _join(first, second, clock, chamber, (*required_columns, *optional))
+
+
+def _join(
+    first: Log,
+    second: Log,
+    clock: clocks.Clocks,
+    chamber: SecondLogger,
+    columns: Sequence[str],
+) -> Log:
+    """The log with the second logger's values at its own times; rows without one are left out."""
+    time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
+    second_columns, joined = _take(chamber, second, on_a, time)
+    frame = first.frame.assign(**second_columns)
+    lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
+    places = _place_lost_rows(time, on_a, lost)
+    frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
+    if frame.empty:
+        raise stamps.nothing_common(first, time, second.file, on_a)
+    u = clock.largest_uncertainty(values(second.frame, "time_s"))
+    overlap = stamps.describe_overlap(first, time[~lost]) + _state_offset(chamber, clock, second)
+    return replace(
+        first,
+        overlap=overlap,
+        clock=None if chamber.clock == "same" else (clock.offset_s, u),
+        second_logger_sha256=second.sha256,
+        lost=(*first.lost, *_lost(first, second.file, places)),
+        frame=frame,
+        notes=(
+            *first.notes,
+            *_note_lost_rows(places, second.file),
+            *(f"{second.file}: {note}" for note in second.notes),
+        ),
+        reading=(
+            *(overlap, *first.reading, joined),
+            *_describe_clock(chamber, clock, second),
+            *second.reading,
+        ),
+        plugins=tuple(dict.fromkeys((*first.plugins, *second.plugins))),
+    )
+
+
+def _take(
+    chamber: SecondLogger, second: Log, on_a: Array, time: Array
+) -> tuple[dict[str, Array], str]:
+    """Values [n] of the second logger's columns at the times [n, s] of a log, from its own on the
+    log's clock [m, s], and a text on how they were taken.
+    """
+    if np.any(np.diff(on_a) <= 0.0):
+        raise FrameError(
+            f"{second.file}: its time does not increase",
+            hint="sort or split the file, or repair its clock",
+        )
+    steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
+    take, how = clocks.resample, "linear between its rows at"
+    if steps[1] >= 2.0 * steps[0]:
+        take, how = clocks.average, "means about"
+    return {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}, (
+        f"{', '.join(chamber.provides)} from {second.file} (sha256 {second.sha256},"
+        f" {second.rows} rows of {steps[0]:.4g} s): {how} the log's rows of {steps[1]:.4g} s"
+    )
+
+
+def _read_first(
+    recipe: Recipe,
+    chamber: SecondLogger,
+    path: Path,
+    file: str,
+    required_columns: Sequence[str],
+    optional: Sequence[str],
+) -> tuple[Log, str]:
+    """Read the log itself, without the columns of the second logger, and the name that the shared
+    quantity has in it ("" where none is needed).
+    """
+    log_columns = [name for name in required_columns if name not in chamber.provides]
+    optional_columns = [name for name in optional if name not in chamber.provides]
+    if "time_s" not in log_columns:
+        log_columns.append("time_s")
+    if chamber.clock != "estimate" or chamber.log_column is None:
+        return mapping.read_file(recipe, path, file, log_columns, optional_columns), ""
+    probe = f"{_PROBE}_{chamber.shared.rsplit('_', 1)[-1]}"
+    probed = recipe.model_copy(update={"columns": {**recipe.columns, probe: chamber.log_column}})
+    return mapping.read_file(probed, path, file, [*log_columns, probe], optional_columns), probe
+
+
+def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
+    """Files of the second logger that belong to a log."""
+    log = mapping.log_name(PurePosixPath(file).name)
+    patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
+    return sorted(
+        candidate.name
+        for candidate in in_memory.match(path.parent, "*")
+        or filter(Path.is_file, path.parent.iterdir())
+        if any(fnmatch.fnmatchcase(candidate.name, file_pattern) for file_pattern in patterns)
+    )
+
+
+def _read_complete(
+    recipe: Recipe, path: Path, file: str, required_columns: Sequence[str], optional: Sequence[str]
+) -> Log | None:
+    """Read a log that has every column itself, as one from the place of use may; None for
+    another.
+    """
+    try:
+        log = mapping.read_file(recipe, path, file, required_columns, optional)
+    except FrameError:
+        return None
+    return replace(
+        log, notes=(*log.notes, "every column is in the log itself: no second logger was read")
+    )
+
+
+def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
+    """Read the second logger's file in canonical columns, without rows that lack a value."""
+    logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
+    second_recipe = recipe.model_copy(
+        update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None}
+    )
+    columns = list(dict.fromkeys(filter(None, ("time_s", *chamber.provides, chamber.shared))))
+    second = mapping.read_file(second_recipe, path, path.name, columns)
+    finite = np.isfinite(second.frame[columns].to_numpy(dtype=np.float64))
+    complete_rows = finite.all(axis=1)
+    if complete_rows.all():
+        return second
+    bad = [name for name, complete in zip(columns, finite.all(axis=0), strict=True) if not complete]
+    note = f"{int((~complete_rows).sum())} rows without a value of {', '.join(bad)} left out"
+    return replace(second, frame=second.frame[complete_rows], notes=(*second.notes, note))
+
+
+def _crop(second: Log, time_a: Array, chamber: SecondLogger) -> Log:
+    """A file of the whole day, without the hours that are far from the log's times [n, s]: its
+    clock is wanted where the log is.
+    """
+    low, high = (time_a[k] - chamber.offset_s for k in (0, -1))
+    near_log = second.frame["time_s"].between(low - chamber.search_s, high + chamber.search_s)
+    return replace(second, frame=second.frame[near_log]) if near_log.any() else second
+
+
+def _relate_clocks(
+    chamber: SecondLogger, first: Log, probe: str, second: Log, begins: float
+) -> clocks.Clocks:
+    """Clock of the second logger against that of the log: the same, stated or estimated, as the
+    recipe says. A stated drift counts from the second logger's own second 0, `begins`.
+    """
+    if not probe:
+        covariance = np.diag([(chamber.standard_uncertainty_s or 0.0) ** 2, 0.0])
+        return clocks.Clocks(
+            chamber.offset_s, chamber.drift_ppm * 1e-6, covariance, begins, 1.0, 0.0, 0
+        )
+    time_b = values(second.frame, "time_s")
+    try:
+        clock = clocks.estimate_clock(
+            values(first.frame, "time_s"),
+            values(first.frame, probe),
+            time_b,
+            values(second.frame, chamber.shared),
+            near_s=chamber.offset_s,
+            search_s=chamber.search_s,
+            drift=chamber.drift,
+        )
+    except FitError as error:
+        raise FitError(f"{first.file}, {second.file}: {error.message}", hint=error.hint) from None
+    worst = clock.largest_uncertainty(time_b)
+    if worst > chamber.max_uncertainty_s:
+        raise FitError(
+            f"{first.file}, {second.file}: the clocks are known to {worst:.2g} s (standard"
+            f" uncertainty at the worse end), expected {chamber.max_uncertainty_s:g} s or better",
+            hint=(
+                "log a change that both loggers see, set drift = false, or raise max_uncertainty_s"
+                " in [chamber]"
+            ),
+        )
+    return clock
+
+
+def _place_lost_rows(time: Array, on_a: Array, lost: Mask) -> dict[str, Mask]:
+    """Where rows of the log have no value of the second logger → which of them."""
+    before, after = time < on_a[0], time > on_a[-1]
+    places = {
+        "before its start": lost & before,
+        "after its end": lost & after,
+        "in its gaps": lost & ~(before | after),
+    }
+    return {place: rows for place, rows in places.items() if rows.any()}
+
+
+def _lost(first: Log, file: str, places: Mapping[str, Mask]) -> Iterator[tuple[str, Integers]]:
+    """Why rows of the log are lost, and their numbers in its index."""
+    numbers = first.frame.index.to_numpy()
+    for place, rows in places.items():
+        yield f"no value of {file}: {place}", numbers[rows]
+
+
+def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
+    """Note on the rows of the log without a value of the second logger: how many, and why."""
+    counts = {place: int(rows.sum()) for place, rows in places.items()}
+    parts = ", ".join(f"{count} {place}" for place, count in counts.items())
+    note = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
+    return (note,) if counts else ()
+
+
+def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:
+    """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
+    offset_s, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
+    offset_text = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
+    return f"; clock of {second.file} {offset_text} ({_HOW_RELATED[chamber.clock]})"
+
+
+def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:
+    """Texts on the clock of the second logger, for run.json."""
+    clock_text = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
+    if chamber.clock != "same":
+        u = clock.standard_uncertainty
+        clock_text += (
+            f", standard uncertainty {u[0]:.2g} s, at {clock.middle_s:.6g} s; drift"
+            f" {clock.drift * 1e6:+.4g} ppm"
+        )
+        clock_text += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
+    if chamber.clock == "estimate" and abs(clock.gain - 1.0) > _GAIN:
+        return (clock_text, f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
+    return (clock_text,)

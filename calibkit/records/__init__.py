@@ -1,0 +1,1 @@
+"""What calibkit keeps: frames, coefficient files and run folders, sealed and written whole."""
