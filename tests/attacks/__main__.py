@@ -83,8 +83,8 @@ def attack_silently(folder, share):
 
 def attack_signed(folder, share):
     """Rows of the table on signed certificates; what passes as intact is a fault."""
-    import authority
     from attacks import documents, signed
+    from outputs import authority
 
     issuer = authority.Authority("Stamp authority", 500)
     own = authority.Authority().issue(folder / "own.p12")
@@ -111,8 +111,8 @@ def attack_signed(folder, share):
 
 def attack_forged(folder, share):
     """Rows of the table on what strangers wrote: runs, names, files, marks, signatures."""
-    import authority
     from attacks import forged, signed
+    from outputs import authority
 
     count = round(1000 * share)
     exported, bad = forged.attack_runs(folder / "runs", count, 11)

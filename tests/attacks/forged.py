@@ -12,7 +12,6 @@ import subprocess
 import tomllib
 from pathlib import Path
 
-import authority
 from attacks import documents, signed
 from calibkit import instruments, recipe
 from calibkit.certificate import certify, countersign, signature_trust, verify_signature
@@ -20,6 +19,7 @@ from calibkit.certificate.signing_key import Key
 from calibkit.commands import inspection, pipeline
 from calibkit.errors import CalibkitError, RecipeError
 from calibkit.records import sealed, store
+from outputs import authority
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

@@ -9,11 +9,11 @@ import re
 import warnings
 from pathlib import Path
 
-import authority
 from calibkit import cli
 from calibkit.certificate import sign
 from calibkit.certificate.signing_key import PASSPHRASE, Key
 from calibkit.errors import CalibkitError
+from outputs import authority
 
 ROOT = Path(__file__).resolve().parents[2]
 PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"

@@ -1,0 +1,421 @@
+"""K-factor: scale factor, zero offset and cross-axis terms of a triad over temperature, ten
+coefficients an axis.
+"""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer import determination, published
+from calibkit.instruments.accelerometer.equation import name_terms
+from calibkit.instruments.accelerometer.fit import list_results
+from calibkit.instruments.accelerometer.triad import solve_triad
+from calibkit.numeric import attitude
+from calibkit.numeric.least_squares import fit as least_squares
+from fits.triad_dwells import WHITE, collect, expanded, fit_triad, recipe, uncertainties, values
+
+AUTHORITY = json.loads((Path(__file__).parents[1] / "authorities" / "accel_k.json").read_text())
+ROWS = np.array(AUTHORITY["rows"])
+TEMPERATURE, ANGLES, INDICATION = ROWS[:, 0], ROWS[:, 1:3], ROWS[:, 3:]
+REFERENCE = attitude.gravity_vector(*ANGLES.T)
+TRUTH = np.array([AUTHORITY["expected"][f"accel_{axis}"] for axis in "xyz"])
+NOISE_G = 2e-5
+GRID_DEGC = (-20, -5, 10, 25, 45, 65, 85, 105, 125)
+K_ONLY = {"affine": {"enabled": False}, "compensation": "k"}
+PLAIN = recipe(loss="least_squares", errors=WHITE)
+
+
+def indications_of_k(coefficients, reference, temperature):
+    """Indications [n, 3] that the coefficients K [3, 10] correct to the reference [n, 3]."""
+    powers = np.vander(temperature, 4, increasing=True)
+    matrix = np.zeros((len(temperature), 3, 3))
+    target = np.empty((len(temperature), 3, 1))
+    for i, (first, second) in enumerate(published.CROSS):
+        matrix[:, i, i] = powers @ coefficients[i, :4]
+        matrix[:, i, first], matrix[:, i, second] = -coefficients[i, 8], -coefficients[i, 9]
+        target[:, i, 0] = reference[:, i] + powers @ coefficients[i, 4:8]
+    return np.linalg.solve(matrix, target)[:, :, 0]
+
+
+def corrected_by(k, indication, temperature):
+    """Corrected components [n, 3] by K0 … K9 [3, 10]."""
+    parts = [published.columns(indication, temperature, i) @ k[i] for i in range(3)]
+    return np.column_stack(parts)
+
+
+def simulated(seed, *, truth=TRUTH, noise=NOISE_G, temperature=TEMPERATURE, reference=REFERENCE):
+    """Indications of the K model with white noise."""
+    rng = np.random.default_rng(seed)
+    return indications_of_k(truth, reference, temperature) + rng.normal(0.0, noise, reference.shape)
+
+
+def grid(temperatures, angles):
+    """Temperatures [n] and attitudes [n, 2] of every attitude at every temperature."""
+    angle = np.tile(np.array(angles, dtype=float), (len(temperatures), 1))
+    return np.repeat(np.array(temperatures, dtype=float), len(angles)), angle
+
+
+def gravity(angle):
+    """Reference vectors [n, 3] at attitudes [n, 2]."""
+    return attitude.gravity_vector(*np.transpose(angle))
+
+
+def measured(seed, temperature, angle, **options):
+    """Dwells of a triad of the K model."""
+    indicated = simulated(seed, temperature=temperature, reference=gravity(angle), **options)
+    return collect(indicated, temperature, angle)
+
+
+def scores(fitted, truth=TRUTH):
+    """Errors [3, 10] of K over their standard uncertainties, 0 where not fitted."""
+    u = np.array([uncertainties(model) for model in fitted.k])
+    error = np.array([values(model) for model in fitted.k]) - truth
+    return np.divide(error, u, out=np.zeros_like(u), where=u > 0.0)
+
+
+@pytest.fixture(scope="module")
+def plain_fits():
+    """Fits of the worked example's dwells with noise of twenty-four seeds."""
+    return [fit_triad(collect(simulated(n), TEMPERATURE, ANGLES), PLAIN) for n in range(24)]
+
+
+@pytest.mark.parametrize("loss", ["least_squares", "robust"])
+def test_published_coefficients_come_out_of_the_worked_example(loss):
+    """All thirty coefficients are reproduced to 1e-10 of their own size, the tiny K3 and K7
+    included, and no dwell is suspect.
+    """
+    fitted = fit_triad(collect(INDICATION, TEMPERATURE, ANGLES), recipe(loss=loss))
+    for model, expected in zip(fitted.k, TRUTH, strict=True):
+        np.testing.assert_allclose(values(model), expected, rtol=1e-10, atol=0.0)
+    assert fitted.triad.suspects == ()
+
+
+def test_correction_is_the_published_sum_term_by_term():
+    """The corrected components equal the equation written out with loops and letters, and the
+    reference.
+    """
+    twin = np.empty_like(INDICATION)
+    for row, (temperature, indicated) in enumerate(zip(TEMPERATURE, INDICATION, strict=True)):
+        x, y, z = indicated
+        for axis, (own, first, second) in enumerate(((x, y, z), (y, z, x), (z, x, y))):
+            K = TRUTH[axis]
+            scale = sum(K[k] * temperature**k for k in range(4))
+            zero = sum(K[4 + k] * temperature**k for k in range(4))
+            twin[row, axis] = own * scale - zero - K[8] * first - K[9] * second
+    corrected = corrected_by(TRUTH, INDICATION, TEMPERATURE)
+    np.testing.assert_allclose(corrected, twin, atol=1e-15)  # g
+    np.testing.assert_allclose(corrected, REFERENCE, atol=1e-14)  # g
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=30, deadline=None)
+def test_indications_and_correction_undo_each_other(seed):
+    """For any small K, correcting what the model indicates gives the reference back."""
+    truth = np.random.default_rng(seed).normal(0.0, 1e-2, (3, 10)) * np.array(
+        [1, 1e-2, 1e-4, 1e-6] * 2 + [1, 1]
+    )
+    truth[:, 0] += 1.0
+    indicated = indications_of_k(truth, REFERENCE, TEMPERATURE)
+    np.testing.assert_allclose(
+        corrected_by(truth, indicated, TEMPERATURE), REFERENCE, atol=1e-13
+    )  # g
+
+
+def test_scaled_temperature_keeps_the_design_well_conditioned():
+    """The condition number is below 20 in mapped temperature and above a million in raw degrees."""
+    raw = published.columns(INDICATION, TEMPERATURE, 0)
+    assert np.linalg.cond(raw) > 1e6
+    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3)
+    triad = solve_triad(
+        collect(INDICATION, TEMPERATURE, ANGLES), terms, PLAIN, loss="least_squares"
+    )
+    assert triad.fit.condition < 20.0
+
+
+@pytest.mark.parametrize(
+    ("temperatures", "expected"), [((25,), 4), ((-20, 125), 6), ((-20, 50, 125), 8)]
+)
+def test_rank_grows_with_the_temperatures(temperatures, expected):
+    """One temperature determines four coefficients of an axis, two determine six, three eight, four
+    all ten.
+    """
+    few, many = grid(temperatures, ANGLES[:20]), grid((*temperatures, 0, 10, 20, 30), ANGLES[:20])
+    ranks = [
+        least_squares.rank(published.columns(gravity(angle), temperature / 100.0, 0))
+        for temperature, angle in (few, many)
+    ]
+    assert ranks == [expected, 10]
+
+
+def test_three_temperatures_are_refused_by_name_with_reason_and_remedy():
+    """The refusal names K3 and K7, counts temperatures, and the dwells that it proposes do
+    determine all ten.
+    """
+    temperature, angle = grid((-20, 25, 125), ANGLES[:20])
+    with pytest.raises(FitError) as refused:
+        fit_triad(measured(0, temperature, angle), PLAIN)
+    message = refused.value.message
+    assert "accel_x: K3, K7; accel_y: K3, K7; accel_z: K3, K7" in message
+    assert "60 dwells at 3 distinct temperatures (-20, 25, 125 °C; order 3 needs 4)" in message
+    assert "add dwells at more temperatures" in refused.value.hint
+
+
+@pytest.mark.parametrize(
+    ("angles", "loose"),
+    [
+        ([(45, 0), (45, 120)], "accel_x: K8, K9"),
+        ([(45, 0), (45, 120), (135, 0)], "accel_x: K8; accel_y: K9; accel_z: K9"),
+        (
+            [(45, roll) for roll in range(0, 360, 45)],
+            "accel_x: K9; accel_y: K8; accel_z: K4, K5, K6, K7",
+        ),
+    ],
+)
+def test_sweeps_at_too_few_attitudes_are_refused_by_name(angles, loose):
+    """A continuous sweep at two attitudes leaves two coefficients of x open, at three, or any on
+    one cone, one.
+    """
+    temperature, angle = grid(np.linspace(-20.0, 125.0, 200), angles)
+    with pytest.raises(FitError) as refused:
+        fit_triad(measured(0, temperature, angle), PLAIN)
+    assert loose in refused.value.message
+    assert "add dwells on the six faces" in refused.value.hint
+
+
+def test_two_attitudes_and_a_sweep_determine_scale_and_zero():
+    """Without cross-axis terms, two attitudes over a continuous sweep are enough, and the truth
+    comes out.
+    """
+    truth = TRUTH.copy()
+    truth[:, 8:] = 0.0
+    temperature, angle = grid(np.linspace(-20.0, 125.0, 300), [(54.7, 45), (125.3, 225)])
+    spec = recipe(loss="least_squares", k={"cross": False}, **K_ONLY)
+    fitted = fit_triad(measured(1, temperature, angle, truth=truth), spec)
+    assert np.max(np.abs(scores(fitted, truth))) < 4.0
+    assert np.all(uncertainties(fitted.k[0])[8:] == 0.0)
+
+
+def test_a_chamber_that_wanders_about_its_set_point_is_one_temperature():
+    """Scatter of 0.2 °C at one set point does not pass for four temperatures, however full it makes
+    the matrix.
+    """
+    temperature, angle = grid((25.0,) * 5, ANGLES[:20])
+    wandering = temperature + np.random.default_rng(3).uniform(-0.2, 0.2, temperature.size)
+    assert least_squares.rank(published.columns(gravity(angle), wandering - 25.0, 0)) == 10
+    with pytest.raises(FitError, match="at 1 distinct temperatures"):
+        fit_triad(measured(0, wandering, angle), PLAIN)
+
+
+def test_noise_of_the_indications_does_not_pass_for_attitudes():
+    """Toolfaces at one inclination are refused although the noise makes the columns of the
+    indications independent.
+    """
+    temperature, angle = grid((-20, 25, 60, 90, 125), [(60, roll) for roll in range(0, 360, 30)])
+    noisy = measured(4, temperature, angle)
+    assert least_squares.rank(published.columns(noisy.indication, temperature / 100.0, 0)) == 10
+    with pytest.raises(FitError, match="accel_z: K4"):
+        fit_triad(noisy, PLAIN)
+
+
+def test_logged_table_noise_does_not_pass_for_attitudes():
+    """Toolfaces at one inclination stay one cone when the table's own scatter of 0.01° is logged
+    with them.
+    """
+    temperature, angle = grid((-20, 25, 60, 90, 125), [(60, roll) for roll in range(0, 360, 30)])
+    logged = angle + np.random.default_rng(15).normal(0.0, 0.01, angle.shape)
+    assert least_squares.rank(published.columns(gravity(logged), temperature / 100.0, 2)) == 10
+    with pytest.raises(FitError, match="accel_z: K4"):
+        fit_triad(measured(15, temperature, logged), PLAIN)
+
+
+def test_lower_orders_fit_what_three_temperatures_can_say():
+    """Orders lowered to 2 leave K3 and K7 at zero, without uncertainty, and fit the rest."""
+    truth = TRUTH.copy()
+    truth[:, [3, 7]] = 0.0
+    temperature, angle = grid((-20, 25, 125), ANGLES[:20])
+    spec = recipe(
+        loss="least_squares", k={"scale_order": 2, "zero_order": 2}, errors=WHITE, **K_ONLY
+    )
+    fitted = fit_triad(measured(5, temperature, angle, truth=truth), spec)
+    assert np.max(np.abs(scores(fitted, truth))) < 4.0
+    assert all(values(model)[3] == uncertainties(model)[7] == 0.0 for model in fitted.k)
+
+
+def test_axes_can_have_terms_of_their_own():
+    """One axis without cross-axis terms leaves the others theirs, and what it lacks is named."""
+    y = {"scale_order": 1, "zero_order": 2, "cross": False}
+    spec = recipe(loss="least_squares", k={"y": y}, **K_ONLY)
+    fitted = fit_triad(collect(simulated(6), TEMPERATURE, ANGLES), spec)
+    numbers = [np.flatnonzero(uncertainties(model)).tolist() for model in fitted.k]
+    assert numbers == [list(range(10)), [0, 1, 4, 5, 6], list(range(10))]
+    assert spec.k.not_fitted == ("accel_y: K2, K3, K7, K8, K9 not fitted, taken as 0",)
+    assert set(spec.k.not_fitted) <= set(fitted.results[0].flags)
+
+
+def test_every_coefficient_lies_within_four_uncertainties_and_the_residual_is_the_noise():
+    """With 20 µg noise and exact angles all K are within 4 u and the residual rms within 5 % of the
+    noise.
+    """
+    spots = [
+        (0, 0),
+        *((tilt, roll) for tilt in (30, 60, 90, 120, 150) for roll in range(0, 360, 45)),
+        (180, 0),
+    ]
+    for seed in range(3):
+        fitted = fit_triad(measured(seed, *grid(GRID_DEGC, spots)), PLAIN)
+        assert np.max(np.abs(scores(fitted))) < 4.0
+        rms = np.sqrt(np.mean([model.residual_rms**2 for model in fitted.k]))
+        assert rms == pytest.approx(NOISE_G, rel=0.05)
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth(plain_fits):
+    """Over simulated sets the 95 % intervals cover 93 to 97 % of all coefficients."""
+    covered = [
+        np.abs(values(model) - k) <= expanded(model)
+        for fitted in plain_fits
+        for model, k in zip(fitted.k, TRUTH, strict=True)
+    ]
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+@pytest.mark.slow
+def test_weights_by_dwell_noise_make_the_fit_better_and_honest():
+    """Where half of the dwells are ten times noisier, weighting shrinks the errors and the
+    intervals still hold.
+    """
+    noise = np.where(np.arange(len(ROWS)) % 2, NOISE_G, 10.0 * NOISE_G)
+    covered = []
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        indicated = simulated(seed, noise=0.0) + noise[:, None] * rng.normal(size=REFERENCE.shape)
+        fitted = fit_triad(collect(indicated, TEMPERATURE, ANGLES, noise=noise), PLAIN)
+        covered.append(np.abs(scores(fitted)) < 1.97)
+    plain = fit_triad(collect(indicated, TEMPERATURE, ANGLES), PLAIN)
+    assert np.all(uncertainties(fitted.k[0]) < 0.4 * uncertainties(plain.k[0]))
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def test_weights_of_one_axis_leave_the_others_alone():
+    """Standard errors [n, 3] weight each axis's own K."""
+    noise = np.full((len(ROWS), 3), NOISE_G)
+    noise[:60, 1] *= 10.0
+    indicated = simulated(8)
+    plain, weighted = (
+        fit_triad(collect(indicated, TEMPERATURE, ANGLES, noise=n), PLAIN) for n in (None, noise)
+    )
+    np.testing.assert_allclose(values(weighted.k[0]), values(plain.k[0]), rtol=1e-9)
+    moved = np.abs(values(weighted.k[1]) - values(plain.k[1])) / uncertainties(plain.k[1])
+    assert np.max(moved) > 0.1
+
+
+def misaligned(seed):
+    """Dwells without errors, and as a bench gives them, of a triad turned by 3 mrad in its case,
+    whose scale factors change by 3 % over seven soaks; the table's index is off by 0.01° in each
+    attitude.
+    """
+    rng = np.random.default_rng(seed)
+    spots = [(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 45)), (180, 0)]
+    temperature, angle = grid(np.linspace(-40.0, 125.0, 7), spots)
+    turn = 3e-3 * rng.normal(size=3)
+    cross = np.cross(np.eye(3), turn) + rng.normal(0.0, 3e-4, (3, 3)) * (1.0 - np.eye(3))
+    warm = (temperature - 42.5) / 82.5
+    scale = (1.0 + rng.normal(0.0, 3e-3, 3)) * (1.0 + 0.015 * np.outer(warm, [1.0, 0.9, 1.1]))
+    zero = rng.normal(0.0, 3e-3, 3) + np.outer(warm, rng.normal(0.0, 1e-3, 3))
+    stood = angle + np.tile(rng.normal(0.0, 0.01, (len(spots), 2)), (7, 1))
+    clean, noisy = (
+        (gravity(at) @ np.linalg.inv(np.eye(3) - cross).T + zero) / scale for at in (angle, stood)
+    )
+    noisy = noisy + rng.normal(0.0, NOISE_G, noisy.shape)
+    return collect(clean, temperature, angle), collect(noisy, temperature, angle)
+
+
+@pytest.mark.slow
+def test_cross_terms_of_a_misaligned_triad_are_in_their_uncertainty():
+    """K8 and K9 beside an index error and a scale factor that changes: the K of the same dwells
+    without errors is within U in nine of ten cases.
+    """
+    covered = []
+    for seed in range(12):
+        clean, noisy = misaligned(seed)
+        fitted = fit_triad(noisy, recipe(loss="least_squares"))
+        for axis, model in enumerate(fitted.k):
+            design = published.columns(clean.indication, clean.temperature, axis)
+            truth = np.linalg.lstsq(design, clean.reference[:, axis])[0]
+            covered.append((np.abs(values(model) - truth) <= expanded(model))[8:])
+    assert np.mean(covered) >= 0.9
+
+
+@pytest.mark.slow
+def test_stated_variance_of_the_correction_is_that_of_many_fits(plain_fits):
+    """The variance of corrected components matches the scatter over repeated calibrations."""
+    exact = indications_of_k(TRUTH, REFERENCE, TEMPERATURE)
+    k = np.array([[values(model) for model in fitted.k] for fitted in plain_fits])
+    scatter = np.var([corrected_by(one, exact, TEMPERATURE) for one in k], axis=0)
+    stated = np.zeros_like(scatter)
+    for axis in range(3):
+        design = published.columns(exact, TEMPERATURE, axis)
+        covariance = np.mean([fitted.k[axis].covariance for fitted in plain_fits], axis=0)
+        stated[:, axis] = np.einsum("ij,jk,ik->i", design, covariance, design)
+    assert np.mean(scatter / stated) == pytest.approx(1.0, abs=0.1)
+
+
+def robust_k(dwells):
+    """The triad by its robust fit, and K of its axes."""
+    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3)
+    triad = solve_triad(dwells, terms, recipe(), loss="robust")
+    return triad, list_results(triad, dwells, recipe())[0].models
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Dwells without an outlier, and K of their axes."""
+    dwells = measured(10, *grid(GRID_DEGC, ANGLES[:20]))
+    return dwells, robust_k(dwells)[1]
+
+
+@pytest.mark.parametrize("size_g", [2e-4, 1e-3, 0.05, 1.0, 50.0])
+def test_one_wild_dwell_in_a_hundred_moves_no_coefficient_by_its_uncertainty(clean, size_g):
+    """A dwell that is spoilt by ten sigmas or more is named and moves nothing by more than a
+    standard uncertainty.
+    """
+    dwells, untouched = clean
+    rng = np.random.default_rng([11, int(1e4 * size_g)])
+    wild = rng.choice(len(dwells.place), len(dwells.place) // 100 + 1, replace=False)
+    indicated = dwells.indication.copy()
+    indicated[wild] += size_g * rng.choice([-1.0, 1.0], (wild.size, 3))
+    triad, k = robust_k(replace(dwells, indication=indicated))
+    for before, after in zip(untouched, k, strict=True):
+        assert np.max(np.abs(values(after) - values(before)) / uncertainties(before)) < 1.0
+    assert set(wild.tolist()) <= set(triad.suspects)
+
+
+def test_a_dwell_with_a_mistyped_toolface_is_named():
+    """A wrong reference, not a wrong indication, is found as well."""
+    angle = ANGLES.copy()
+    angle[37, 1] += 50.0
+    fitted = fit_triad(collect(simulated(12), TEMPERATURE, angle), recipe())
+    assert fitted.triad.suspects == (37,)
+    assert np.max(np.abs(scores(fitted))) < 4.0
+
+
+def test_dwells_that_leave_no_residual_are_refused():
+    """Without a residual nothing judges the fit, and zero is no uncertainty."""
+    temperature, angle = grid((-20, 30, 80, 125), [(0, 0), (90, 0), (90, 90)])
+    with pytest.raises(FitError, match="12 dwells for 36 parameters"):
+        fit_triad(measured(0, temperature, angle), recipe(k={"enabled": False}))
+
+
+def test_temperatures_a_step_apart_are_distinct_and_a_sweep_counts_its_steps():
+    """Levels open a step above the last one, in any order of the rows, and each row is counted to
+    one level.
+    """
+    levels, level = determination.distinct_temperatures(np.array([25.0, -20.0, 25.4, 60.0, -19.7]))
+    np.testing.assert_allclose(levels, [-19.85, 25.2, 60.0])
+    np.testing.assert_allclose(level, [25.2, -19.85, 25.2, 60.0, -19.85])
+    assert determination.distinct_temperatures(np.linspace(0.0, 100.0, 5001))[0].size == 101

@@ -1,0 +1,206 @@
+"""Q-factor: non-orthogonality of a triad, exact and small-angle."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer import published
+from calibkit.instruments.accelerometer.equation import name_terms
+from calibkit.numeric import attitude
+from fits.triad_dwells import WHITE, collect, expanded, fit_triad, recipe, uncertainties, values
+
+AUTHORITY = json.loads((Path(__file__).parents[1] / "authorities" / "accel_q.json").read_text())
+AXES = np.array(AUTHORITY["axes"])
+EXACT = published.exact_matrix(published.small_angles(AXES))
+SPOTS = np.array(
+    [(0, 0), (180, 0), *((tilt, roll) for tilt in (45, 90, 135) for roll in range(0, 360, 60))],
+    float,
+)
+REFERENCE = attitude.gravity_vector(*SPOTS.T)
+Q = np.array([-0.0143, 0.00887303, -0.0121])  # rad
+
+small = st.floats(-0.1, 0.1)
+
+
+def turned(angles):
+    """Rotation by three angles about x, y, z, one after the other."""
+    matrix = np.eye(3)
+    for axis, angle in enumerate(angles):
+        i, j = [(1, 2), (2, 0), (0, 1)][axis]
+        part = np.eye(3)
+        part[i, i] = part[j, j] = np.cos(angle)
+        part[i, j], part[j, i] = -np.sin(angle), np.sin(angle)
+        matrix = part @ matrix
+    return matrix
+
+
+def small_angle_matrix(coefficients):
+    """Small-angle Q [3, 3] of the source: G_y' = Q3 G_x + G_y; G_z' = Q2 G_x + Q1 G_y + G_z."""
+    q1, q2, q3 = coefficients
+    return np.array([[1.0, 0.0, 0.0], [q3, 1.0, 0.0], [q2, q1, 1.0]])
+
+
+def fit_q(indicated, spots=SPOTS, *, noise=None):
+    """Q of a triad at one temperature, and the constant triad."""
+    orders = {"scale_order": 0, "bias_order": 0, "cross_order": 0}
+    spec = recipe(loss="least_squares", k={"enabled": False}, affine=orders)
+    fitted = fit_triad(collect(indicated, 0.0, spots, noise=noise), spec)
+    return fitted.q, {one.name: one.value for one in fitted.affine.coefficients}
+
+
+def test_published_matrices_come_out_of_the_axes():
+    """Exact and small-angle Q of the worked example agree to 1e-12."""
+    np.testing.assert_allclose(EXACT, AUTHORITY["Q_exact"], atol=1e-12)
+    q = published.small_angles(AXES)
+    np.testing.assert_allclose(q, [AUTHORITY[name] for name in published.Q_NAMES], rtol=1e-12)
+    np.testing.assert_allclose(small_angle_matrix(q), AUTHORITY["Q_small_angle"], atol=1e-12)
+
+
+def test_exact_correction_gives_the_true_components():
+    """Components measured along the axes of the worked example become orthogonal ones to 1e-12."""
+    corrected = np.array(AUTHORITY["measured"]) @ EXACT.T
+    np.testing.assert_allclose(corrected, AUTHORITY["true"], atol=1e-12)
+
+
+def test_exact_form_is_the_published_recursion():
+    """The matrix does what v1, v2, v3 say, line by line."""
+    for m in np.array(AUTHORITY["measured"]):
+        _, y, z = AXES
+        v1 = m[0]
+        v2 = (m[1] - y[0] * v1) / y[1]
+        v3 = (m[2] - z[0] * v1 - z[1] * v2) / z[2]
+        np.testing.assert_allclose(EXACT @ m, [v1, v2, v3], atol=1e-14)
+
+
+@given(st.tuples(small, small, small))
+def test_axes_and_small_angles_say_the_same(q):
+    """Q1, Q2, Q3 give axes of unit length that give Q1, Q2, Q3 back."""
+    axes = published.axes_from_angles(np.array(q))
+    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(published.small_angles(axes), q, atol=1e-15)
+
+
+@given(st.tuples(small, small, small), st.tuples(*[st.floats(-3, 3)] * 3))
+def test_q_is_the_same_in_any_mounting(q, angles):
+    """A turn of the triad changes none of its angles."""
+    turned_axes = published.axes_from_angles(np.array(q)) @ turned(angles)
+    np.testing.assert_allclose(published.small_angles(turned_axes), q, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "ye2", "ze3"), [(5.0, 0.996, 0.992), (1.0, 0.99985, 0.99970)]
+)
+def test_small_angle_form_loses_what_the_source_says(angle_deg, ye2, ze3):
+    """At ±5° and ±1° the diagonal that the small-angle form takes for 1 is as published; at 1° that
+    costs 0.3 mg.
+    """
+    sine = np.sin(np.radians(angle_deg))
+    axes = published.axes_from_angles(np.array([-sine, sine * sine - sine, -sine]))
+    assert axes[1, 1] == pytest.approx(ye2, abs=5e-4 if angle_deg > 2 else 5e-6)
+    assert axes[2, 2] == pytest.approx(ze3, abs=5e-4 if angle_deg > 2 else 6e-6)
+    if angle_deg < 2:
+        down = np.array([[0.0, 0.0, 1.0]])
+        indicated = down @ axes.T
+        corrected = indicated @ small_angle_matrix(published.small_angles(axes)).T
+        lost = corrected[0, 2] - 1.0
+        assert lost == pytest.approx(-3.05e-4, abs=1e-5)  # g
+
+
+def test_fit_recovers_a_triad_in_a_fixture():
+    """Scale, zero, mounting and Q come out together from exact dwells, Q to 1e-12 rad."""
+    rotation, scale, bias = (
+        turned((0.01, -0.02, 0.03)),
+        np.array([1.01, 0.98, 1.003]),
+        np.array([1e-3, -2e-3, 3e-3]),
+    )
+    axes = published.axes_from_angles(Q)
+    q, triad = fit_q(scale * (REFERENCE @ (axes @ rotation).T) + bias)
+    names = "xyz"
+    cross = np.array([[triad.get(f"c_{i}{j}", 0.0) for j in names] for i in names])
+    k, z = (np.array([triad[f"{kind}_{i}0"] for i in names]) for kind in "kz")
+    sensitivity = np.linalg.inv((np.eye(3) - cross) * k)
+    turned_axes = sensitivity / np.linalg.norm(sensitivity, axis=1)[:, None]
+    np.testing.assert_allclose(values(q), Q, atol=1e-12)
+    np.testing.assert_allclose(turned_axes, axes @ rotation, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(sensitivity, axis=1), scale, rtol=1e-12)
+    np.testing.assert_allclose(z / k, bias, atol=1e-12)
+
+
+def test_unit_diagonal_least_squares_is_another_number():
+    """A least-squares fit of the unit-diagonal form to exact data differs in the fourth digit: ours
+    is from the axes.
+    """
+    indicated = REFERENCE @ AXES.T
+    q1 = np.linalg.lstsq(indicated[:, :2], REFERENCE[:, 2] - indicated[:, 2], rcond=None)[0][1]
+    assert abs(q1 / AUTHORITY["Q1"] - 1.0) > 5e-5
+    assert values(fit_q(indicated)[0])[0] == pytest.approx(AUTHORITY["Q1"], rel=1e-9)
+
+
+def test_intervals_of_q_cover_the_truth():
+    """Over simulated sets the 95 % intervals of Q1, Q2, Q3 cover 93 to 97 %."""
+    rng = np.random.default_rng(1)
+    indicated = 1.02 * (REFERENCE @ published.axes_from_angles(Q).T) + 0.01
+    fits = [fit_q(indicated + rng.normal(0.0, 2e-5, REFERENCE.shape))[0] for _ in range(100)]
+    covered = [np.abs(values(q) - Q) <= expanded(q) for q in fits]
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def test_q_is_that_of_every_temperature():
+    """Q at the recipe's temperature is that of the axes there, with an interval that holds it."""
+    temperature, spots = np.repeat([-20.0, 30.0, 80.0, 125.0], 20), np.tile(SPOTS, (4, 1))
+    warm = (temperature - 52.5) / 72.5
+    axes = [published.axes_from_angles(Q + 3e-4 * t) for t in warm]
+    gravity = np.tile(REFERENCE, (4, 1))
+    indicated = np.einsum("nij,nj->ni", axes, gravity) * [1.01, 0.99, 1.02]
+    indicated += np.random.default_rng(6).normal(0.0, 2e-5, gravity.shape)
+    spec = recipe(
+        loss="least_squares", k={"enabled": False}, errors=WHITE, reference_temp_degc=80.0
+    )
+    q = fit_triad(collect(indicated, temperature, spots), spec).q
+    assert [one.value for one in q.parameters if one.name == "temperature"] == [80.0]
+    assert np.all(np.abs(values(q) - Q - 3e-4 * 27.5 / 72.5) < 4.0 * uncertainties(q))
+    assert np.all(uncertainties(q) < 2e-5)  # rad
+
+
+def test_weights_hold_noisy_dwells_back():
+    """Dwells with a hundred-millionth of the weight hardly move Q."""
+    rng = np.random.default_rng(2)
+    indicated = REFERENCE @ published.axes_from_angles(Q).T
+    indicated[:4] += rng.normal(0.0, 1e-2, (4, 3))
+    noise = np.ones(len(SPOTS))
+    noise[:4] = 1e4
+    plain, weighted = (values(fit_q(indicated, noise=n)[0]) for n in (None, noise))
+    assert np.max(np.abs(weighted - Q)) < 1e-8  # rad
+    assert np.max(np.abs(plain - Q)) > 1e-4  # rad
+
+
+def test_a_reversed_axis_is_refused():
+    """A triad with one sign wrong is left-handed, and said to be."""
+    with pytest.raises(FitError, match="left-handed"):
+        fit_q(REFERENCE * [1.0, -1.0, 1.0])
+
+
+def test_axes_in_one_plane_are_refused():
+    """The axis of z, by its cross-axis term, along that of y."""
+    terms = name_terms((0,) * 3, (0,) * 3, (0,) * 3)
+    p = terms.start()
+    p[terms.names.index("c_zy")] = 1e5
+    with pytest.raises(FitError, match="one plane"):
+        terms.at_temperature(p, 0.0)
+
+
+def test_attitudes_on_one_cone_are_refused():
+    """Toolfaces at one inclination do not separate the zero from the sensitivity."""
+    cone = SPOTS[:, 0] == 45.0
+    with pytest.raises(FitError, match=r"accel_z: .*z_z0|accel_z: c_zx"):
+        fit_q(REFERENCE[cone], SPOTS[cone])
+
+
+def test_impossible_angles_are_refused():
+    """Degrees given for radians are no unit axes."""
+    with pytest.raises(FitError, match="no unit axes"):
+        published.axes_from_angles(np.array([0.8, 0.5, 1.2]))

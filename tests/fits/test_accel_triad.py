@@ -1,0 +1,349 @@
+"""The triad over temperature: every entry a polynomial, higher orders and nuisance angles as
+options, against vectors and against the length of gravity.
+"""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.spatial.transform import Rotation
+
+from calibkit.errors import FitError
+from calibkit.fit.complex_step import derivative
+from calibkit.instruments.accelerometer import equation
+from calibkit.instruments.accelerometer.equation import AXES, name_terms, read_terms
+from calibkit.instruments.accelerometer.triad import solve_triad
+from calibkit.numeric import attitude
+from fits.triad_dwells import WHITE, collect, fit_triad, recipe
+
+AUTHORITY = json.loads((Path(__file__).parents[1] / "authorities" / "accel_k.json").read_text())
+ROWS = np.array(AUTHORITY["rows"])
+TEMPERATURE, ANGLES, INDICATION = ROWS[:, 0], ROWS[:, 1:3], ROWS[:, 3:]
+REFERENCE = attitude.gravity_vector(*ANGLES.T)
+MIDDLE, HALF = 52.5, 72.5  # °C
+MAPPED = (TEMPERATURE - MIDDLE) / HALF
+NOISE_G = 2e-5
+SIZES = {"k": 5e-3, "z": 5e-3, "c": 5e-3, "n": 1e-4, "tilt": 2e-3, "fixture": 1e-2}
+PLAIN = recipe(loss="least_squares", errors=WHITE)
+
+
+def of_orders(scale, cross, zero, **options):
+    """Terms whose orders of temperature are those of all axes."""
+    return name_terms((scale,) * 3, (zero,) * 3, (cross,) * 3, **options)
+
+
+EVERYTHING = of_orders(
+    2, 1, 2, triangular=True, second_order=True, third_order=True, tilt=True, fixture=True
+)
+
+
+def drawn(terms, seed):
+    """Parameters for mapped temperature, of the size that triads have."""
+    size = np.array([SIZES[kind] for kind in terms.kind]) * 0.3**terms.power
+    return terms.start() + size * np.random.default_rng(seed).normal(size=size.size)
+
+
+def indications(terms, p, gravity, noise_seed=None):
+    """Indications [n, 3] that the equation corrects to gravity [n, 3], by fixed-point iteration,
+    with noise where a seed is given.
+    """
+    indication = gravity.copy()
+    for _ in range(60):
+        indication = indication - (terms.corrected(p, indication, MAPPED) - gravity)
+    if noise_seed is None:
+        return indication
+    return indication + np.random.default_rng(noise_seed).normal(0.0, NOISE_G, gravity.shape)
+
+
+def solved(indication, terms, spec=PLAIN, *, loss="least_squares", **options):
+    """Terms fitted to indications at the temperatures and attitudes of the worked example."""
+    dwells = collect(indication, TEMPERATURE, ANGLES, **options)
+    return solve_triad(dwells, terms, spec, loss=loss)
+
+
+def tool_rotation():
+    """Rotations [n, 3, 3] from the table's base to the tool."""
+    inclination, toolface = np.radians(ANGLES).T
+    turns = Rotation.from_euler("ZY", -np.column_stack([toolface, inclination]))
+    return turns.as_matrix()
+
+
+def scores(triad, truth):
+    """Errors over standard uncertainties, for mapped temperature."""
+    return (triad.fit.parameters - truth) / np.sqrt(np.diag(triad.fit.covariance))
+
+
+def test_equation_written_out_in_loops():
+    """(1) and (2), entry by entry, in powers of °C."""
+    coefficients = {"k_x0": 1.01, "k_x1": 2e-5, "k_y0": 0.99, "k_z0": 1.0, "z_x0": 1e-3}
+    coefficients |= {"z_y1": 2e-5, "z_z3": 1e-9, "c_xy": 3e-3, "d_zx": 1e-6}
+    coefficients |= {"n_x_xx": 1e-5, "n_y_yz": -2e-5, "n_z_zzz": 3e-5}
+    rows = []
+    for t, indicated in zip(TEMPERATURE, INDICATION, strict=True):
+        a = {}
+        for i, G in zip("xyz", indicated, strict=True):
+            k = sum(coefficients.get(f"k_{i}{n}", 0.0) * t**n for n in range(4))
+            z = sum(coefficients.get(f"z_{i}{n}", 0.0) * t**n for n in range(4))
+            a[i] = G * k - z
+        row = []
+        for i in "xyz":
+            g = a[i]
+            for j in "xyz":
+                c = coefficients.get(f"c_{i}{j}", 0.0) + coefficients.get(f"d_{i}{j}", 0.0) * t
+                g -= c * a[j]
+            for name, value in coefficients.items():
+                if name.startswith(f"n_{i}_"):
+                    g += value * np.prod([a[j] for j in name[4:]])
+            row.append(g)
+        rows.append(row)
+    p = np.array(list(coefficients.values()))
+    corrected = read_terms(tuple(coefficients)).corrected(p, INDICATION, TEMPERATURE)
+    np.testing.assert_allclose(corrected, rows, atol=1e-14)  # g
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_derivatives_are_those_of_central_differences(seed):
+    """The Jacobian of the equation agrees with differences to 1e-8."""
+    p = drawn(EVERYTHING, seed)
+    slopes = derivative(lambda q: EVERYTHING.corrected(q, INDICATION[:30], MAPPED[:30]), p)
+    for k, step in enumerate(1e-5 * np.eye(len(p))):
+        above, below = (
+            EVERYTHING.corrected(at, INDICATION[:30], MAPPED[:30]) for at in (p + step, p - step)
+        )
+        np.testing.assert_allclose(slopes[..., k], (above - below) / 2e-5, atol=1e-8)
+
+
+def test_nuisance_rotations_are_rotations():
+    """The fixture's matrix is the rotation by its vector, and the derivative of gravity by a tilt
+    that of differences.
+    """
+    for vector in ([0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 2.0, -1.5]):
+        matrix = equation.rotation(np.array(vector))
+        np.testing.assert_allclose(matrix, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
+    tilt, tool = np.array([0.2, -0.1]), tool_rotation()[:5]
+    slopes = derivative(lambda q: equation.tilted_gravity(tool, q), tilt)
+    for k, step in enumerate(1e-5 * np.eye(2)):
+        above, below = (equation.tilted_gravity(tool, at) for at in (tilt + step, tilt - step))
+        np.testing.assert_allclose(slopes[..., k], (above - below) / 2e-5, atol=1e-9)
+
+
+def test_names_are_read_back():
+    """Every parameter that can be fitted has a name that means it."""
+    for triangular in (False, True):
+        options = dict.fromkeys(("second_order", "third_order", "tilt", "fixture"), True)
+        terms = of_orders(3, 1, 3, triangular=triangular, **options)
+        again = read_terms(terms.names)
+        assert again.names == terms.names
+        assert again.units == terms.units
+    with pytest.raises(FitError, match="no parameter 'c_xw'"):
+        read_terms(("c_xw",))
+
+
+def test_everything_at_once_comes_out_of_one_fit():
+    """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is
+    the noise.
+    """
+    truth = drawn(EVERYTHING, 1)
+    tilt, turn = (truth[EVERYTHING.kind == kind] for kind in ("tilt", "fixture"))
+    down = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    gravity = (tool_rotation() @ down) @ Rotation.from_rotvec(turn).as_matrix()
+    indicated = indications(EVERYTHING, truth, gravity, 2)
+    options = dict.fromkeys(("second_order", "third_order", "tilt", "fixture"), True)
+    spec = recipe(loss="least_squares", errors=WHITE, affine=options)
+    triad = solved(indicated, EVERYTHING, spec)
+    assert np.max(np.abs(scores(triad, truth))) < 4.0
+    assert np.sqrt(np.mean(triad.noise**2)) == pytest.approx(NOISE_G, rel=0.06)
+    assert triad.fit.condition < 30.0
+    mapped = EVERYTHING.corrected(triad.fit.parameters, indicated, MAPPED)
+    raw = EVERYTHING.corrected(triad.to_degrees @ triad.fit.parameters, indicated, TEMPERATURE)
+    np.testing.assert_allclose(raw, mapped, atol=1e-13)  # g
+
+
+@pytest.mark.slow
+def test_intervals_cover_the_truth():
+    """Over simulated sets the 95 % intervals cover 93 to 97 % of the parameters."""
+    terms, covered = of_orders(2, 1, 2), []
+    for seed in range(25):
+        truth = drawn(terms, seed)
+        triad = solved(indications(terms, truth, REFERENCE, seed), terms)
+        value = triad.fit.of(lambda p: p)
+        covered.append(np.abs(triad.fit.parameters - truth) <= 1.96 / 2.0 * value.expanded)
+    assert 0.93 <= np.mean(covered) <= 0.97
+
+
+def test_tilt_is_an_error_of_the_table_unless_it_is_fitted():
+    """A base tilted by 0.1° is kept as an error, so that the cross-axis terms hold it in U; as a
+    nuisance it comes out itself.
+    """
+    tilt = np.array([1.7e-3, -0.9e-3])  # rad
+    down = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
+    terms = of_orders(3, 1, 3)
+    truth = drawn(terms, 14)
+    indicated = indications(terms, truth, tool_rotation() @ down, 3)
+    triad = solved(indicated, terms)
+    kept = {size.error.name: size.value for size in triad.fit.shared}
+    assert 0.5e-3 < kept["table tilt"] < 4e-3  # rad
+    assert np.max(np.abs(scores(triad, truth))) < 4.0
+    assert triad.noise == pytest.approx(np.full(3, NOISE_G), rel=0.15)
+    spec = recipe(loss="least_squares", errors=WHITE, affine={"tilt": True})
+    triad = solved(indicated, of_orders(3, 1, 3, tilt=True), spec)
+    u = np.sqrt(np.diag(triad.fit.covariance))[-2:]
+    assert np.all(np.abs(triad.fit.parameters[-2:] - tilt) < 4.0 * u)
+    assert np.all(u < 1e-5)  # rad
+
+
+def test_fixture_angles_come_out_however_crooked_the_triad():
+    """Mounting and non-orthogonality are told apart: angles to 1e-10 rad from exact dwells."""
+    terms = of_orders(1, 0, 1, triangular=True, fixture=True)
+    truth = drawn(terms, 4)
+    truth[-3:] = [0.05, -0.12, 0.2]
+    exact = indications(terms, truth, REFERENCE @ Rotation.from_rotvec(truth[-3:]).as_matrix())
+    spec = recipe(loss="least_squares", affine={"fixture": True})
+    np.testing.assert_allclose(
+        solved(exact, terms, spec).fit.parameters[-3:], truth[-3:], atol=1e-10
+    )
+
+
+def test_conditions_that_leave_parameters_open_are_refused_by_name():
+    """One temperature, or one cone, leaves entries open: they are named, and what to add."""
+    room, cone = TEMPERATURE == 25.0, ANGLES[:, 0] == 45.0
+    spec = recipe(loss="least_squares", k={"enabled": False})
+    for rows, message in (
+        (room, r"accel_x: d_xy, d_xz, k_x1, k_x2, k_x3, z_x1, z_x2, z_x3"),
+        (cone, r"accel_z: .*z_z0"),
+    ):
+        few = collect(INDICATION[rows], TEMPERATURE[rows], ANGLES[rows])
+        with pytest.raises(FitError, match=message) as refused:
+            fit_triad(few, spec)
+        assert "add dwells " in refused.value.hint
+
+
+def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
+    """Scale and zero over temperature come from two opposite attitudes while the temperature
+    sweeps.
+    """
+    terms = of_orders(3, -1, 3)
+    temperature = np.tile(np.linspace(-20.0, 125.0, 300), 2)
+    angles = np.repeat([[54.7, 45.0], [125.3, 225.0]], 300, axis=0)
+    u = (temperature - MIDDLE) / HALF
+    scale = np.polynomial.polynomial.polyval(u, [1.0, 4e-3, -2e-3, 1e-3])[:, None]
+    zero = np.polynomial.polynomial.polyval(u, [2e-3, -3e-3, 1e-3])[:, None]
+    indicated = (attitude.gravity_vector(*angles.T) + zero) / scale
+    indicated += np.random.default_rng(7).normal(0.0, NOISE_G, indicated.shape)
+    triad = solve_triad(collect(indicated, temperature, angles), terms, PLAIN, loss="least_squares")
+    k, z = np.tile([1.0, 4e-3, -2e-3, 1e-3], 3), np.tile([2e-3, -3e-3, 1e-3, 0.0], 3)
+    truth = np.concatenate([k, z])
+    assert np.max(np.abs(scores(triad, truth))) < 4.0
+
+
+def test_a_wild_dwell_is_named_and_moves_nothing():
+    """The robust fit names the dwell, not the rows of its axes, and stays within an uncertainty."""
+    terms = of_orders(2, 0, 2)
+    indicated = indications(terms, drawn(terms, 8), REFERENCE, 9)
+    before = solved(indicated, terms, loss="robust")
+    indicated[17] += [0.01, -0.02, 0.3]
+    after = solved(indicated, terms, loss="robust")
+    assert after.suspects == (17,)
+    assert np.max(np.abs(scores(after, before.fit.parameters))) < 1.0
+    assert np.sqrt(np.mean(after.noise**2)) == pytest.approx(NOISE_G, rel=0.08)
+
+
+def test_weights_hold_noisy_dwells_back():
+    """Weighting by dwell noise shrinks the uncertainty of every parameter."""
+    noise = np.where(np.arange(len(ROWS)) % 2, NOISE_G, 20.0 * NOISE_G)
+    rng = np.random.default_rng(10)
+    indicated = INDICATION + rng.normal(size=INDICATION.shape) * noise[:, None]
+    plain, weighted, of_axes = (
+        np.sqrt(np.diag(solved(indicated, of_orders(3, 1, 3), noise=n).fit.covariance))
+        for n in (None, noise, np.tile(noise, (3, 1)).T)
+    )
+    assert np.all(weighted < 0.5 * plain)
+    np.testing.assert_array_equal(of_axes, weighted)
+
+
+@pytest.mark.slow
+def test_covariance_of_the_correction_is_that_of_many_fits():
+    """The stated covariance of corrected components matches the scatter over repeated
+    calibrations.
+    """
+    terms = of_orders(1, 0, 1)
+    exact = indications(terms, drawn(terms, 11), REFERENCE)
+    corrected, stated = [], []
+    for seed in range(60):
+        noisy = exact + np.random.default_rng(seed).normal(0.0, NOISE_G, exact.shape)
+        triad = solved(noisy, terms)
+        corrected.append(terms.corrected(triad.fit.parameters, exact, MAPPED))
+        slopes = derivative(lambda p: terms.corrected(p, exact, MAPPED), triad.fit.parameters)
+        stated.append(np.mean(np.einsum("nip,pq,niq->ni", slopes, triad.fit.covariance, slopes)))
+    scatter = np.mean(np.var(corrected, axis=0, ddof=1))
+    assert scatter == pytest.approx(np.mean(stated), rel=0.12)
+
+
+def test_lengths_alone_give_scale_and_zero_over_temperature():
+    """Without attitudes, a triangular model over temperature is within 4 u of its truth, a wild
+    dwell is named, and one temperature is refused.
+    """
+    lengths = recipe(loss="least_squares", reference={"kind": "magnitude"})
+    terms = of_orders(2, 0, 2, triangular=True)
+    truth = drawn(terms, 12)
+    indicated = indications(terms, truth, REFERENCE, 13)
+
+    def fitted(temperature, loss):
+        return solve_triad(collect(indicated, temperature), terms, lengths, loss=loss)
+
+    triad = fitted(TEMPERATURE, "least_squares")
+    assert np.max(np.abs(scores(triad, truth))) < 4.0
+    assert triad.residuals.shape == (len(ROWS), 1)
+    wandering = 25.0 + np.random.default_rng(14).uniform(-0.2, 0.2, len(ROWS))
+    with pytest.raises(FitError, match="1 distinct temperatures do not determine order 2"):
+        fitted(wandering, "least_squares")
+    indicated[5] *= 1.5
+    assert fitted(TEMPERATURE, "robust").suspects == (5,)
+
+
+FACES = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)], dtype=float)
+
+
+def faces(seed, *, wild):
+    """Six faces at seven temperatures, each face set up about 0.01° wrong, the same way every time,
+    and the matrix of the triad.
+    """
+    rng = np.random.default_rng(seed)
+    angles, temperature = np.tile(FACES, (7, 1)), np.repeat(np.linspace(-40.0, 85.0, 7), 6)
+    turned = Rotation.from_rotvec(np.tile(rng.normal(0.0, 1.75e-4, (6, 3)), (7, 1)))
+    matrix = np.eye(3) + 1e-3 * rng.normal(size=(3, 3))
+    zero = np.outer((temperature - 22.5) / 62.5, 1e-3 * rng.normal(size=3))
+    indicated = turned.apply(attitude.gravity_vector(*angles.T)) @ matrix.T + zero
+    indicated += rng.normal(0.0, NOISE_G, (42, 3))
+    if wild:
+        indicated[11, 1] += 0.05
+    return collect(indicated, temperature, angles), matrix
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_faces_that_are_set_up_wrong_are_kept_and_named_as_what_they_are(seed):
+    """The robust fit drops no face: its axes are within 700 µrad as those of least squares, though
+    one wild dwell is among them; that dwell is the first suspect, and hardly another is one.
+    """
+    for terms in (of_orders(1, 0, 1), of_orders(3, 1, 3)):
+        dwells, matrix = faces(seed, wild=seed > 3)
+        triad = solve_triad(dwells, terms, recipe(), loss="robust")
+        named = dict(zip(terms.names, triad.fit.parameters, strict=True))
+        cross = [[named.get(f"c_{i}{j}", 0.0) for j in AXES] for i in AXES]
+        scale = np.array([named[f"k_{i}0"] for i in AXES])
+        sensitivity = np.linalg.inv(np.eye(3) - cross) / scale[:, None]
+        assert np.max(np.abs(sensitivity - matrix)) < 7e-4
+        assert triad.suspects[:1] == ((11,) if seed > 3 else ())
+        assert len(triad.suspects) <= 2
+
+
+def test_a_robust_fit_of_exact_dwells_is_exact():
+    """Without noise the robust fit comes to rest at the truth, to 12 digits, and accuses nobody."""
+    terms = of_orders(3, 1, 3)
+    truth = drawn(terms, 3)
+    triad = solved(indications(terms, truth, REFERENCE), terms, recipe(), loss="robust")
+    np.testing.assert_allclose(triad.fit.parameters, truth, rtol=0.0, atol=1e-12)
+    assert triad.suspects == ()

@@ -1,0 +1,321 @@
+"""The denoiser: trends stay, noise goes, and ends are marked."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import partial
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from calibkit.errors import FitError
+from calibkit.numeric.wavelet.denoise import EXTENSIONS, _deepest, _shortest, denoise
+from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, noise_gains
+from conftest import ROOT
+from fits.transforms import forward, inverse
+
+SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
+
+
+def ramp_log(samples=2400, seed=5):
+    """A ramp's drift [°/h] as two lagged exponentials and a slope, and the same with white
+    noise.
+    """
+    time = np.arange(samples)
+    trend = 2.0 * (1.0 - np.exp(-time / 250.0)) - 1.5 * time / samples + 0.8 * np.exp(-time / 400.0)
+    return trend, trend + SIGMA * np.random.default_rng(seed).normal(size=samples)
+
+
+def firm(thresholds):
+    """What makes of details those to be used, by the default rule."""
+    return lambda level, part: RULES["firm"](part, float(thresholds[level]))
+
+
+def rms(values):
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_the_default_recovers_the_trend_of_a_noisy_ramp():
+    """Noise of 0.6 °/h comes down to below 0.07 °/h over the whole ramp and 0.15 °/h over its last
+    minutes.
+    """
+    trend, log = ramp_log()
+    errors = [rms(denoise(ramp_log(seed=s)[1]).signal - trend) for s in range(8)]
+    assert max(errors) < 0.075
+    assert rms([denoise(ramp_log(seed=s)[1]).signal[-60:] - trend[-60:] for s in range(8)]) < 0.15
+    assert rms(log - trend) > 0.55
+
+
+def test_the_defaults_are_those_found_best_on_simulated_ramps():
+    """CDF 9/7, an eighth of the length, universal threshold, firm shrinkage, trend extension."""
+    _, log = ramp_log(1000)
+    chosen = denoise(
+        log, wavelet="cdf97", levels=6, threshold="universal", rule="firm", extension="trend"
+    )
+    assert np.array_equal(denoise(log).signal, chosen.signal)
+
+
+def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp():
+    """5 °/h over 600 s, decimated: the symmetric extension bends the trend, the antisymmetric one
+    carries one sample's noise.
+    """
+    trend = 5.0 * np.arange(600) / 600.0
+    errors = dict.fromkeys(EXTENSIONS, 0.0)
+    for seed in range(30):
+        log = trend + SIGMA * np.random.default_rng(seed).normal(size=600)
+        for extension in EXTENSIONS:
+            error = denoise(log, extension=extension, shifted=0).signal - trend
+            errors[extension] += float(np.sum(error[:60] ** 2 + error[-60:] ** 2))
+    assert errors["trend"] < 0.25 * errors["antisymmetric"]
+    assert errors["trend"] < 0.8 * errors["symmetric"]
+
+
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_a_straight_line_passes_unchanged_to_rounding(rule):
+    """A linear drift of 5 °/h over a ramp keeps every sample, ends included, to 1e-12 °/h."""
+    line = -2.0 + 5.0 * np.arange(1201) / 1200.0
+    for extension in ("antisymmetric", "trend"):
+        for wavelet in ("cdf53", "cdf97", "db4"):
+            found = denoise(line, wavelet=wavelet, extension=extension, rule=rule)
+            assert np.max(np.abs(found.signal - line)) < 1e-11
+
+
+def test_symmetric_extension_bends_a_straight_line_at_both_ends():
+    """With all details removed the mirrored line is rounded off at its ends by 0.5 % of its span,
+    not so by `trend`.
+    """
+    line = 5.0 * np.arange(1200) / 1200.0
+
+    def without_details(extension):
+        coefficients = forward(line, "cdf97", 6, extension)
+        return inverse(*coefficients, "cdf97", line.size, lambda _level, d: np.zeros_like(d))
+
+    bent = without_details("symmetric") - line
+    assert bent[0] > 0.025
+    assert bent[-1] < -0.025
+    assert np.max(np.abs(without_details("trend") - line)) < 1e-11
+
+
+def test_the_slope_of_a_noisy_linear_drift_is_kept():
+    """The slope fitted to denoised samples is that fitted to the noisy ones within 0.3 of its
+    standard error.
+    """
+    time = np.arange(3000.0)
+    log = 1e-3 * time + SIGMA * np.random.default_rng(2).normal(size=time.size)
+    slopes = [np.polyfit(time, values, 1)[0] for values in (log, denoise(log).signal)]
+    standard_error = SIGMA / np.sqrt(np.sum((time - time.mean()) ** 2))
+    assert abs(slopes[1] - slopes[0]) < 0.3 * standard_error
+
+
+@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
+@pytest.mark.parametrize(("wavelet", "length"), [("haar", 1501), ("cdf97", 1501), ("db4", 1024)])
+def test_only_marked_samples_change_with_the_extension(wavelet, threshold, length):
+    """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all
+    extensions.
+    """
+    _, log = ramp_log(length)
+    results = [
+        denoise(log, wavelet=wavelet, levels=4, threshold=threshold, extension=e)
+        for e in EXTENSIONS
+    ]
+    first = results[0]
+    assert np.count_nonzero(~first.edge) > 0
+    assert np.count_nonzero(first.edge) < 700
+    for other in results[1:]:
+        assert np.array_equal(other.edge, first.edge)
+        assert np.array_equal(other.noise, first.noise)
+        assert np.array_equal(other.thresholds, first.thresholds)
+        assert np.array_equal(other.signal[~first.edge], first.signal[~first.edge])
+
+
+@pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 30), ("cdf97", 62), ("db4", 62)])
+def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
+    """The samples that do change under another extension come that close to the inner borders of
+    the mask.
+    """
+    _, log = ramp_log(1500)
+    changed = np.zeros(1500, dtype=bool)
+    for seed in range(20):
+        generator = np.random.default_rng(seed)
+        kept = [generator.random(log.size // 2**j + 200) < 0.5 for j in (1, 2, 3)]
+
+        def shrink(level, detail, kept=kept):
+            return detail * kept[level][: detail.size]
+
+        signals = [
+            inverse(*forward(log, wavelet, 3, extension), wavelet, log.size, shrink)
+            for extension in ("symmetric", "antisymmetric")
+        ]
+        changed |= signals[0] != signals[1]
+    clear = np.flatnonzero(~denoise(log, wavelet=wavelet, levels=3, shifted=0).edge)
+    assert not changed[clear].any()
+    touched = np.flatnonzero(changed)
+    assert clear[0] - touched[touched < 700].max() < most
+    assert touched[touched > 800].min() - clear[-1] < most
+
+
+def test_a_signal_whose_filters_reach_everywhere_is_all_edge():
+    """At the deepest level on the shortest signal nothing is out of the extension's reach."""
+    _, log = ramp_log(_shortest("cdf97", 6))
+    assert denoise(log, levels=6).edge.all()
+
+
+@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
+def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_signal(threshold):
+    """Noise is σ times the level's gain within 4 standard errors of the MAD, and both figures scale
+    with the signal.
+    """
+    log = SIGMA * np.random.default_rng(8).normal(size=20_000)
+    found = denoise(log, wavelet="cdf53", levels=4, threshold=threshold)
+    allowed = 4.0 * 1.17 / np.sqrt(20_000 / 2.0 ** np.arange(1, 5))
+    assert np.all(np.abs(found.noise / (SIGMA * noise_gains("bior2.2", 4)) - 1.0) < allowed)
+    scaled = denoise(8.0 * log, wavelet="cdf53", levels=4, threshold=threshold)
+    assert np.array_equal(scaled.noise, 8.0 * found.noise)
+    np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
+    assert found.noise.size == found.thresholds.size == 4
+
+
+def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
+    """On 600 samples the coarse levels have fewer than 16 details of their own: white noise
+    continues from above.
+    """
+    _, log = ramp_log(600)
+    found = denoise(log, wavelet="cdf97", levels=6)
+    gains = noise_gains("bior4.4", 6)
+    assert found.noise[5] / found.noise[4] == pytest.approx(gains[5] / gains[4], rel=1e-14)
+    assert found.noise[1] / found.noise[0] != pytest.approx(gains[1] / gains[0], rel=1e-3)
+
+
+def test_a_constant_or_noise_free_signal_is_left_as_it_is():
+    """Zero noise gives zero thresholds, which remove nothing."""
+    constant = np.full(300, 7.5)
+    assert np.max(np.abs(denoise(constant).signal - 7.5)) < 1e-12
+    spike = np.zeros(300)
+    spike[150] = 1.0
+    assert np.max(np.abs(denoise(spike).signal - spike)) < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("wavelet", "levels", "length"), [("cdf97", 6, 509), ("haar", 7, 128), ("db4", 3, 56)]
+)
+def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet, levels, length):
+    """The shortest length passes; one sample less is an error that states both numbers."""
+    assert _shortest(wavelet, levels) == length
+    _, log = ramp_log(length)
+    assert denoise(log, wavelet=wavelet, levels=levels).signal.size == length
+    with pytest.raises(
+        FitError, match=f"{length - 1} samples are shorter than the filter: .* needs {length}"
+    ) as error:
+        denoise(log[1:], wavelet=wavelet, levels=levels)
+    assert error.value.exit_code == 3
+
+
+def test_a_signal_too_short_for_one_level_is_refused():
+    """Level 1 must have 16 details on the signal to show its noise: 39 samples for CDF 9/7."""
+    assert _shortest("cdf97", 1) == 39
+    with pytest.raises(
+        FitError, match="38 samples are shorter than the filter: cdf97 over 1 levels needs 39"
+    ):
+        denoise(np.zeros(38))
+    with pytest.raises(FitError, match="2 samples"):
+        denoise(np.zeros(2))
+
+
+def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
+    """2^levels stays at or below n/8, and no deeper than the filter fits."""
+    assert [_deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
+    assert [_deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
+    assert all(_shortest("db20", _deepest("db20", n)) <= n for n in (100, 1000, 10_000))
+    assert denoise(ramp_log(600)[1]).noise.size == 6
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"threshold": "univers"}, "unknown threshold 'univers'; did you mean 'universal'"),
+        ({"rule": "gentle"}, "unknown shrinkage rule 'gentle'; use one of soft, hard"),
+        ({"wavelet": "cdf79"}, "unknown wavelet 'cdf79'"),
+        ({"extension": "mirror"}, "unknown extension 'mirror'"),
+        ({"levels": 0}, "0 levels"),
+    ],
+)
+def test_unknown_choices_are_refused(keywords, message):
+    """Every name is checked and the error says which one is meant."""
+    with pytest.raises(FitError, match=message):
+        denoise(ramp_log(600)[1], **keywords)
+
+
+def test_a_sample_that_is_not_finite_is_refused_with_its_place():
+    """One NaN would spread over a whole filter: count and first place are told."""
+    _, log = ramp_log(900)
+    log[[123, 400]] = np.nan, np.inf
+    with pytest.raises(FitError, match="2 of 900 samples are not finite, the first is sample 123"):
+        denoise(log)
+
+
+def test_the_indication_is_not_changed():
+    """A read-only column goes in, and stays as it was."""
+    _, log = ramp_log(900)
+    log.flags.writeable = False
+    before = log.copy()
+    denoise(log)
+    assert np.array_equal(log, before)
+
+
+@given(
+    wavelet=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "bior3.5"]),
+    size=st.integers(200, 3000),
+)
+@settings(max_examples=30, deadline=None)
+def test_the_published_scheme_is_a_decimated_transform_there_and_back(wavelet, size):
+    """Without shifts."""
+    signal = np.random.default_rng(size).normal(size=size).cumsum()
+    got = denoise(signal, wavelet=wavelet, levels=2, shifted=0)
+    shrink = firm(got.thresholds)
+    coefficients = forward(signal, wavelet, 2, "trend")
+    assert np.array_equal(got.signal, inverse(*coefficients, wavelet, size, shrink))
+
+
+def test_a_log_in_one_piece_has_a_fifth_less_error_than_its_segments(monkeypatch):
+    """Three gyros of the benchmark on ±1, ±5 and ±10 °C/min: cut at the ramp ends each piece keeps
+    waves at its ends; and a moving average of the best width leaves more.
+    """
+    monkeypatch.syspath_prepend(ROOT / "benchmarks")
+    module = importlib.import_module("denoising_logs")
+    seeds = range(87_000, 87_003)
+    acts = {
+        "whole": module.whole,
+        "cut": module.segments,
+        "moving": partial(module.moving_average, width=451),
+    }
+    whole, cut, moving = (error for error, _ in module.judged(acts, seeds).values())
+    assert whole[0] < 0.8 * cut[0]
+    assert whole[1] < 0.8 * cut[1]
+    assert whole[0] < moving[0]
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4"])
+def test_the_coarsest_levels_are_averaged_over_signals_that_begin_later(wavelet):
+    """Away from the ends: eight transforms of five levels, each begun 2^2 samples later, with the
+    thresholds of the first; noise and thresholds are those without shifts.
+    """
+    signal = np.random.default_rng(8).normal(size=3000).cumsum()
+    found, first = (denoise(signal, wavelet=wavelet, levels=5, shifted=k) for k in (3, 0))
+    shrink = firm(found.thresholds)
+    each = [
+        inverse(*forward(signal[k:], wavelet, 5), wavelet, 3000 - k, shrink)[800 - k :][:1000]
+        for k in range(0, 32, 4)
+    ]
+    assert np.allclose(found.signal[800:1800], np.mean(each, axis=0), rtol=0.0, atol=1e-10)
+    assert np.all(~found.edge[800:1800])
+    assert np.array_equal(found.noise, first.noise)
+    assert np.array_equal(found.thresholds, first.thresholds)
+
+
+def test_all_levels_of_a_short_signal_are_averaged_over_all_shifts():
+    """Two levels, where three would be."""
+    signal = np.random.default_rng(8).normal(size=400).cumsum()
+    found, all_of_them = (denoise(signal, levels=2, shifted=k).signal for k in (3, 2))
+    assert np.array_equal(found, all_of_them)

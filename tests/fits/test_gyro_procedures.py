@@ -1,0 +1,928 @@
+"""The rate-table procedures end to end: logs in, scale factors, N, γ and α out, used again."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibkit import instruments, recipe
+from calibkit.certificate import conformity
+from calibkit.commands import inspection, pipeline, plans
+from calibkit.errors import FitError
+from calibkit.instruments import silent
+from calibkit.instruments.gyro_scale import (
+    fit as gyro_fit,
+    simulate,
+    table_runs,
+)
+from calibkit.records import store
+from calibkit.records.forms import POLYNOMIAL
+from calibkit.records.frame import Log
+from calibkit.results import comparison, evaluation
+from conftest import AUTHORITIES, ROOT
+from outputs.firmware_log import chain_of, correct
+
+CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
+RATES = (1.0, 2.0, 5.0, 10.0, 50.0, 100.0, -1.0, -2.0, -5.0, -10.0, -50.0, -100.0)
+HELD = 40
+"""Rows of a held rate in the hand-made logs, one a second."""
+VERTICAL_DPS = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
+
+
+def held_rates(rates=RATES):
+    """Time and table rate of a log that steps from rate to rate."""
+    rate = np.repeat(np.array(rates), HELD)
+    return np.arange(rate.size) * 1.0, rate
+
+
+def exact_pair(folder, case, log_writer, rates=RATES):
+    """Noise-free logs of a worked example; a tenth of a millionth of a count of dither keeps no
+    column constant.
+    """
+    time, rate = held_rates(rates)
+    dither = 1e-7 * (-1.0) ** np.arange(rate.size)
+    for axis, K_a, K_b in (
+        ("a", case["K_A"], case["K_Ba"]),
+        ("b", case["gamma"] * case["K_A"], case["K_B"]),
+    ):
+        log_writer(
+            folder / f"table_axis_{axis}.csv",
+            time_s=time,
+            table_rate_dps=rate,
+            gyro_a_lsb=K_a * rate + 20.0 + dither,
+            gyro_b_lsb=K_b * rate - 7.0 + dither,
+        )
+    return folder
+
+
+def write(folder, campaign):
+    """Write a campaign's files and return its truth."""
+    folder.mkdir(parents=True)
+    for name, content in campaign.files().items():
+        (folder / name).write_bytes(content)
+    return json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+
+
+def fit(calibkit, procedure, folder, out, *settings, code=0):
+    """Fit a shipped recipe to a folder and return the run."""
+    arguments = [part for setting in settings for part in ("--set", setting)]
+    outcome = calibkit("fit", procedure, *arguments, data=folder, serial="G", out=out)
+    assert outcome.code == code, outcome.err
+    return store.load(store.find("G", out))
+
+
+@pytest.fixture(scope="module")
+def pair(tmp_path_factory):
+    """Return folder, truth and runs of a simulated pair (seed 1), fitted with its latitude."""
+    root = tmp_path_factory.mktemp("pair")
+    truth = write(root / "logs", simulate.pair(1))
+    source = recipe.find("gyro_pair", ("site.latitude_deg=34.2",))
+    pipeline.fit(source, root / "logs", "G", root / "runs", "2026-11-21", silent)
+    return root, truth
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Return folder and truth of simulated runs (seed 3); all but room_3 and at_0 are fitted."""
+    root = tmp_path_factory.mktemp("table")
+    truth = write(root / "logs", simulate.rate_table(3))
+    (root / "unseen").mkdir()
+    for name in ("room_3.csv", "at_0.csv"):
+        (root / "logs" / name).rename(root / "unseen" / name)
+    pipeline.fit(recipe.find("rate_table"), root / "logs", "G", root / "runs", "2026-11-21", silent)
+    return root, truth
+
+
+def record(root, stage):
+    """Coefficient record of a stage of the newest run."""
+    return store.load(store.find("G", root / "runs")).records[f"{stage}.json"]
+
+
+def figures(found):
+    """Figures of a record by name."""
+    return {figure.name: figure for figure in found.figures}
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: f"alpha {case['alpha_deg']:g}")
+def test_the_worked_examples_come_out_of_the_shipped_recipe(case, tmp_path, calibkit, log_writer):
+    """N, ε, γ and α of noise-free logs to 1e-9 of the published values (of one where they are
+    zero).
+    """
+    run = fit(
+        calibkit, "gyro_pair", exact_pair(tmp_path / "logs", case, log_writer), tmp_path / "runs"
+    )
+    orthogonality = run.records["gyro_orthogonality.json"]
+    assert {model.form for model in orthogonality.models} == {"gyro-orthogonality/1"}
+    for name in ("N", "epsilon", "gamma", "alpha_deg"):
+        for value in (orthogonality.model("pair").value(name), figures(orthogonality)[name].value):
+            assert value == pytest.approx(case[name], rel=1e-9, abs=1e-9)
+    scales = run.records["gyro_scale.json"]
+    for name, key in (("a_about_a", "K_A"), ("b_about_b", "K_B"), ("b_about_a", "K_Ba")):
+        assert scales.model(name).form == "gyro-scale/1"
+        assert scales.model(name).value("K") == pytest.approx(case[key], rel=1e-9, abs=1e-8)
+    assert scales.model("a_about_a").value("F0") == pytest.approx(20.0, abs=1e-6)
+
+
+def test_the_simulated_pair_comes_out_within_3_ppm_and_4_standard_uncertainties(pair):
+    """K of both gyros within 3 ppm of truth; N, ε, γ, α within 4 standard uncertainties; γ again
+    from the other run.
+    """
+    root, truth = pair
+    scales, orthogonality = record(root, "gyro_scale"), record(root, "gyro_orthogonality")
+    full = truth["models"]["a_about_a"]["K"]
+    for name, expected in truth["models"].items():
+        assert abs(scales.model(name).value("K") - expected["K"]) < 3e-6 * full
+    for c in orthogonality.model("pair").coefficients:
+        assert abs(c.value - truth[c.name]) < 4.0 * c.standard_uncertainty
+        assert 0.0 < c.standard_uncertainty < (2e-4 if c.name == "alpha_deg" else 2e-6)
+    covariance = np.array(orthogonality.model("pair").covariance)
+    assert covariance.shape == (4, 4)
+    # N and epsilon share K_A and B's runs: the covariance is not diagonal
+    assert abs(covariance[2, 3]) > 0.9 * np.sqrt(covariance[2, 2] * covariance[3, 3])
+    other = figures(orthogonality)["gamma_from_a_about_b"]
+    assert abs(other.value - truth["gamma"]) < 4.0 * other.standard_uncertainty
+    assert figures(orthogonality)["side"].value == (1.0 if truth["side"] == "same" else -1.0)
+    low, high = (figures(orthogonality)[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
+    assert low < truth["alpha_deg"] < high
+
+
+@pytest.mark.parametrize(
+    "rates",
+    [
+        simulate.RATES_DPS,
+        tuple(-r for r in simulate.RATES_DPS),
+        (*simulate.RATES_DPS, -1.0, -2.0, -5.0, -10.0),
+    ],
+    ids=["positive", "negative", "unequal"],
+)
+def test_one_sided_and_unequal_rates_give_the_same_scale_factors(rates, tmp_path, calibkit):
+    """K within 3 ppm of truth with the earth's rate present: it is fitted in F0, not cancelled by
+    symmetric rates.
+    """
+    truth = write(tmp_path / "logs", simulate.pair(7, rates_dps=rates))
+    run = fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs")
+    for name in ("a_about_a", "b_about_b"):
+        found = run.records["gyro_scale.json"].model(name)
+        assert found.value("K") == pytest.approx(truth["models"][name]["K"], rel=3e-6)
+        assert (
+            abs(found.value("F0") - truth["models"][name]["F0"])
+            < 5.0 * found.coefficients[1].standard_uncertainty
+        )
+
+
+def test_the_latitude_tells_the_bias_from_the_earths_rate(pair, tmp_path, calibkit):
+    """F0 is K times bias and earth's rate to 5 standard uncertainties; positive down turns the
+    earth's share over.
+    """
+    root, truth = pair
+    found = figures(record(root, "gyro_scale"))
+    for gyro in ("a", "b"):
+        bias = found[f"bias.{gyro}_about_{gyro}"]
+        model = truth["models"][f"{gyro}_about_{gyro}"]
+        expected = (model["F0"] / model["K"] - VERTICAL_DPS) * 3600.0
+        assert bias.unit == "deg/h"
+        assert abs(bias.value - expected) < 5.0 * bias.standard_uncertainty < 0.6
+    down = fit(
+        calibkit,
+        "gyro_pair",
+        root / "logs",
+        tmp_path / "down",
+        "site.latitude_deg=34.2",
+        "table.axis=down",
+    ).records["gyro_scale.json"]
+    shift = figures(down)["bias.a_about_a"].value - found["bias.a_about_a"].value
+    assert shift == pytest.approx(2.0 * VERTICAL_DPS * 3600.0, rel=1e-3)
+    without = fit(calibkit, "gyro_pair", root / "logs", tmp_path / "without").records[
+        "gyro_scale.json"
+    ]
+    assert not [name for name in figures(without) if name.startswith("bias.")]
+    assert without.conditions == ()
+
+
+UNITS = {
+    "deg/h": ("table_rate", 3600.0, 1.0, ("columns.table_rate_dps.unit=deg/h",)),
+    "rad/s": ("table_rate", np.pi / 180.0, 1.0, ("columns.table_rate_dps.unit=rad/s",)),
+    "clockwise": ("table_rate", -1.0, 1.0, ("columns.table_rate_dps.sign=-1",)),
+    "counts per sample": (
+        "table_rate_dps",
+        1.0,
+        0.5,
+        ("columns.gyro_x_lsb.scale=2.0", "columns.gyro_x_lsb.from=counts"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_units_and_signs_are_mapped_by_the_recipe(name, tmp_path, calibkit, log_writer):
+    """The same table in °/h, rad/s, clockwise, or counts per half-second sample gives the same K to
+    1e-12 as in canonical units.
+    """
+    column, factor, counts, settings = UNITS[name]
+    time, rate = held_rates()
+    gyro = "counts" if counts != 1.0 else "gyro_x_lsb"
+    shown = 10000.0 * rate + 23.0 + np.sin(time)
+    log_writer(tmp_path / "plain" / "run.csv", time_s=time, table_rate_dps=rate, gyro_x_lsb=shown)
+    plain = fit(calibkit, "rate_table", tmp_path / "plain", tmp_path / "r")
+    columns = {"time_s": time, column: factor * rate, gyro: counts * shown}
+    log_writer(tmp_path / "logs" / "run.csv", **columns)
+    mapped = () if column == "table_rate_dps" else ("columns.table_rate_dps.from=table_rate",)
+    run = fit(calibkit, "rate_table", tmp_path / "logs", tmp_path / "runs", *mapped, *settings)
+    for one in ("gyro_x", "gyro_x.run"):
+        K, expected = (
+            found.records["gyro_scale.json"].model(one).value("K") for found in (run, plain)
+        )
+        assert pytest.approx(expected, rel=1e-12) == K
+
+
+def test_runs_repeat_and_follow_temperature(runs):
+    """K(T) within 3 ppm of each run's truth; sensitivity within 0.1 ppm/°C of the simulated;
+    repeatability under 3 ppm.
+    """
+    root, truth = runs
+    scales = record(root, "gyro_scale")
+    curve = scales.model("gyro_x.K_over_temperature")
+    assert curve.form == "polynomial/1"
+    powers = [c.value for c in curve.coefficients]
+    for log in truth["logs"].values():
+        at = np.polynomial.polynomial.polyval(log["temp_case_degc"], powers)
+        assert at == pytest.approx(log["gyro_x_lsb"]["K"], rel=3e-6)
+    found = figures(scales)
+    slope = found["temperature_sensitivity.IEEE Std 952.gyro_x"]
+    assert slope.value == pytest.approx(truth["gyro"]["K_per_degc"] * 1e6, abs=0.1)
+    assert found["temperature_sensitivity.GJB 2426A.gyro_x"].value == pytest.approx(
+        abs(slope.value), abs=0.1
+    )
+    assert 0.0 < found["repeatability.GJB 2426A.gyro_x"].value < 3.0
+    # 0.6 ppm of K over 25 °C, and runs that are 3 ppm off the curve at most
+    assert found["temperature_sensitivity.GJB 2426A.gyro_x"].standard_uncertainty < 0.1
+    assert curve.residual_rms < 3e-6 * curve.coefficients[0].value
+    assert {"gyro_x", "gyro_x.room_1", "gyro_x.at_-40"} <= {
+        m.name for m in scales.models if m.form == "gyro-scale/1"
+    }
+
+
+def test_validation_holds_unseen_runs_against_the_frozen_scale_factor(runs, tmp_path, calibkit):
+    """One K for all temperatures is off by what the gyro changes to 0 °C, K(T) by less than 3 ppm;
+    the gain is 1.
+    """
+    root, truth = runs
+    out = tmp_path / "v.json"
+    outcome = calibkit("validate", "G", runs=root / "runs", data=root / "unseen", out=out)
+    assert outcome.code == 0, outcome.err
+    logs = {
+        log["name"]: log["gyros"][0] for log in json.loads(out.read_text(encoding="utf-8"))["logs"]
+    }
+    for name, stand in logs.items():
+        assert stand["K"] == pytest.approx(truth["logs"][name]["gyro_x_lsb"]["K"], rel=3e-6)
+        assert abs(stand["scale_factor_error_ppm"]) < 3.0
+        assert abs(stand["after"]["scale_factor_error_ppm"]) < 3.0
+        assert stand["rate_gain"] == pytest.approx(1.0, abs=3e-6)
+        assert stand["nonlinearity_full_scale_ppm"] < 10.0
+    cold = truth["gyro"]["K_per_degc"] * (0.0 - 25.0) * 1e6
+    assert logs["at_0.csv"]["before"]["scale_factor_error_ppm"] == pytest.approx(cold, abs=3.0)
+    assert calibkit("verify", out).code == 0
+
+
+def test_a_limit_that_fails_gives_exit_code_1(runs, tmp_path, calibkit):
+    """A hundredth of a ppm of nonlinearity is not reached, in the fit nor on the unseen runs."""
+    root, _ = runs
+    limits = ("acceptance.max_nonlinearity_ppm=0.01", "acceptance.max_scale_factor_error_ppm=5.0")
+    run = fit(calibkit, "rate_table", root / "logs", tmp_path / "runs", *limits, code=1)
+    assert [entry["passed"] for entry in run.document["acceptance"]] == [False, True]
+    outcome = calibkit(
+        "validate", "G", runs=tmp_path / "runs", data=root / "unseen", out=tmp_path / "v.json"
+    )
+    assert outcome.code == 1
+    verdict = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["acceptance"]
+    found = {entry["name"]: entry["passed"] for entry in verdict if entry["set_by"] == "calibkit"}
+    assert found
+    assert all(found.values())
+    assert all(name.endswith(".csv: rms error of K over its u") for name in found)
+    assert [(e["name"], e["passed"]) for e in verdict if e["set_by"] == "recipe"] == [
+        ("scale-factor error", True),
+        ("nonlinearity over full scale", False),
+        ("residual over noise", True),
+    ]
+
+
+def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
+    """The same pair in logs of more noise: N, ε, γ, α agree with the frozen ones within 4 standard
+    uncertainties.
+    """
+    root, truth = pair
+    again = simulate.pair(1, noise_lsb=5.0)
+    write(tmp_path / "again", again)
+    out = tmp_path / "v.json"
+    outcome = calibkit("validate", "G", runs=root / "runs", data=tmp_path / "again", out=out)
+    assert outcome.code == 0, outcome.err
+    document = json.loads(out.read_text(encoding="utf-8"))
+    assert [entry["name"] for entry in document["pair"]] == ["N", "epsilon", "gamma", "alpha_deg"]
+    for entry in document["pair"]:
+        assert 0.0 < abs(entry["difference"]) < 4.0 * entry["standard_uncertainty"]
+        assert entry["found"] == pytest.approx(truth[entry["name"]], abs=1e-4)
+
+
+@pytest.mark.parametrize(("limit_ppm", "code"), [(1000.0, 0), (1e-4, 1)])
+def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
+    pair, tmp_path, calibkit, limit_ppm, code
+):
+    """Nothing tells how the scale factors of a pair repeat: an unseen run beyond a limit rejects,
+    one within it accepts nothing, and a flag states it.
+    """
+    root, _ = pair
+    limit = f"acceptance.max_scale_factor_error_ppm={limit_ppm}"
+    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", limit)
+    write(tmp_path / "again", simulate.pair(1, noise_lsb=5.0))
+    out = tmp_path / "v.json"
+    places = ("--runs", tmp_path / "runs", "--data", tmp_path / "again", "--out", out)
+    outcome = calibkit("validate", "G", *places)
+    assert outcome.code == code, outcome.err
+    document = json.loads(out.read_text(encoding="utf-8"))
+    judged = {entry["name"]: entry["passed"] for entry in document["acceptance"]}
+    assert judged.get("scale-factor error") == (None if code == 0 else False)
+    undecided = any("decides no limit" in flag for flag in document["flags"])
+    assert undecided == (code == 0)
+
+
+@pytest.mark.parametrize("stated", [False, True], ids=["unknown", "stated"])
+def test_certificates_and_comparisons_decide_no_limit_on_scale_factors_of_these_runs(
+    pair, tmp_path, calibkit, stated
+):
+    """Where nothing tells how scale factors repeat, a specification of N gets no statement and a
+    limit on K no answer; those of angles do, and all of them where the repeatability is stated.
+    """
+    root, _ = pair
+    size = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
+    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", *([size] if stated else []))
+    write(tmp_path / "logs", simulate.pair(2, noise_lsb=5.0))
+    fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs", *([size] if stated else []))
+    before, after = (store.load(store.find(f"G@r00{k}", tmp_path / "runs")) for k in (1, 2))
+    found = evaluation.RunResults.read(after)
+    by_name = {quantity.name: quantity for quantity in found.quantities}
+    verdicts = {
+        name: conformity._judge(found.state(by_name[name], {}), 0.0, 1e9, "guarded")[0]
+        for name in ("N", "gamma", "alpha_deg")
+    }
+    assert (verdicts["N"] == "no statement possible") == (not stated)
+    assert verdicts["alpha_deg"] == "pass"
+    limits = {"K_a": (1e6, "ppm")}
+    compared = comparison.compare(before, after, limits=limits).compared
+    (of_scale,) = (one for one in compared if one.quantity.name == "K_a")
+    assert of_scale.answer == ("yes" if stated else "cannot tell")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "scale", "turn"), [("N", 40e-6, 0.0), ("gamma", 0.0, 40e-6)], ids=["N", "gamma"]
+)
+def test_another_pair_is_rejected_by_its_ratios(
+    pair, tmp_path, calibkit, log_writer, ratio, scale, turn
+):
+    """Runs of which gyro B has 40 ppm more counts, or of gyros 40 µrad nearer to each other: N or
+    γ of the unseen runs differs by far more than its uncertainty where it is stated that scale
+    factors repeat to 1 ppm, and nothing is decided of N where it is not.
+    """
+    root, _ = pair
+    stated = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
+    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", "site.latitude_deg=34.2", stated)
+    campaign = simulate.pair(1, noise_lsb=5.0)
+    write(tmp_path / "again", campaign)
+    for axis, other in (("a", "b"), ("b", "a")):
+        path = tmp_path / "again" / f"table_axis_{axis}.csv"
+        raw = np.genfromtxt(path, delimiter=",", names=True)
+        columns = {name: raw[name] for name in raw.dtype.names}
+        columns[f"gyro_{other}_lsb"] += 1e4 * turn * columns["table_rate_dps"]
+        columns["gyro_b_lsb"] *= 1.0 + scale
+        log_writer(path, **columns)
+    out = tmp_path / "v.json"
+    data = ("--data", tmp_path / "again", "--out", out)
+    assert calibkit("validate", "G", "--runs", root / "runs", *data).code in {0, 1}
+    undecided = {entry["name"] for entry in json.loads(out.read_text())["acceptance"]}
+    assert "pair: error of gamma over its u" in undecided
+    assert "pair: error of N over its u" not in undecided
+    out.unlink()
+    outcome = calibkit("validate", "G", "--runs", tmp_path / "runs", *data)
+    assert outcome.code == 1, outcome.out
+    judged = {entry["name"]: entry for entry in json.loads(out.read_text())["acceptance"]}
+    passed = {
+        name: judged[f"pair: error of {name} over its u"]["passed"] for name in ("N", "gamma")
+    }
+    assert passed == {"N": ratio != "N", "gamma": ratio != "gamma"}
+
+
+def test_what_is_known_of_the_table_is_in_the_uncertainty_of_k(runs, tmp_path, calibkit):
+    """A run 50 ppm off is rejected, and accepted where the table's rate is known to 100 ppm."""
+    root, _ = runs
+    text = (ROOT / "recipes" / "rate_table.toml").read_text(encoding="utf-8")
+    text += '\n[[type_b]]\nname = "rate"\nquantity = "table_rate_dps"\nunit = "ppm"\n'
+    (tmp_path / "table.toml").write_text(text + "standard_uncertainty = 100.0\n")
+    fit(calibkit, tmp_path / "table.toml", root / "logs", tmp_path / "runs")
+    log = root / "unseen" / "at_0.csv"
+    lines = log.read_text(encoding="utf-8").splitlines()
+    at = lines[0].split(",").index("gyro_x_lsb")
+    rows = [line.split(",") for line in lines[1:]]
+    for row in rows:
+        row[at] = repr(float(row[at]) * (1.0 + 50e-6))
+    (tmp_path / "other").mkdir()
+    shifted = "\n".join([lines[0], *map(",".join, rows)])
+    (tmp_path / "other" / log.name).write_text(shifted, encoding="utf-8")
+    codes = [
+        calibkit(
+            *("validate", "G", "--runs", folder, "--data", tmp_path / "other"),
+            *("--out", tmp_path / f"{number}.json"),
+        ).code
+        for number, folder in enumerate((root / "runs", tmp_path / "runs"))
+    ]
+    assert codes == [1, 0]
+
+
+def rows_of(path):
+    """Header and rows of a CSV as texts."""
+    header, *rows = (line.split(",") for line in path.read_text(encoding="utf-8").splitlines())
+    return header, rows
+
+
+def test_apply_adds_the_compensated_rate_and_keeps_every_number(runs, tmp_path, calibkit):
+    """The mean of each held rate of an unseen cold log is the table's within 5 ppm; all other
+    fields keep their numbers.
+    """
+    root, _ = runs
+    log, out = root / "unseen" / "at_0.csv", tmp_path / "out.csv"
+    outcome = calibkit("apply", "G", "--runs", root / "runs", "--data", log, "--out", out)
+    assert outcome.code == 0, outcome.err
+    assert "the earth's rate there is taken out" in outcome.err
+    (before, old), (after, new) = rows_of(log), rows_of(out)
+    assert after == [*before, "gyro_x_dps"]
+    assert [list(map(float, row[:-1])) for row in new] == [list(map(float, row)) for row in old]
+    found = np.array([float(row[-1]) for row in new])
+    table = np.array([float(row[before.index("table_rate_dps")]) for row in new])
+    fast = np.abs(table - 100.0) < 0.01
+    settled = np.flatnonzero(fast)[3:-3]
+    assert found[settled].mean() == pytest.approx(table[settled].mean(), rel=5e-6)
+
+
+def test_inertial_compensation_leaves_the_earths_rate_in(pair, tmp_path, calibkit):
+    """It differs from the laboratory's by ω_e sin φ in every row, and is refused without a
+    latitude.
+    """
+    root, _ = pair
+    log = root / "logs" / "table_axis_a.csv"
+    results = []
+    for name, extra in (("lab.csv", ()), ("inertial.csv", ("--set", "compensation=inertial"))):
+        calibkit("apply", "G", *extra, runs=root / "runs", data=log, out=tmp_path / name)
+        results.append(np.genfromtxt(tmp_path / name, delimiter=",", names=True))
+    for column in ("gyro_a_dps", "gyro_b_dps"):
+        assert results[1][column] - results[0][column] == pytest.approx(VERTICAL_DPS, rel=1e-6)
+    refused = calibkit(
+        "fit",
+        "gyro_pair",
+        data=root / "logs",
+        serial="X",
+        out=tmp_path,
+        set="compensation=inertial",
+    )
+    assert refused.code == 2
+    assert "latitude_deg" in refused.err
+
+
+def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
+    runs, tmp_path, calibkit, log_writer
+):
+    """90 °C is said to be clamped; a log without temperature, or with neither gyro, exits with
+    3.
+    """
+    root, _ = runs
+    hot = log_writer(tmp_path / "hot.csv", temp_case_degc=[90.0, 25.0], gyro_x_lsb=[1e4, 2e4])
+    outcome = calibkit("apply", "G", runs=root / "runs", data=hot, out=tmp_path / "o.csv")
+    assert outcome.code == 0, outcome.err
+    assert "over 50.0 % of the rows, clamped" in outcome.err
+    curves = [
+        record(root, "gyro_scale").model(f"gyro_x.{letter}_over_temperature")
+        for letter in ("K", "F0")
+    ]
+    held = curves[0].valid["temp_case_degc"][1]
+    K, F0 = (
+        np.polynomial.polynomial.polyval(held, [c.value for c in curve.coefficients])
+        for curve in curves
+    )
+    assert np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)["gyro_x_dps"][
+        0
+    ] == pytest.approx((1e4 - F0) / K, rel=1e-9)
+    bare = log_writer(tmp_path / "bare.csv", time_s=[0.0, 1.0], gyro_x_lsb=[1e4, 2e4])
+    outcome = calibkit("apply", "G", runs=root / "runs", data=bare, out=tmp_path / "p.csv")
+    assert (outcome.code, "column 'temp_case_degc' is missing" in outcome.err) == (3, True)
+    other = log_writer(tmp_path / "other.csv", time_s=[0.0, 1.0], gyro_q_lsb=[1e4, 2e4])
+    outcome = calibkit("apply", "G", runs=root / "runs", data=other, out=tmp_path / "q.csv")
+    assert (outcome.code, "column 'gyro_x_lsb' is missing" in outcome.err) == (3, True)
+
+
+def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit, log_writer):
+    """A scale factor 50 ppm off what was frozen: its rate errors are small for many a recipe,
+    and far beyond their uncertainty, which needs no limit of the recipe.
+    """
+    root, _ = runs
+    log = min((root / "unseen").glob("*.csv"))
+    raw = np.genfromtxt(log, delimiter=",", names=True)
+    columns = {name: raw[name] for name in raw.dtype.names}
+    columns["gyro_x_lsb"] = columns["gyro_x_lsb"] * (1.0 + 50e-6)
+    (tmp_path / "other").mkdir()
+    log_writer(tmp_path / "other" / log.name, **columns)
+    out = tmp_path / "v.json"
+    data = ("--data", tmp_path / "other", "--out", out)
+    outcome = calibkit("validate", "G", "--runs", root / "runs", *data)
+    assert outcome.code == 1, outcome.out
+    (judged,) = json.loads(out.read_text(encoding="utf-8"))["acceptance"][:1]
+    assert (judged["passed"], judged["set_by"]) == (False, "calibkit")
+    assert judged["value"] > 2.0 * judged["limit"]
+
+
+def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calibkit, log_writer):
+    """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
+    is 1 °/s off, far beyond the noise, and rejected; firmware refuses the response by name.
+    """
+    rates = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0)
+    time, rate = held_rates((*rates, *(-r for r in rates)))
+    noise = np.random.default_rng(6).normal(0.0, 1.0, rate.size)
+    log = log_writer(
+        tmp_path / "logs" / "run.csv",
+        time_s=time,
+        table_rate_dps=rate,
+        gyro_x_lsb=1e4 * 200.0 * np.sin(rate / 200.0) + 20.0 + noise,
+    )
+    errors = {}
+    for response in ("line", "auto"):
+        run = fit(
+            calibkit,
+            "rate_table",
+            tmp_path / "logs",
+            tmp_path / response,
+            f"response={response}",
+            "acceptance.max_nonlinearity_ppm=1e5",
+            code=int(response == "line"),
+        )
+        names = [model.name for model in run.records["gyro_scale.json"].models]
+        assert ("gyro_x.response" in names) == (response == "auto")
+        out = tmp_path / f"{response}.csv"
+        assert (
+            calibkit("apply", "G", "--runs", tmp_path / response, "--data", log, "--out", out).code
+            == 0
+        )
+        errors[response] = np.abs(
+            np.genfromtxt(out, delimiter=",", names=True)["gyro_x_dps"] - rate
+        ).max()
+    model = run.records["gyro_scale.json"].model("gyro_x.response")
+    assert model.form == "gyro-response/2"
+    # Ω_s sin(Ω/Ω_s) = Ω − Ω³/(6 Ω_s²) + …, at Ω/100 °/s
+    assert model.value("c3") == pytest.approx(-1e4 * 100.0**3 / (6.0 * 200.0**2), rel=5e-3)
+    where = ("--runs", tmp_path / "auto", "--out", tmp_path / "c")
+    exported = calibkit("export", "G", "--target", "c", *where)
+    assert exported.code != 0
+    assert "no firmware form" in exported.err
+    assert errors["auto"] < 5e-4
+    assert errors["line"] > 1.0
+
+
+def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, calibkit, log_writer):
+    """±0.1 °/s under 300 counts noise: K is known to some percent only and the run says so; at 100
+    °/s it says nothing.
+    """
+    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 100.0, "gamma": 0.01}
+    rng = np.random.default_rng(2)
+    for scale, known in ((1e-2, False), (10.0, True)):
+        folder = tmp_path / f"{scale}"
+        folder.mkdir()
+        exact_pair(
+            folder, case, log_writer, rates=(scale * 10.0, scale * 5.0, scale * -10.0, scale * -5.0)
+        )
+        for path in folder.iterdir():
+            header, rows = rows_of(path)
+            columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+            noisy = {
+                n: columns[n] + rng.normal(0.0, 300.0, len(rows))
+                for n in ("gyro_a_lsb", "gyro_b_lsb")
+            }
+            log_writer(path, **(columns | noisy))
+        run = fit(calibkit, "gyro_pair", folder, tmp_path / f"runs{scale}", "acceptance={}")
+        said = [flag for flag in run.document["flags"] if "K of gyro a is known to" in flag]
+        assert bool(said) is not known
+
+
+def healthy():
+    """Columns of a small healthy log."""
+    time, rate = held_rates()
+    wobble = np.sin(time)
+    return {"time_s": time, "table_rate_dps": rate, "gyro_x_lsb": 1e4 * rate + 20.0 + wobble}
+
+
+def changed(name, rows, value):
+    """Return healthy columns with some values of one replaced."""
+    columns = healthy()
+    columns[name] = columns[name].copy()
+    columns[name][rows] = value
+    return columns
+
+
+def one_rate(rates):
+    """Return healthy columns of a log that holds these rates alone."""
+    time, rate = held_rates(rates)
+    return {"time_s": time, "table_rate_dps": rate, "gyro_x_lsb": 1e4 * rate + 20.0 + np.sin(time)}
+
+
+BAD = {
+    "missing column": (
+        lambda: {("rate" if k == "table_rate_dps" else k): v for k, v in healthy().items()},
+        ("run.csv:1: column 'table_rate_dps' is missing", "[columns.table_rate_dps]"),
+    ),
+    "NaN": (
+        lambda: changed("gyro_x_lsb", 7, np.nan),
+        ("run.csv:9: column 'gyro_x_lsb': 1 missing", "[[exclude]]"),
+    ),
+    "time backwards": (
+        lambda: changed("time_s", 100, 3.0),
+        ("run.csv:102: column 'time_s': time runs backwards",),
+    ),
+    "table never moves": (
+        lambda: changed("table_rate_dps", slice(None), 0.0),
+        ("run.csv: column 'table_rate_dps': constant at 0", "a column that varies"),
+    ),
+    "table at rest with noise": (
+        lambda: changed("table_rate_dps", slice(None), 1e-5 * np.cos(np.arange(480.0))),
+        (
+            "run.csv: the table never turns",
+            "expected held rates of the table",
+            "rates other than zero",
+        ),
+    ),
+    "one plateau": (
+        lambda: one_rate([10.0]) | {"table_rate_dps": 10.0 + 1e-4 * np.sin(np.arange(HELD))},
+        ("run.csv: 1 held rate (10 °/s) on 1 plateaus, expected at least 3 different ones",),
+    ),
+    "too few rates": (
+        lambda: one_rate([10.0, -10.0, 10.0]),
+        (
+            "run.csv: 2 held rates (-10, 10 °/s) on 3 plateaus, expected at least 3 different ones",
+            "plateaus.shortest_s",
+        ),
+    ),
+    "never held": (
+        lambda: changed("table_rate_dps", slice(None), np.linspace(-100.0, 100.0, 480)),
+        ("run.csv: no held rate of 2 s", "expected held rates of the table"),
+    ),
+    "another unit": (
+        lambda: healthy() | {"table_rate_dps": 3600.0 * healthy()["table_rate_dps"]},
+        (
+            "run.csv:122: column 'table_rate_dps': 36000 °/s",
+            "state the log's unit in [columns.table_rate_dps]",
+        ),
+    ),
+    "angle of another sign": (
+        lambda: (
+            (slow := one_rate([1.0, 5.0, 20.0, -5.0]))
+            | {"table_angle_deg": -np.cumsum(slow["table_rate_dps"])}
+        ),
+        (
+            "run.csv: column 'table_angle_deg': it turns -1 times as fast as 'table_rate_dps' says",
+            "state sign = -1",
+        ),
+    ),
+    "dead gyro": (
+        lambda: changed("gyro_x_lsb", slice(None), 20.0),
+        ("run.csv: column 'gyro_x_lsb': constant at 20",),
+    ),
+    "kelvin": (
+        lambda: healthy() | {"temp_case_degc": np.full(480, 298.0)},
+        ("run.csv:2: column 'temp_case_degc': 298 °C", "[columns.temp_case_degc]"),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_an_unusable_log_is_refused_by_check_and_fit(name, tmp_path, calibkit, log_writer):
+    """Exit code 3, one line that names place, found, expected and advice, and nothing is
+    written.
+    """
+    make, fragments = BAD[name]
+    log_writer(tmp_path / "logs" / "run.csv", **make())
+    fitted = calibkit(
+        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
+    )
+    assert fitted.code == 3, fitted.err
+    assert len(fitted.err.strip().splitlines()) == 1
+    checked = calibkit("check", "rate_table", "--data", tmp_path / "logs")
+    assert checked.code == 3
+    for fragment in fragments:
+        assert fragment in fitted.err
+        assert fragment in checked.out + checked.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("setting", "code", "fragment"),
+    [
+        ("acceptance.max_repeatability_ppm=5.0", 3, "these logs cannot show that figure"),
+        (
+            "acceptance.max_temperature_sensitivity_ppm_degc=5.0",
+            3,
+            "these logs cannot show that figure",
+        ),
+        ("gyros=['x', 'x']", 2, "a gyro stands twice"),
+        ("plateaus.shortest=3.0", 2, "did you mean 'shortest_s'?"),
+        ("nominal_scale_factor=0.0", 2, "turns no count into a rate"),
+        ("table.reference=angle", 3, "column 'table_angle_deg' is missing"),
+    ],
+)
+def test_what_cannot_be_shown_or_meant_is_refused(
+    setting, code, fragment, tmp_path, calibkit, log_writer
+):
+    """A limit on a figure that one run cannot show exits with 3 and is never passed; recipe faults
+    exit with 2.
+    """
+    log_writer(tmp_path / "logs" / "run.csv", **healthy())
+    outcome = calibkit(
+        "fit", "rate_table", data=tmp_path / "logs", serial="S", out=tmp_path / "r", set=setting
+    )
+    assert outcome.code == code, outcome.err
+    assert fragment in outcome.err
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_pair_without_one_of_its_logs_or_with_swapped_columns_is_refused(
+    tmp_path, calibkit, log_writer
+):
+    """An excluded axis is a recipe fault (2); B indicating more about A's axis than about its own
+    is unusable data (3).
+    """
+    folder = exact_pair(tmp_path / "logs", CASES[1], log_writer)
+    exclude = "exclude=[{log='table_axis_b', reason='r', person='p'}]"
+    arguments = (
+        "fit",
+        "gyro_pair",
+        "--data",
+        folder,
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "r",
+        "--set",
+    )
+    outcome = calibkit(*arguments, exclude)
+    assert (outcome.code, "no log about table axis b" in outcome.err) == (2, True)
+    outcome = calibkit(*arguments, "pair={axis_a='table_axis_b.csv', axis_b='table_axis_a.csv'}")
+    assert (outcome.code, "far beyond 1" in outcome.err) == (3, True)
+    outcome = calibkit(*arguments, "pair.axis_b=table_axis_a.csv")
+    assert (outcome.code, "each table axis has its own log" in outcome.err) == (2, True)
+    assert not (tmp_path / "r").exists()
+
+
+def test_the_set_points_of_a_calibration_are_inside_its_range(tmp_path, calibkit):
+    """The runs at −40 °C and 60 °C that were fitted are not clamped, by apply nor by firmware:
+    their soaks are the range.
+    """
+    runs, data = tmp_path / "runs", ROOT / "datasets" / "rate_table"
+    assert calibkit("fit", "rate_table", "--data", data, "--serial", "S", "--out", runs).code in (
+        0,
+        1,
+    )
+    chain = chain_of(runs / "S/r001")
+    flag = 1 << chain.structure.flags.index("TEMP_CLAMPED")
+
+    def clamped(log):
+        return correct(chain, log)[1] & flag != 0
+
+    for name in ("at_-40", "at_60", "room_1"):
+        out = tmp_path / f"{name}.csv"
+        done = calibkit("apply", "S", "--runs", runs, "--data", data / f"{name}.csv", "--out", out)
+        assert done.code == 0
+        assert "temperature outside" not in done.err
+        assert not clamped(pd.read_csv(data / f"{name}.csv")).any()
+    warm = pd.read_csv(data / "at_60.csv")
+    warm["temp_case_degc"] += 3.0
+    warm.to_csv(tmp_path / "warm.csv", index=False)
+    call = ("apply", "S", "--runs", runs, "--data", tmp_path / "warm.csv", "--out")
+    assert "temperature outside" in calibkit(*call, tmp_path / "w0.csv").err
+    assert clamped(warm).all()
+
+
+def one_row_log(name, slope, degc, rng):
+    """Log of rows that are means over a held rate each."""
+    rate = np.array(RATES)
+    shown = slope * rate + rng.normal(0.0, 0.3, rate.size)
+    columns = {"table_rate_dps": rate, "gyro_x_lsb": shown, "temp_case_degc": degc}
+    frame = pd.DataFrame(columns)
+    return Log(name, f"{name}.csv", name, len(frame), frame)
+
+
+@pytest.mark.slow
+def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
+    """Runs that differ by 3 ppm tell 13 ppm/°C, GJB and IEEE, within 1.96 u in 90 to 99 % of 100
+    campaigns.
+    """
+    temperature = np.array([25.0, 25.1, 24.9, -40.0, -40.0, -10.0, 45.0, 60.0])
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
+    ratios = []
+    for seed in range(100):
+        rng = np.random.default_rng([seed, 4])
+        K = 12345.6 * (
+            1.0 + 13e-6 * (temperature - 25.0) + 3e-6 * rng.standard_normal(temperature.size)
+        )
+        runs = [
+            table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
+            for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
+        ]
+        (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
+        found = {figure.name.partition(".")[2]: figure for figure in gyro.figures}
+        ratios.append(
+            [
+                (found[f"{standard}.gyro_x"].value - 13.0)
+                / found[f"{standard}.gyro_x"].standard_uncertainty
+                for standard in ("IEEE Std 952", "GJB 2426A")
+            ]
+        )
+    assert 0.9 <= np.mean(np.abs(ratios) < 1.96) <= 0.99
+
+
+def test_room_runs_on_both_sides_of_half_a_degree_are_one_temperature():
+    """Runs at 24.4 and 24.6 °C tell no third power of temperature: U of K(T) stays below 10 ppm
+    between the temperatures.
+    """
+    temperature = np.array([24.45, 24.55, 24.6, -40.0, -40.1, 60.0])
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
+    rng = np.random.default_rng(5)
+    K = 12345.6 * (1.0 + 1e-6 * rng.standard_normal(temperature.size))
+    runs = [
+        table_runs.fit_run(spec, one_row_log(f"run_{k}", slope, degc, rng))
+        for k, (slope, degc) in enumerate(zip(K, temperature, strict=True))
+    ]
+    (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
+    u = POLYNOMIAL.standard_uncertainty(gyro.curves[0], {"temp_case_degc": np.array([-10.0])})
+    assert u[0] < 5e-6 * 12345.6
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_temperature_sensitivity_has_the_sign_of_the_relative_change(sign):
+    """A scale factor whose size grows by 13 ppm/°C has that sensitivity, whatever its sign."""
+    spec = instruments.parse_recipe(recipe.find("rate_table", ("plateaus.one_row=true",)))
+    rng = np.random.default_rng(6)
+    runs = []
+    for k, degc in enumerate((25.0, 25.1, -40.0, -10.0, 60.0)):
+        K = sign * 12345.6 * (1.0 + 13e-6 * (degc - 25.0))
+        runs.append(table_runs.fit_run(spec, one_row_log(f"run_{k}", K, degc, rng)))
+    (gyro,) = gyro_fit.fit_campaign(spec, {"": runs}).channels
+    found = {figure.name: figure for figure in gyro.figures}
+    for standard in ("IEEE Std 952", "GJB 2426A"):
+        figure = found[f"temperature_sensitivity.{standard}.gyro_x"]
+        assert figure.value == pytest.approx(13.0, abs=0.5)
+
+
+def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
+    """The second log of a pair ends before the table turns the other way: check states what the
+    fit determines, and predicts no uncertainty where rates of one sign leave it open.
+    """
+    for axis, rows in (("a", 3631), ("b", 1500)):
+        log = pd.read_csv(ROOT / "datasets" / "gyro_pair" / f"table_axis_{axis}.csv")
+        log.head(rows).to_csv(tmp_path / f"table_axis_{axis}.csv", index=False)
+    found = inspection.check(recipe.find("gyro_pair", ()), tmp_path).judgement
+    assert found.determines
+    assert found.predicted == ()
+    with pytest.raises(FitError, match=r"do not determine the scale factor .* of both signs"):
+        plans.plan(recipe.find("gyro_pair", ()), tmp_path / "p", have=tmp_path, dry_run=True)
+
+
+def test_the_orthogonality_error_has_the_uncertainty_of_the_angle(pair):
+    """90° − α with u and degrees of freedom of α, the indicated γ with those of γ: without them U
+    was that of the model's, a third too small.
+    """
+    found = figures(record(pair[0], "gyro_orthogonality"))
+    for name, source in (("orthogonality_error_deg", "alpha_deg"), ("gamma_indicated", "gamma")):
+        one, other = found[name], found[source]
+        assert (one.standard_uncertainty, one.effective_dof) == (
+            other.standard_uncertainty,
+            other.effective_dof,
+        )
+        assert one.effective_dof < 10.0
+
+
+def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
+    """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
+    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}
+    rng = np.random.default_rng(1)
+    folder = exact_pair(tmp_path / "logs", case, log_writer)
+    for path in folder.iterdir():
+        header, rows = rows_of(path)
+        columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+        noisy = {
+            n: columns[n] + rng.normal(0.0, 3.0, len(rows)) for n in ("gyro_a_lsb", "gyro_b_lsb")
+        }
+        log_writer(path, **(columns | noisy))
+    run = fit(calibkit, "gyro_pair", folder, tmp_path / "runs")
+    found = figures(run.records["gyro_orthogonality.json"])
+    assert found["gamma_indicated"].value > 1.0
+    assert (found["gamma"].value, found["alpha_deg"].value, found["clamped"].value) == (
+        1.0,
+        0.0,
+        1.0,
+    )
+    assert found["alpha_low_95_deg"].value == 0.0
+    assert 0.0 < found["alpha_high_95_deg"].value < 1.0
+    assert any("clamped" in flag for flag in run.document["flags"])
+    assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()

@@ -1,0 +1,310 @@
+"""The wavelet transform against PyWavelets, a loop-only twin, and the laws it must keep at every
+length and end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import pywt
+from hypothesis import given, settings, strategies as st
+
+from calibkit.errors import FitError
+from calibkit.numeric.wavelet import denoise
+from calibkit.numeric.wavelet.denoise import EXTENSIONS, fit_end
+from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
+from fits.transforms import clean_details, extend, extend_by, forward, inverse
+
+BANKS = [name for name in pywt.wavelist(kind="discrete") if name != "dmey"]
+SOME = ["haar", "cdf97", "db4", "bior3.5"]
+
+
+def noise(size, seed=7):
+    """Unit white noise."""
+    return np.random.default_rng(seed).normal(size=size)
+
+
+def interior_details(signal, bank, levels):
+    """PyWavelets' details of each level, finest first, with NaN where its own extension was
+    used.
+    """
+    count = pywt.Wavelet(bank).dec_len
+    coefficients = pywt.wavedec(np.asarray(signal), bank, mode="zero", level=levels)[:0:-1]
+    reach = [(count - 1) * (2**level - 1) for level in range(1, levels + 1)]
+    out = []
+    for level, (detail, lost) in enumerate(zip(coefficients, reach, strict=True), start=1):
+        edge = lost // 2**level + 2
+        kept = detail.copy()
+        kept[:edge] = kept[-edge:] = np.nan
+        out.append(kept)
+    return out
+
+
+def test_every_other_wavelet_has_the_details_of_pywavelets_at_the_same_index():
+    """Three levels, away from the ends."""
+    signal = noise(2003)
+    for bank in set(BANKS) - set(LIFTING):
+        levels = min(3, pywt.dwt_max_level(2003, bank))
+        ours, known = clean_details(signal, bank, levels), interior_details(signal, bank, levels)
+        for (detail, first), theirs in zip(ours, known, strict=True):
+            index = np.flatnonzero(~np.isnan(theirs))
+            index = index[(index >= first) & (index - first < detail.size)]
+            assert index.size > 30, bank
+            assert np.array_equal(detail[index - first], theirs[index]), bank
+
+
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("haar", 1e-13), ("cdf53", 1e-13), ("db2", 1e-13), ("cdf97", 1e-11)]
+)
+def test_lifting_steps_equal_pywavelets_up_to_shift_and_sign(name, tolerance):
+    """One shift of the samples and one of each level line all details up with ± PyWavelets' (9/7:
+    its table ends there).
+    """
+    signal, levels = noise(700), 3
+    ours = [detail[8:-8] for detail, _ in clean_details(signal, name, levels)]
+    misfits = []
+    for offset in range(2**levels):
+        moved = np.concatenate([np.zeros(offset), signal])
+        theirs = interior_details(moved, find_wavelet(name).bank, levels)
+        misfits.append(max(best_match(a, b) for a, b in zip(ours, theirs, strict=True)))
+    assert min(misfits) < tolerance
+    assert sorted(misfits)[1] > 1e-3
+
+
+def best_match(ours, theirs):
+    """Smallest over shifts and signs of the largest difference."""
+    windows = np.lib.stride_tricks.sliding_window_view(theirs, ours.size)
+    windows = windows[~np.isnan(windows).any(axis=1)]
+    return min(np.min(np.max(np.abs(windows - sign * ours), axis=1)) for sign in (1.0, -1.0))
+
+
+@pytest.mark.parametrize("name", sorted(LIFTING))
+def test_a_loop_only_twin_gives_the_same_coefficients(name):
+    """Steps run one sample at a time on a dictionary of a level give the same two levels, wherever
+    it has all neighbours; and those that it has are made of the values that the wavelet states.
+    """
+    known, wavelet = noise(80).cumsum(), find_wavelet(name)
+    for _ in range(2):
+        channels = naive_level(dict(enumerate(known.tolist())), wavelet)
+        both = wavelet.analyse(known)
+        for coefficients, expected in zip(both, channels, strict=True):
+            index = sorted(expected)
+            assert len(index) >= known.size // 2 - 4
+            values = [expected[i] for i in index]
+            np.testing.assert_allclose(coefficients[index], values, rtol=1e-11, atol=1e-11)
+        inside = set(channels[0]) & set(channels[1])
+        assert min(inside) == -(wavelet.reads[0] // 2)
+        assert max(inside) == (known.size - 1 - wavelet.reads[1]) // 2
+        known = both[0]
+
+
+def naive_level(values, wavelet):
+    """One analysis level on a dictionary index → value; indices whose neighbours are missing fall
+    away.
+    """
+    channels = [{k // 2: v for k, v in values.items() if k % 2 == c} for c in (0, 1)]
+    for step in wavelet.steps:
+        source = channels[1 - step.updates]
+        channels[step.updates] = {
+            i: value + step.tap * sum(source[i + k] for k in step.offsets)
+            for i, value in channels[step.updates].items()
+            if all(i + k in source for k in step.offsets)
+        }
+    gains = wavelet.gain, 1.0 / wavelet.gain
+    return [{i: g * v for i, v in c.items()} for c, g in zip(channels, gains, strict=True)]
+
+
+@settings(max_examples=250, deadline=None)
+@given(
+    length=st.integers(1, 400),
+    levels=st.integers(1, 6),
+    name=st.sampled_from(["cdf53", "cdf97", *BANKS]),
+    extension=st.sampled_from(EXTENSIONS),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_reconstruction_is_perfect_for_any_length_wavelet_and_extension(
+    length, levels, name, extension, seed
+):
+    """Synthesis returns the samples to 1e-9 of the largest (1e-12 with lifting steps, which undo
+    themselves), odd lengths and lengths below the filter included.
+    """
+    signal = np.random.default_rng(seed).normal(size=length).cumsum()
+    rebuilt = inverse(*forward(signal, name, levels, extension), name, length)
+    assert rebuilt.shape == signal.shape
+    tolerance = 1e-12 if name in LIFTING else 1e-9
+    assert np.max(np.abs(rebuilt - signal)) < tolerance * np.max(np.abs(signal))
+
+
+@pytest.mark.parametrize(
+    ("name", "moments"),
+    [("haar", 1), ("cdf53", 2), ("cdf97", 4), ("db2", 2), ("db4", 4), ("sym5", 5), ("bior3.5", 3)],
+)
+def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments):
+    """Interior details of every power below the number of vanishing moments are rounding; the next
+    power's are not.
+    """
+    time = np.linspace(-1.0, 1.0, 801)
+    size = [
+        max(np.max(np.abs(detail)) for detail, _ in clean_details(time**power, name, 2))
+        for power in range(moments)
+    ]
+    assert max(size) < 2e-11  # tables are good to a few 1e-12
+    ((following, _),) = clean_details((np.arange(48.0) - 23.5) ** moments, name, 1)
+    assert np.min(np.abs(following)) > 0.01
+
+
+@pytest.mark.parametrize(("name", "length"), [("cdf53", 200), ("cdf97", 501), ("sym8", 501)])
+def test_a_straight_line_has_no_details_even_at_its_ends(name, length):
+    """The extensions that keep a linear trend leave none to two vanishing moments."""
+    line = 3.0 - 0.25 * np.arange(length)
+    for extension in ("antisymmetric", "trend"):
+        _, details = forward(line, name, 3, extension)
+        first = find_wavelet(name).length << 3
+        near = [d[first >> k : (first + length) >> k] for k, d in enumerate(details, start=1)]
+        # of a line that spans up to 125
+        assert max(np.max(np.abs(detail)) for detail in near) < 1e-9
+
+
+def test_extensions_follow_their_definitions():
+    """Values beyond the ends by hand: mirrored, and reflected in the end point; a signal that is
+    shorter than its extension is reflected again.
+    """
+    signal = np.array([1.0, 2.0, 5.0, 7.0])
+    expected = {
+        "symmetric": [5, 7, 5, 2, 1, 2, 5, 7, 5, 2, 1, 2],
+        "antisymmetric": [-7, -5, -3, 0, 1, 2, 5, 7, 9, 12, 13, 14],
+    }
+    for extension, values in expected.items():
+        np.testing.assert_array_equal(extend_by(signal, 4, extension), values, err_msg=extension)
+
+
+def test_the_trend_extension_reflects_in_the_fitted_end_values():
+    """Beyond each end stand the samples reflected in the value of the line through the window, by
+    np.polyfit.
+    """
+    signal, window = 0.02 * np.arange(200.0) + noise(200), 60
+    extended = extend_by(signal, 10, "trend", window)
+    for end, beyond in ((signal, extended[9::-1]), (signal[::-1], extended[210:])):
+        value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
+        np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
+
+
+def test_the_trend_extension_fits_no_line_over_a_bend():
+    """A drift that turns after 60 samples is fitted before the turn: the end value is right to 3
+    standard errors.
+    """
+    turn, window = 60, 600
+    time = np.arange(900.0)
+    trend = np.where(time < turn, 0.2 * time, 0.2 * turn - 0.01 * (time - turn))
+    errors, straight = [], []
+    for seed in range(40):
+        signal = trend + noise(900, seed=seed)
+        errors.append(fit_end(signal, window)[0] - trend[0])
+        straight.append(np.polyval(np.polyfit(time[:window], signal[:window], 1), 0.0) - trend[0])
+    # 2 σ/√size at sizes of 16 to 60 is 0.5 to 0.26
+    assert np.sqrt(np.mean(np.square(errors))) < 0.8
+    assert np.sqrt(np.mean(np.square(straight))) > 5.0
+
+
+def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
+    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
+    still = 0.1 * noise(2000)
+    moving = still + 5.0 / 600.0 * np.arange(2000)
+    for signal, expected in (
+        (still, (False, False)),
+        (moving, (True, True)),
+        (np.maximum(moving, 8.0), (False, True)),
+    ):
+        ends = [fit_end(side, 384) for side in (signal, signal[::-1])]
+        assert tuple(is_reflected for _, is_reflected in ends) == expected
+
+
+def test_the_line_at_an_end_of_a_long_log_is_fitted_to_means(monkeypatch):
+    """Of so many samples that its value is the same within half a standard error."""
+    signal = 0.01 * np.arange(5000.0) + noise(5000)
+    sides = signal, signal[::-1]
+    whole = [fit_end(side, 1000) for side in sides]
+    monkeypatch.setattr(denoise, "MOST_VALUES", 150)
+    means = [fit_end(side, 1000) for side in sides]
+    for (one, is_reflected), (other, other_is) in zip(whole, means, strict=True):
+        assert is_reflected
+        assert other_is
+        assert other == pytest.approx(one, abs=1.0 / np.sqrt(1000.0))
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_only_coefficients_outside_the_interior_depend_on_the_extension(name):
+    """Two extensions give bit-equal interior details and different ones outside."""
+    signal = noise(900).cumsum()
+    both = [clean_details(signal, name, 4, e) for e in ("symmetric", "antisymmetric")]
+    for (one, _), (other, _) in zip(*both, strict=True):
+        assert one.size > 0
+        assert np.array_equal(one, other)
+    if name != "haar":
+        for one, other in zip(
+            *(forward(signal, name, 4, e)[1] for e in ("symmetric", "antisymmetric")), strict=True
+        ):
+            assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])
+def test_blocks_leave_no_trace_in_the_average_over_shifts(name, monkeypatch):
+    """Blocks of 40 samples give what one block gives."""
+    whole, _ = extend(noise(3001), name, 4, "trend")
+
+    def averaged():
+        bank = find_wavelet(name).bank
+        return denoise._average_over_shifts(whole, bank, np.ones(3), "soft")[100:-100]
+
+    at_once = averaged()
+    monkeypatch.setattr(denoise, "CACHED", 37)
+    np.testing.assert_allclose(at_once, averaged(), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["haar", "cdf97", "db4"])
+def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
+    """Away from the ends: the mean of eight decimated transforms, each begun a sample later."""
+    signal = noise(3000).cumsum()
+
+    def shrink(level, detail):
+        return np.where(np.abs(detail) > 1.0 + level, detail, 0.0)
+
+    thresholds = 1.0 + np.arange(3.0)
+    shifted = denoise._average_over_shifts(signal, find_wavelet(name).bank, thresholds, "hard")
+    each = [
+        inverse(*forward(signal[k:], name, 3), name, 3000 - k, shrink)[800 - k : 1800 - k]
+        for k in range(8)
+    ]
+    np.testing.assert_allclose(shifted[800:1800], np.mean(each, axis=0), atol=1e-10)
+
+
+def test_a_read_only_signal_is_accepted_and_left_alone():
+    """A column of a pandas frame is read-only; the transform neither needs to write to it nor hands
+    it out.
+    """
+    for name in ("cdf97", "db4"):
+        signal = noise(100)
+        signal.flags.writeable = False
+        before = signal.copy()
+        approximations, details = forward(signal, name, 2)
+        details[0][:] = 0.0
+        assert np.array_equal(signal, before)
+        assert inverse(approximations, details, name, 100).flags.writeable
+
+
+@pytest.mark.parametrize(
+    ("name", "suggestion"),
+    [("cdf9/7", "cdf97"), ("sym21", "sym2"), ("Haar", "haar"), ("bior44", "bior4.4")],
+)
+def test_an_unknown_wavelet_is_refused_with_a_suggestion(name, suggestion):
+    """The message names what was asked for and the nearest names there are."""
+    with pytest.raises(FitError, match=f"unknown wavelet {name!r}.*did you mean.*{suggestion}"):
+        find_wavelet(name)
+
+
+def test_a_wavelet_that_resembles_nothing_is_refused_with_examples():
+    """Without a near name the hint lists usual ones; continuous wavelets are not accepted."""
+    with pytest.raises(FitError, match=r"unknown wavelet '§§'.*use haar"):
+        find_wavelet("§§")
+    with pytest.raises(FitError, match="unknown wavelet 'mexh'"):
+        find_wavelet("mexh")

@@ -1,0 +1,208 @@
+"""Simulated triads on a table: canonical, reproducible, physical; and what calibration makes of
+them.
+"""
+
+import numpy as np
+import pytest
+
+from calibkit.fit.complex_step import derivative
+from calibkit.instruments.accelerometer import published, simulate
+from calibkit.instruments.accelerometer.corrections import DwellErrors
+from calibkit.instruments.accelerometer.equation import name_terms
+from calibkit.instruments.accelerometer.shared_errors import angle_slopes
+from calibkit.instruments.accelerometer.triad import solve_triad
+from calibkit.numeric import attitude
+from fits.triad_dwells import collect, fit_triad, recipe, uncertainties, values
+
+PLAIN = recipe(loss="least_squares")
+SECOND_ORDER = recipe(loss="least_squares", affine={"second_order": True, "third_order": True})
+
+
+def read(campaign):
+    """Indications [n, 3], temperatures [n], inclinations [n], toolfaces [n] of all logs."""
+    logs = list(campaign.logs.values())
+
+    def column(name):
+        return np.concatenate([log[name] for log in logs])
+
+    indicated = np.column_stack([column(f"accel_{axis}_g") for axis in "xyz"])
+    return indicated, column("temp_case_degc"), column("inclination_deg"), column("toolface_deg")
+
+
+def fit(campaign, spec=PLAIN):
+    """Fit of all dwells of a campaign."""
+    indicated, temperature, inclination, toolface = read(campaign)
+    angles = np.column_stack([inclination, toolface])
+    return fit_triad(collect(indicated, temperature, angles), spec)
+
+
+def k_applied(fitted, indicated, temperature):
+    """Components [n, 3] as the K of three axes correct them."""
+    parts = [
+        published.columns(indicated, temperature, i) @ values(model)
+        for i, model in enumerate(fitted.k)
+    ]
+    return np.column_stack(parts)
+
+
+def test_indications_are_positive_along_gravity():
+    """Upright the z axis reads +1 g, head down −1 g; with the high side up x reads −1 g."""
+    log = simulate.campaign(2).logs["positions.csv"]
+    z = log["accel_z_g"]
+    assert np.all(z[log["inclination_deg"] == 0.0] > 0.95)
+    assert np.all(z[log["inclination_deg"] == 180.0] < -0.95)
+    level = (log["inclination_deg"] == 90.0) & (log["toolface_deg"] == 0.0)
+    assert np.all(log["accel_x_g"][level] < -0.95)
+
+
+def test_the_sensors_are_not_the_model_that_is_fitted():
+    """Without any noise the K model leaves tens of µg, the triad with turning axes a tenth
+    of that.
+    """
+    quiet = {"noise_g": 0.0, "table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
+    campaign = simulate.campaign(0, **quiet)
+    fitted = fit(campaign, SECOND_ORDER)
+    rms = max(model.residual_rms for model in fitted.k)
+    assert rms > 1e-5  # g
+    assert np.sqrt(np.mean(fitted.triad.residuals**2)) < 0.2 * rms
+
+
+def test_one_indication_is_the_sensor_written_out():
+    """Flux loss by an exponential, a bias that saturates, an axis that turns, IEEE 1293 terms: one
+    dwell by hand.
+    """
+    sensor = {
+        "scale_factor": 1.01,
+        "flux_loss": 1e-3,
+        "flux_curvature": 1e-5,
+        "bias": 2e-3,
+        "bias_slope": 1e-5,
+        "bias_bend": 4e-3,
+        "bend_width": 50.0,
+        "second_order": 1e-3,
+        "third_order": 2e-3,
+        "cross_product": 3e-3,
+        "axis": (1.0, 0.0, 0.0),
+        "axis_turn": (0.0, 0.0, 1e-3),
+    }
+    other = sensor | {"axis": (0.0, 1.0, 0.0)}
+    found = simulate.indications(
+        (sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0])
+    )
+    turned, crossed = np.array([1.0, 0.05]), np.array([-0.05, 1.0])
+    own = turned @ [0.6, 0.8] / np.linalg.norm(turned)
+    beside = crossed @ [0.6, 0.8] / np.linalg.norm(crossed)
+    bias = 2e-3 + 1e-5 * 50.0 + 4e-3 * np.tanh(1.0)
+    higher = 1e-3 * own**2 + 2e-3 * own**3 + 3e-3 * own * beside
+    assert found[0, 0] == pytest.approx(
+        1.01 * np.exp(-0.05 - 0.025) * (own + higher + bias), rel=1e-12
+    )
+
+
+def test_truth_describes_the_sensors():
+    """The noise-free indications follow from the sensors and angles of the truth."""
+    campaign = simulate.campaign(5, noise_g=0.0, thermometer_noise_degc=0.0)
+    truth = campaign.truth
+    sensors = tuple(truth["sensors"][f"accel_{axis}"] for axis in "xyz")
+    vector = attitude.gravity_vector(
+        np.array(truth["inclination_deg"]), np.array(truth["toolface_deg"])
+    )
+    indicated, temperature, _, _ = read(campaign)
+    np.testing.assert_allclose(
+        simulate.indications(sensors, vector, temperature), indicated, atol=1e-12
+    )  # g
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_attitude_after_correction_beats_the_published_results(seed):
+    """With 0.01° table noise inclination errs by 0.05° at most and toolface by
+    0.1°/sin(inclination), everywhere.
+    """
+    campaign = simulate.campaign(seed, table_noise_deg=0.01)
+    indicated, temperature, inclination, toolface = read(campaign)
+    corrected = k_applied(fit(campaign), indicated, temperature)
+    before = DwellErrors.of_vectors(indicated, inclination, toolface)
+    after = DwellErrors.of_vectors(corrected, inclination, toolface)
+    assert before.figures["inclination_max_deg"] > 0.2
+    assert after.figures["inclination_max_deg"] <= 0.05
+    assert after.figures["toolface_sin_max_deg"] <= 0.1
+    # against the true angles of the table, which the calibration has not seen, only the model's own
+    # error is left
+    truth = DwellErrors.of_vectors(
+        corrected,
+        np.array(campaign.truth["inclination_deg"]),
+        np.array(campaign.truth["toolface_deg"]),
+    )
+    assert truth.figures["inclination_rms_deg"] < 0.008
+    assert truth.figures["toolface_sin_max_deg"] < 0.03
+
+
+@pytest.mark.slow
+def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
+    """A second campaign of the same triad errs within the propagated uncertainty and the dwell
+    noise, 90 % of the time.
+    """
+    quiet = {"table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
+    campaign = simulate.campaign(7, **quiet)
+    indicated, temperature, inclination, toolface = read(campaign)
+    even = np.arange(len(temperature)) % 2 == 0
+    angles = np.column_stack([inclination, toolface])
+    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3, second_order=True, third_order=True)
+    fitted = solve_triad(
+        collect(indicated[even], temperature[even], angles[even]),
+        terms,
+        SECOND_ORDER,
+        loss="least_squares",
+    )
+    t, p = fitted.mapped(temperature[~even]), fitted.fit.parameters
+    corrected = terms.corrected(p, indicated[~even], t)
+    slopes = derivative(lambda q: terms.corrected(q, indicated[~even], t), p)
+    covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
+    covariance = covariance + np.diag(fitted.noise**2)
+    angles = np.radians([attitude.inclination(corrected), attitude.toolface(corrected)])
+    by_vector = np.stack(angle_slopes(*angles)) / np.linalg.norm(corrected, axis=1)[:, None]
+    variances = np.einsum("kni,nij,knj->kn", by_vector, covariance, by_vector)
+    u_inclination, u_toolface_sin = np.degrees(np.sqrt(variances))
+    found = DwellErrors.of_vectors(corrected, inclination[~even], toolface[~even])
+    inside = np.isfinite(found.toolface_deg)
+    u_toolface = u_toolface_sin / np.sin(np.radians(inclination[~even]))
+    assert (
+        0.9
+        <= np.mean(np.abs(found.inclination_deg[inside]) <= 1.96 * u_inclination[inside])
+        <= 0.99
+    )
+    assert 0.9 <= np.mean(np.abs(found.toolface_deg[inside]) <= 1.96 * u_toolface[inside]) <= 0.99
+
+
+def test_outlying_dwells_are_named():
+    """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
+    nothing.
+    """
+    clean, disturbed = (
+        simulate.campaign(6, table_noise_deg=0.0, outliers=count) for count in (0, 3)
+    )
+    outliers = disturbed.truth["outlier_dwells"]
+    assert len(outliers) == 3
+    before, after = fit(clean, recipe()), fit(disturbed, recipe())
+    assert set(outliers) <= set(after.triad.suspects)
+    for one, other in zip(before.k, after.k, strict=True):
+        assert np.max(np.abs(values(other) - values(one)) / uncertainties(one)) < 1.0
+
+
+def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
+    """The mean of each hold has the length that scale, bias and axes make of gravity, within 0.5
+    mg; attitudes are not logged.
+    """
+    from calibkit.instruments.accelerometer import simulate_magnitude
+
+    simulated = simulate_magnitude.campaign(5, positions=12)
+    truth = simulated.truth
+    log = simulated.logs["tumble.csv"]
+    assert set(log) == {"time_s", "accel_x_g", "accel_y_g", "accel_z_g"}
+    samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
+    holds = samples[:, :100].mean(axis=1)
+    orthogonal = published.exact_matrix(np.array(truth["Q"]))
+    corrected = (holds - truth["b"]) / truth["k"] @ orthogonal.T
+    np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
+    assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3
+    np.testing.assert_allclose(corrected, truth["gravity"]["tumble.csv"], atol=5e-4)

@@ -1,0 +1,455 @@
+"""Every bad input: one line with file, place, found, expected, next step; the contract's exit code;
+nothing written.
+"""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+ROWS = 900
+
+
+def healthy():
+    """Columns of a small healthy log: soak, 5 °C/min ramp, soak."""
+    time = np.arange(float(ROWS))
+    air = 20.0 + np.clip(time - 120.0, 0.0, 600.0) * 5.0 / 60.0
+    case = air - 3.0 * (1.0 - np.exp(-np.maximum(time - 120.0, 0.0) / 100.0))
+    return {
+        "time_s": time,
+        "temp_case_degc": case,
+        "temp_env_degc": air,
+        "gyro_dph": 9.0 + 0.01 * case,
+    }
+
+
+def ramped(columns):
+    """Return how far the ramp of a healthy log has come, 0 to 1."""
+    return np.clip((columns["time_s"] - 120.0) / 600.0, 0.0, 1.0)
+
+
+def changed(column, rows, values):
+    """Return healthy columns with some values of one replaced."""
+    columns = healthy()
+    columns[column] = columns[column].copy()
+    columns[column][rows] = values
+    return columns
+
+
+CASES = {
+    "missing column": (
+        lambda c: {("gyro" if k == "gyro_dph" else k): v for k, v in c.items()},
+        (
+            "a.csv:1: column 'gyro_dph' is missing, found time_s",
+            "did you mean 'gyro'?",
+            "[columns.gyro_dph]",
+        ),
+    ),
+    "two rows": (
+        lambda c: {k: v[:2] for k, v in c.items()},
+        ("a.csv: 2 rows, expected at least 20", "min_rows"),
+    ),
+    "time going backwards": (
+        lambda c: changed("time_s", 500, 300.0),
+        ("a.csv:502: column 'time_s': time runs backwards at 499 s → 300 s", "strictly increasing"),
+    ),
+    "time standing still": (
+        lambda c: changed("time_s", 500, 499.0),
+        ("a.csv:502: column 'time_s': time stands still",),
+    ),
+    "NaN run": (
+        lambda c: changed("gyro_dph", slice(400, 450), np.nan),
+        ("a.csv:402: column 'gyro_dph': 50 missing or infinite values", "[[exclude]]"),
+    ),
+    "infinite value": (
+        lambda c: changed("temp_env_degc", 7, np.inf),
+        ("a.csv:9: column 'temp_env_degc': 1 missing or infinite value from here on",),
+    ),
+    "constant chamber": (
+        lambda c: c | {"temp_env_degc": np.full(ROWS, 20.0)},
+        ("a.csv: column 'temp_env_degc': constant at 20 over 900 rows", "a column that varies"),
+    ),
+    "constant gyro": (
+        lambda c: c | {"gyro_dph": np.full(ROWS, 9.0)},
+        ("a.csv: column 'gyro_dph': constant at 9",),
+    ),
+    "kelvin": (
+        lambda c: c | {"temp_case_degc": c["temp_case_degc"] + 273.15},
+        ("a.csv:2: column 'temp_case_degc': 293.15 °C", "[columns.temp_case_degc]"),
+    ),
+    "gyro beyond any gyro": (
+        lambda c: changed("gyro_dph", 5, 1e200),
+        ("a.csv:7: column 'gyro_dph': 1e+200 deg/h", "at most 1e+07 deg/h"),
+    ),
+    "case and chamber swapped": (
+        lambda c: (
+            c
+            | {
+                "temp_env_degc": c["temp_case_degc"],
+                "temp_case_degc": c["temp_case_degc"] + 8.0 * ramped(c),
+            }
+        ),
+        ("°C/min the case gains", "temp_case_degc and temp_env_degc are swapped"),
+    ),
+    "gap": (
+        lambda c: {k: np.delete(v, slice(300, 400)) for k, v in c.items()},
+        ("a.csv:302: column 'time_s': a gap of 101 s at 299 s, expected at most 60 s",),
+    ),
+    "no ramp": (
+        lambda c: c | {"temp_env_degc": 20.0 + 0.1 * np.sin(c["time_s"])},
+        ("a.csv: no ramp found", "ramp_min_degc_min"),
+    ),
+    "slower than the interval": (
+        lambda c: {k: v[::20] for k, v in c.items()},
+        ("a.csv: sampled every 20 s, the model interval is 10 s",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_unusable_log_is_refused_with_one_line_and_nothing_is_written(
+    name, tmp_path, calibkit, log_writer
+):
+    """Exit code 3, one line naming place, found, expected and advice, no run folder."""
+    change, fragments = CASES[name]
+    log_writer(tmp_path / "logs" / "a.csv", **change(healthy()))
+    outcome = calibkit(
+        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
+    )
+    assert outcome.code == 3, outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+    for fragment in fragments:
+        assert fragment in outcome.err
+    assert outcome.out == ""
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "fragment"),
+    [
+        (b"", "a.csv: the file is empty"),
+        (
+            b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,x9\n",
+            "a.csv:2: column 'gyro_dph': found 'x9'",
+        ),
+        (
+            b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,3\n1,1,2\n",
+            "a.csv:3: 3 fields, expected 4",
+        ),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused(content, fragment, tmp_path, calibkit):
+    """Empty files, text in a number and short rows exit with 3 and say where."""
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "a.csv").write_bytes(content)
+    outcome = calibkit(
+        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
+    )
+    assert outcome.code == 3
+    assert fragment in outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_log_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer):
+    """Ten levels of CDF 9/7 do not fit a log of a quarter of an hour at 1 Hz: the log and both
+    numbers are named.
+    """
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    outcome = calibkit(
+        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", set="denoise.levels=10"
+    )
+    assert outcome.code == 3
+    assert "a.csv: 900 samples are shorter" in outcome.err
+    assert "10 levels" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "fragment"),
+    [
+        (["--set", "drift.ordr=2"], 2, "did you mean 'order'?"),
+        (["--set", "columns.gyro_dhp={from='gyro_dph', sign=-1}"], 2, "did you mean 'gyro_dph'?"),
+        (["--set", "denoise.wavelet=db99"], 2, "unknown wavelet 'db99'"),
+        (["--set", "drift.order='two'"], 2, "found 'two', expected a whole number or 'auto'"),
+        (["--set", "logs.files=['*.log']"], 3, "no log matches '*.log', found a.csv"),
+        (["--set", "exclude=[{log='b', reason='r', person='p'}]"], 2, "no such log"),
+        (["--set", "exclude=[{log='a', reason='r', person='p'}]"], 3, "every log is excluded"),
+        (["--set", "drift.rates_degc_min.b=1.0"], 2, "no such log"),
+        (["--date", "21.11.2026"], 2, "write YYYY-MM-DD"),
+        (["--bogus"], 2, "No such option"),
+    ],
+)
+def test_usage_and_recipe_faults_have_their_exit_code(
+    arguments, code, fragment, tmp_path, calibkit, log_writer
+):
+    """Faults of the command line and the recipe exit with 2, logs that are not there with 3."""
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    outcome = calibkit(
+        "fit", "fog_thermal", *arguments, data=tmp_path / "logs", serial="S", out=tmp_path / "r"
+    )
+    assert outcome.code == code
+    assert fragment in outcome.err
+    assert not (tmp_path / "r").exists()
+
+
+def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer):
+    """`check` exits with 3 where fit would, lists each log, and `--json` carries place and
+    advice.
+    """
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    other = changed("gyro_dph", slice(400, 450), np.nan)
+    log_writer(
+        tmp_path / "logs" / "b.csv", **other | {"gyro_dph": other["gyro_dph"] + 0.5}
+    )  # another measurement
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert said.code == 3
+    assert "a.csv: ok" in said.out
+    assert "REFUSED b.csv:402" in said.out
+    document = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--json").json
+    assert [len(entry["findings"]) for entry in document["logs"]] == [0, 1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["logs"]
+
+
+def test_the_same_log_under_two_names_is_refused(tmp_path, calibkit, log_writer):
+    """A copy of a log would vouch for the original when that is left out."""
+    for name in ("a.csv", "b.csv"):
+        log_writer(tmp_path / "logs" / name, **healthy())
+    outcome = calibkit(
+        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
+    )
+    assert outcome.code == 3
+    assert "b.csv: the same bytes as a.csv" in outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("written", ["line_ends", "a_row_less", "other_digits"])
+def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(
+    tmp_path, calibkit, log_writer, written
+):
+    """Other line ends, a row less or zeros behind the digits make no other measurement of a log."""
+    text = log_writer(tmp_path / "logs" / "a.csv", **healthy()).read_text()
+    rows = text.splitlines()
+    other = {
+        "line_ends": "\r\n".join(rows) + "\r\n",
+        "a_row_less": "\n".join([rows[0], *rows[2:]]) + "\n",
+        "other_digits": "\n".join(
+            [rows[0], *(f"{row}0" if "." in row.rpartition(",")[2] else row for row in rows[1:])]
+        ),
+    }[written]
+    (tmp_path / "logs" / "b.csv").write_bytes(other.encode())
+    for command in (
+        ["fit", "fog_thermal", "--serial", "S", "--out", tmp_path / "runs"],
+        ["check", "fog_thermal"],
+    ):
+        outcome = calibkit(*command, "--data", tmp_path / "logs")
+        assert outcome.code == 3
+        assert "the same values as a.csv" in outcome.out + outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_column_that_is_needed_itself_is_not_proposed_for_another(tmp_path, calibkit, log_writer):
+    """Without the chamber air the case is not offered in its place: one column would be both."""
+    columns = {name: column for name, column in healthy().items() if name != "temp_env_degc"}
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    outcome = calibkit(
+        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
+    )
+    assert outcome.code == 3
+    assert "'temp_env_degc' is missing" in outcome.err
+    assert "did you mean" not in outcome.err
+
+
+def test_check_refuses_what_a_fit_would_refuse(tmp_path, calibkit, log_writer):
+    """A log without a ramp is refused by `check` too."""
+    columns = healthy()
+    columns["temp_env_degc"] = 20.0 + 0.1 * np.sin(columns["time_s"])
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert said.code == 3
+    assert "no ramp found" in said.out
+
+
+def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
+    """A single sample a thousand times off is flagged with its line."""
+    columns = healthy()
+    columns["gyro_dph"] = columns["gyro_dph"] + np.random.default_rng(1).normal(0.0, 0.5, ROWS)
+    columns["gyro_dph"][500] = 5e4
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert "flagged a.csv:502: column 'gyro_dph': a spike: 50000 deg/h" in said.out
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        (
+            '[[exclude]]\nlog = "a"\nfrom_s = 9000.0\nto_s = 9100.0\nreason = "r"\nperson = "p"',
+            "no row between 9000 s",
+        ),
+        ('[[exclude]]\nlog = "b"\nreason = "r"\nperson = "p"', "no such log"),
+        (
+            '[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"',
+            "'degC' is a temperature, 'deg/h' an angular rate",
+        ),
+        ("[drift.rates_degc_min]\nb = 1.0", "no such log"),
+    ],
+)
+def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(
+    table, words, tmp_path, calibkit, log_writer
+):
+    """What only the logs show to be wrong in a recipe names file and line of the recipe, in check
+    and in fit.
+    """
+    from calibkit import recipe
+
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    text = recipe.find("fog_thermal").text + "\n" + table + "\n"
+    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
+    first = text[: text.index(table)].count("\n") + 1
+    for command in ("check", "fit"):
+        said = calibkit(command, tmp_path / "r.toml", data=tmp_path / "logs", set="serial='S'")
+        assert said.code == 2
+        assert words in said.err
+        line = int(said.err.split("r.toml:")[1].split(":")[0])
+        assert first <= line < first + table.count("\n") + 1
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("logs.files='*.csv'", "found '*.csv', expected a list in brackets"),
+        ("logs.files=[]", "expected at least 1 entries in the list"),
+        ("title=3", "found 3, expected text in quotes"),
+        ("site=3", "found 3, expected a table"),
+        ("denoise.enabled='yes'", "found 'yes', expected true or false"),
+    ],
+)
+def test_recipe_faults_are_told_in_words_of_toml(setting, words, tmp_path, calibkit, log_writer):
+    """No word of the validator's own reaches the user."""
+    log_writer(tmp_path / "a.csv", **healthy())
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", setting)
+    assert outcome.code == 2
+    assert words in outcome.err
+    assert not any(word in outcome.err for word in ("tuple", "Tuple", "instance", "valid "))
+
+
+def test_a_gap_that_an_exclude_made_is_called_that(tmp_path, calibkit, log_writer):
+    """Leaving out 200 s in mid-ramp is a gap that the message ascribes to the [[exclude]] table."""
+    log_writer(tmp_path / "a.csv", **healthy())
+    exclude = "exclude=[{log='a', from_s=300.0, to_s=500.0, reason='r', person='p'}]"
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", exclude)
+    assert outcome.code == 3
+    assert "a gap of 202 s at 299 s, made by [[exclude]], which leaves out 201 rows" in outcome.out
+
+
+def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
+    """A log with holes is compensated row for row; the flag counts them and names the longest, as
+    firmware too.
+    """
+    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
+    made = calibkit("fit", "fog_thermal", *quick, data=campaign, serial="S", out=tmp_path / "runs")
+    assert made.code in (0, 1)
+    lines = (campaign / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
+    rows = [*lines[:1000], *lines[1100:2000], *lines[2010:3000], *lines[3300:]]
+    (tmp_path / "holes.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    (tmp_path / "whole.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    call = ("apply", tmp_path / "runs/S/r001", "--data")
+    done = calibkit(*call, tmp_path / "holes.csv", "--out", tmp_path / "compensated.csv")
+    assert done.code == 0, done.err
+    assert "holes.csv:2891: 3 gaps, 413 s together, the longest of 301 s from 2998 s" in done.err
+    assert "runs across a gap and knows nothing of what happened in it" in done.err
+    compensated = (tmp_path / "compensated.csv").read_text(encoding="utf-8").splitlines()
+    assert len(compensated) == len(rows)
+    done = calibkit(*call, tmp_path / "whole.csv", "--out", tmp_path / "whole_out.csv")
+    assert "gap" not in done.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are text on other systems")
+def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_writer):
+    """A name in Latin-1 on a UTF-8 system cannot stand in a record; fit and check say so and what
+    to do.
+    """
+    log = log_writer(tmp_path / "log.csv", time_s=[0.0, 1.0], gyro_dph=[1.0, 2.0])
+    try:
+        log.rename(tmp_path / os.fsdecode(b"caf\xe9.csv"))
+    except OSError:
+        pytest.skip("this file system takes text only")
+    for call in (("check",), ("fit", "--serial", "S", "--out", tmp_path / "runs")):
+        command, *options = call
+        outcome = calibkit(command, "fog_thermal", "--data", tmp_path, *options)
+        assert outcome.code == 3
+        assert "the file's name is not UTF-8; rename the file" in outcome.err
+
+
+DECEIVING = [
+    ("a\u202eb", "has characters that are not shown"),
+    ("a\nb", "has characters that are not shown"),
+    ("e\u0301", "is not in NFC"),
+    ("l\u043eg", "has letters of Cyrillic and Latin"),
+    ("nul", "is a device's name on Windows"),
+]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems refuse such names themselves")
+@pytest.mark.parametrize(("name", "fault"), DECEIVING)
+def test_a_log_whose_name_deceives_is_refused(tmp_path, calibkit, log_writer, name, fault):
+    """Two logs that look alike, and names that another system cannot hold."""
+    log_writer(tmp_path / f"{name}.csv", time_s=[0.0, 1.0], gyro_dph=[1.0, 2.0])
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path)
+    assert outcome.code == 3
+    assert f"the file's name {fault}; rename the file" in outcome.err
+    assert outcome.err.strip().isprintable()
+
+
+@pytest.mark.parametrize(("name", "fault"), DECEIVING)
+def test_an_output_whose_name_deceives_is_refused(tmp_path, calibkit, name, fault):
+    """A file or a new folder is not given a name that another reader or system takes for
+    another's.
+    """
+    for out in (tmp_path / name, tmp_path / name / "logs"):
+        outcome = calibkit("simulate", "rate_table", "--out", out, "--seed", 1, "--dry-run")
+        assert outcome.code == 4
+        assert f"the name {fault}" in outcome.err
+    outcome = calibkit("simulate", "rate_table", "--dry-run", out=tmp_path / "отчёт_A1", seed=1)
+    assert outcome.code == 0
+
+
+def test_a_prefix_that_no_file_on_windows_can_have_is_refused(calibkit, tmp_path):
+    """`con` would make con.h."""
+    run = ROOT / "tests" / "golden" / "0.2" / "inclinometer" / "G-1" / "r001"
+    outcome = calibkit("export", run, "--target", "c", "--prefix", "con", "--out", tmp_path / "o")
+    assert outcome.code == 2
+    assert "--prefix 'con' is a device's name on Windows" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("serial", "shown"),
+    [
+        ("A\u202eB", "A\\u202eB"),
+        ("A\x1b[31mB", "A\\x1b[31mB"),
+        ("A\nB", "A\\nB"),
+        ("\u0410B-1", "letters of Cyrillic and Latin"),
+        ("A\u030a-1", "cannot name"),
+        ("\uff21B-1", "letters of Fullwidth and Latin"),
+    ],
+)
+def test_a_serial_number_that_deceives_is_refused_and_shown(calibkit, tmp_path, serial, shown):
+    """Marks of direction, colours, line breaks, alphabets that look alike, letters in two parts."""
+    data = ROOT / "datasets" / "gyro_noise"
+    outcome = calibkit("fit", "gyro_noise", "--data", data, "--serial", serial, "--out", tmp_path)
+    assert outcome.code == 2
+    assert shown in outcome.err
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.strip().isprintable()
+    assert not list(tmp_path.iterdir())
+
+
+def test_names_in_a_log_cannot_command_the_terminal(calibkit, tmp_path):
+    """A column with a colour and a mark of direction in its name is shown with escapes."""
+    rows = "".join(f"{k},1\n" for k in range(40))
+    (tmp_path / "static.csv").write_text("time_s,gyro\x1b[31mX\u202ey\n" + rows, encoding="utf-8")
+    outcome = calibkit("check", "gyro_noise", "--data", tmp_path)
+    assert "gyro\\x1b[31mX\\u202ey" in outcome.out
+    assert all(line.isprintable() for line in outcome.out.splitlines())

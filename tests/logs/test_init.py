@@ -1,0 +1,525 @@
+"""`calibkit init`: from the logs themselves a recipe that reads them, and nothing invented."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from calibkit import instruments, recipe
+from calibkit.commands import pipeline
+from calibkit.logs.column_names import LogColumn, assign_columns
+from conftest import ROOT
+from logs import dialects
+
+SHIPPED = (
+    "accelerometer",
+    "fog_thermal",
+    "gyro_noise",
+    "gyro_pair",
+    "gyro_triad",
+    "inclinometer",
+    "rate_table",
+)
+READ = (
+    "semicolons and decimal commas",
+    "Windows-1252 and German units",
+    "Excel Unicode text",
+    "UTF-16 without a mark",
+    "Chinese names and units in GB18030",
+    "a mark, CRLF and bracketed units",
+    "blanks, and a blank behind the sign",
+    "preamble, names and units on two lines",
+    "trailing tabs",
+    "rows that end with a tab",
+    "three hundred columns with alarms",
+    "comma before the milliseconds",
+    "dd.MM.yyyy",
+    "time of day past midnight",
+    "milliseconds by the header",
+    "nineteen digits",
+    "elapsed hours",
+    "quotes",
+    "bars and blank lines at the end",
+    "Chinese dates",
+    "Excel",
+    "TDMS",
+    "MATLAB v7.3",
+    "Parquet",
+)
+"""Dialects whose logs name their columns, so that a recipe can be proposed."""
+
+
+def proposed(calibkit, folder):
+    """Return the text that init prints."""
+    outcome = calibkit("init", "--from", folder)
+    assert outcome.code == 0, outcome.err
+    return outcome.out
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_of_a_shipped_procedure_only_the_log_mapping_differs(name, calibkit):
+    """For the shipped data sets the proposed recipe is the shipped one but for comments."""
+    text = proposed(calibkit, ROOT / "datasets" / name)
+    assert tomllib.loads(text) == tomllib.loads(recipe.find(name).text)
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Return a clean log's fields and its frame."""
+    text = pipeline.simulated("fog_thermal", 3).files()["ramp_heating_05.csv"].decode()
+    lines = text.split("\n")[:1200]
+    folder = tmp_path_factory.mktemp("clean")
+    (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    spec = instruments.parse_recipe(recipe.find("fog_thermal"))
+    return (
+        dialects.Clean.of("\n".join(lines)),
+        instruments.find(spec.procedure).read(spec, folder, "a.csv").frame,
+    )
+
+
+@pytest.mark.parametrize("name", READ)
+def test_a_proposed_recipe_reads_the_log_as_it_is(name, clean, tmp_path, calibkit):
+    """Written in each dialect that names its columns, a log gives the numbers of the clean one
+    without a word of recipe.
+    """
+    fields, frame = clean
+    dialect = dialects.DIALECTS[name]
+    written = dialect.write(fields)
+    for file, content in (
+        written if isinstance(written, dict) else {f"a{dialect.suffix}": written}
+    ).items():
+        (tmp_path / file).write_bytes(content)
+    text = proposed(calibkit, tmp_path)
+    spec = instruments.parse_recipe(recipe.Source("proposed.toml", text))
+    assert spec.procedure == "fog_thermal"
+    shipped = instruments.parse_recipe(recipe.find("fog_thermal"))
+    assert spec.model_copy(update={"logs": shipped.logs, "columns": {}}) == shipped
+    file = next(path.name for path in sorted(tmp_path.iterdir()))
+    found = instruments.find(spec.procedure).read(spec, tmp_path, file).frame
+    for column in frame.columns:
+        start = found[column].to_numpy() - (found["time_s"].iloc[0] if column == "time_s" else 0.0)
+        np.testing.assert_allclose(start, frame[column].to_numpy(), rtol=0, atol=1e-9)
+
+
+def test_units_by_name_are_stated_and_findings_are_comments(tmp_path, calibkit, log_writer):
+    """Names that end in a unit get it; what check finds stands above the recipe, each line a
+    comment.
+    """
+    time = np.arange(0.0, 600.0, 0.01)
+    rng = np.random.default_rng(1)
+    axes = {
+        f"a{axis}_mps2": 9.81 * (axis == "z") + rng.normal(0, 0.01, time.size) for axis in "xyz"
+    }
+    log_writer(tmp_path / "a.csv", t_s=time, **axes)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["columns"]["accel_z_g"] == {"from": "az_mps2", "unit": "m/s^2"}
+    assert spec["columns"]["time_s"]["from"] == "t_s"
+
+
+def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibkit, log_writer):
+    """Columns that are recognised by name alone: which, what they would be taken in, and the key
+    that states it.
+    """
+    time = np.arange(0.0, 3600.0, 1.0)
+    ramp = np.interp(time, [600.0, 3000.0], [-20.0, 60.0])
+    rates = np.random.default_rng(1).normal(0.0, 0.5, time.size) + 10.0
+    log_writer(tmp_path / "a.csv", Zeit=time, Kreisel=rates, Gehäuse=ramp, **{"Kammer [°C]": ramp})
+    outcome = calibkit("init", "--from", tmp_path)
+    assert outcome.code == 0
+    said = (
+        'No unit in the logs: "Zeit" in s, "Gehäuse" in degC, "Kreisel" in deg/h would be taken; '
+        'state unit = "…" in [columns.time_s], [columns.temp_case_degc], [columns.gyro_dph]'
+    )
+    assert f"? {said}\n" in outcome.err
+    assert f"# {said}\n" in outcome.out
+    assert (
+        '[columns.gyro_dph] # no unit in the log: taken in deg/h, or state unit = "…"'
+        in outcome.out
+    )
+    assert "No unit" not in calibkit("init", "--from", ROOT / "datasets" / "fog_thermal").err
+
+
+def test_logs_that_nothing_recognises_get_a_skeleton_that_names_missing_units(tmp_path, calibkit):
+    """Names that say nothing, of which some state no unit: a recipe to complete, no error."""
+    (tmp_path / "a.csv").write_text("Ch 1;Ch 2 [V]\n" + "1,5;2,5\n" * 50, encoding="utf-8")
+    text = proposed(calibkit, tmp_path)
+    assert "# No procedure was recognised" in text
+    assert "The log states no unit of Ch 1." in text
+    assert tomllib.loads(text)["logs"]["text"]["decimal"] == ","
+
+
+def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
+    """No log is an error with exit code 3; names and numbers that mean nothing get a skeleton that
+    shows what is there.
+    """
+    assert calibkit("init", "--from", tmp_path / "none").code == 2
+    assert calibkit("init", "--from", tmp_path).code == 3
+    (tmp_path / "a.csv").write_text("foo,bar\n1,2\n3,4\n5,6\n", encoding="utf-8")
+    text = proposed(calibkit, tmp_path)
+    assert "# No procedure was recognised" in text
+    assert "The log states no unit of foo, bar." in text
+    (tmp_path / "a.csv").write_text("".join(f"{k},2.0,3.0\n" for k in range(50)), encoding="utf-8")
+    outcome = calibkit("init", "--from", tmp_path)
+    assert outcome.code == 0
+    assert "# No procedure was recognised: put canonical names into [logs] names" in outcome.out
+    assert tomllib.loads(outcome.out)["logs"]["names"] == ["time_s", "column 2", "column 3"]
+
+
+def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(
+    tmp_path, calibkit, log_writer
+):
+    """Of two columns that could be the case both are mapped, and a comment says what else could
+    be.
+    """
+    time = np.arange(100.0)
+    log_writer(
+        tmp_path / "a.csv",
+        time=time,
+        T1=20.0 + time / 10,
+        T2=20.0 + time / 9,
+        gyro=1.0 + 0.1 * np.sin(time),
+    )
+    text = proposed(calibkit, tmp_path)
+    spec = tomllib.loads(text)
+    assert {spec["columns"][name]["from"] for name in ("temp_case_degc", "temp_env_degc")} == {
+        "T1",
+        "T2",
+    }
+    assert "Check every unit, sign and column" in text
+
+
+def triad_log(write, path, **names):
+    """Write a table run of three gyros with other axis names."""
+    rate = np.repeat([0.0, 2.0, -2.0, 5.0, -5.0], 20)
+    noise = np.random.default_rng(len(path.name)).normal(0.0, 3.0, (3, rate.size))
+    gyros = {
+        name: gain * rate + row for (name, gain), row in zip(names.items(), noise, strict=True)
+    }
+    write(path, time_s=np.arange(1.0, rate.size + 1.0), table_rate_dps=rate, **gyros)
+
+
+def test_gyros_over_three_named_table_axes_are_a_triad_with_its_axes(
+    tmp_path, calibkit, log_writer
+):
+    """The letter in a log's name is its table axis; without one in each name the logs are runs of a
+    rate table.
+    """
+    for name in ("run1_X", "run2_X", "run1_Y", "run1_Z"):
+        triad_log(
+            log_writer,
+            tmp_path / f"{name}.csv",
+            gyro_a_lsb=9000.0,
+            gyro_b_lsb=20.0,
+            gyro_c_lsb=-30.0,
+        )
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "gyro_triad"
+    assert spec["gyros"] == ["a", "b", "c"]
+    assert spec["axes"] == {"x": ["run*_X.csv"], "y": ["run1_Y.csv"], "z": ["run1_Z.csv"]}
+    (tmp_path / "run1_Z.csv").rename(tmp_path / "run1_last.csv")
+    assert tomllib.loads(proposed(calibkit, tmp_path))["procedure"] == "rate_table"
+
+
+@pytest.mark.parametrize(
+    ("rows", "step_s", "moved_degc", "procedure"),
+    [
+        (2000, 1.0, 0.5, "gyro_noise"),
+        (2000, 1.0, 5.0, "bias_temperature"),
+        (900, 1.0, 0.5, "bias_temperature"),
+        (2000, 0.01, 0.5, "bias_temperature"),
+    ],
+)
+def test_a_long_record_at_one_temperature_is_one_of_noise(
+    rows, step_s, moved_degc, procedure, tmp_path, calibkit, log_writer
+):
+    """Rows and minutes enough within two degrees are noise; a ramp, a short record and ten quick
+    seconds are not.
+    """
+    rng = np.random.default_rng(4)
+    case = 25.0 + moved_degc * np.linspace(0.0, 1.0, rows)
+    rate = {f"gyro_{axis}_dph": 8.0 + rng.normal(0.0, 0.2, rows) for axis in "xy"}
+    log_writer(tmp_path / "a.csv", time_s=step_s * np.arange(rows), temp_case_degc=case, **rate)
+    text = proposed(calibkit, tmp_path)
+    spec = tomllib.loads(text)
+    assert spec["procedure"] == procedure
+    assert (procedure == "gyro_noise") == ("a log cannot show it" in text)
+    if procedure == "gyro_noise":
+        assert spec["noise"]["columns"] == ["gyro_x_dph", "gyro_y_dph"]
+
+
+@pytest.mark.parametrize(
+    ("logs", "turned", "procedure"),
+    [(1, False, "gyro_noise"), (1, True, "accelerometer"), (2, False, "accelerometer")],
+)
+def test_one_log_of_accelerometers_that_stood_still_is_one_of_noise(
+    logs, turned, procedure, tmp_path, calibkit, log_writer
+):
+    """A log in which no axis moves by 0.02 g; one that was turned and one of several held positions
+    are calibration data.
+    """
+    rng = np.random.default_rng(4)
+    up = np.where((np.arange(2000) > 1000) & turned, -1.0, 1.0)
+    for k in range(logs):
+        axes = {f"accel_{a}_g": rng.normal(0.0, 1e-4, 2000) for a in "xyz"}
+        axes["accel_z_g"] += up
+        axes["accel_x_g"][7] = np.nan
+        log_writer(tmp_path / f"{k}.csv", time_s=np.arange(2000.0), **axes)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == procedure
+    if procedure == "gyro_noise":
+        assert spec["noise"]["columns"] == ["accel_x_g", "accel_y_g", "accel_z_g"]
+
+
+def test_accelerometers_that_stood_still_may_be_logged_in_si(tmp_path, calibkit, log_writer):
+    """That a log in m/s² is one of noise needs no local gravity; the recipe states the unit."""
+    rng = np.random.default_rng(4)
+    axes = {f"a{a}_mps2": rng.normal(9.81 * (a == "z"), 1e-3, 2000) for a in "xyz"}
+    log_writer(tmp_path / "a.csv", time_s=np.arange(2000.0), **axes)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "gyro_noise"
+    assert spec["columns"]["accel_z_g"] == {"from": "az_mps2", "unit": "m/s^2"}
+
+
+def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
+    """Where only another logger has the temperature, nothing says that the gyro stood still."""
+    time = np.arange(2000.0)
+    log_writer(
+        tmp_path / "gyro.csv",
+        time_s=time,
+        gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size),
+    )
+    log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
+    assert "# No procedure was recognised" in proposed(calibkit, tmp_path)
+
+
+def imu(rows=400):
+    """Columns of a static log: time, accelerations in m/s², one rate, one temperature."""
+    rng = np.random.default_rng(18)
+    time = 0.5 * np.arange(rows)
+    axes = [9.80665 * (k == 2) + rng.normal(0.0, 0.01, rows) for k in range(3)]
+    return time, *axes, 9.0 + rng.normal(0.0, 0.3, rows), np.linspace(-20.0, 60.0, rows)
+
+
+def test_a_log_without_names_gets_names_from_its_numbers(tmp_path, calibkit):
+    """Time, gravity, temperature and a rate are known by their numbers; the recipe says that it
+    guessed, and check accepts it.
+    """
+    time, *_, rate, case = imu()
+    rows = (f"{t:.1f} {g:.4f} {c:.3f}" for t, g, c in zip(time, rate, case, strict=True))
+    (tmp_path / "a.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    text = proposed(calibkit, tmp_path)
+    spec = tomllib.loads(text)
+    assert spec["logs"]["names"] == ["time_s", "gyro_dph", "temp_case_degc"]
+    assert "[logs] names was guessed from their numbers" in text
+    assert "# Procedure: bias_temperature, because the logs hold a gyro beside one temp" in text
+    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
+    assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
+
+
+def test_a_triad_without_names_is_known_by_the_length_of_gravity(tmp_path, calibkit):
+    """Three columns whose length is g, in m/s², are the accelerometers."""
+    np.savetxt(tmp_path / "a.log", np.column_stack(imu()), fmt="%.5f", delimiter=";")
+    assert tomllib.loads(proposed(calibkit, tmp_path))["logs"]["names"] == [
+        "time_s",
+        *(f"accel {axis} [m/s^2]" for axis in "xyz"),
+        "gyro_dph",
+        "temp_case_degc",
+    ]
+
+
+def test_the_reason_and_the_runner_up_are_stated(calibkit):
+    """A recipe says what of the logs led to its procedure, and which came second."""
+    text = proposed(calibkit, ROOT / "datasets" / "rate_table")
+    assert "# Procedure: rate_table, because the logs hold a table rate beside" in text
+    text = proposed(calibkit, ROOT / "datasets" / "fog_thermal")
+    assert "Runner-up: thermal (a gyro beside one temperature)" in text
+
+
+def workbook_of(sheets):
+    """Bytes of a workbook with these sheets."""
+    import openpyxl
+
+    book = openpyxl.Workbook()
+    book.remove(book.active)
+    for name, rows in sheets.items():
+        sheet = book.create_sheet(name)
+        for row in rows:
+            sheet.append(list(row))
+    return dialects.saved(book.save)
+
+
+def test_a_workbook_with_several_sheets_gets_a_recipe(tmp_path, calibkit):
+    """The sheet that a procedure recognises is taken and named, the others are listed; --sheet
+    takes another.
+    """
+    time, *_, rate, case = imu()
+    runs = {
+        name: [("time_s", "temp_case_degc", "gyro_dph"), *zip(time, case, rate + k, strict=True)]
+        for k, name in enumerate(("Run 1", "Run 2"))
+    }
+    notes = {"Limits": [("name", "limit"), ("bias", 3.0), ("noise", 0.1)]}
+    (tmp_path / "a.xlsx").write_bytes(workbook_of(notes | runs))
+    text = proposed(calibkit, tmp_path)
+    assert tomllib.loads(text)["logs"]["table"] == "Run 1"
+    outcome = calibkit("init", "--from", tmp_path, "--sheet", "Run 2")
+    assert tomllib.loads(outcome.out)["logs"]["table"] == "Run 2"
+    (tmp_path / "r.toml").write_text(outcome.out, encoding="utf-8")
+    assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
+
+
+def test_a_json_log_alone_in_a_folder_gets_a_recipe(tmp_path, calibkit):
+    """JSON is a log where nothing else is; beside logs it is their truth or a coefficient file."""
+    import json
+
+    time, *_, rate, case = imu()
+    names = ("time_s", "temp_case_degc", "gyro_dph")
+    rows = [list(row) for row in zip(time, case, rate, strict=True)]
+    (tmp_path / "a.json").write_text(json.dumps({"columns": names, "data": rows}))
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert (spec["procedure"], spec["logs"]["format"]) == ("bias_temperature", "json")
+
+
+HOSTILE = (
+    '\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\n#',
+    '"\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\nx = "',
+    "\r[site]\r#",
+    "\u2028[site]\u0085\x7f\x00\\",
+    "'''\"\"\" = 1 }",
+)
+
+
+def hostile_log(path, names, units):
+    """Write a log of gyro and thermometer, and columns of these names and units, in the format
+    that the name of the file ends in.
+    """
+    import json
+
+    time, *_, rate, case = imu()
+    columns = {"time_s": time, "temp_case_degc": case, "gyro_dph": rate}
+    columns |= {f"extra{k}{name}": rate for k, name in enumerate(names)}
+    stated = {
+        f"extra{k}{name}": unit for k, (name, unit) in enumerate(zip(names, units, strict=True))
+    }
+    if path.suffix == ".json":
+        rows = [list(map(float, row)) for row in zip(*columns.values(), strict=True)]
+        path.write_text(json.dumps({"columns": list(columns), "data": rows}))
+    elif path.suffix == ".parquet":
+        pandas = pytest.importorskip("pandas")
+        pytest.importorskip("pyarrow")
+        pandas.DataFrame(columns).to_parquet(path)
+    elif path.suffix == ".h5":
+        h5py = pytest.importorskip("h5py")
+        with h5py.File(path, "w") as file:
+            for name, values in columns.items():
+                if "\x00" not in name:
+                    file[name.replace("/", "|")] = np.asarray(values, dtype=float)
+                    file[name.replace("/", "|")].attrs["units"] = stated.get(name, "")
+    else:
+        nptdms = pytest.importorskip("nptdms")
+        with nptdms.TdmsWriter(path) as writer:
+            writer.write_segment(
+                [
+                    nptdms.ChannelObject(
+                        "g",
+                        name,
+                        np.asarray(values, dtype=float),
+                        {"unit_string": stated.get(name, "")},
+                    )
+                    for name, values in columns.items()
+                ]
+            )
+    return path
+
+
+@pytest.mark.parametrize("format_", ["json", "parquet", "h5", "tdms"])
+def test_a_columns_name_and_unit_write_nothing_but_themselves(tmp_path, calibkit, format_):
+    """Line ends, quotes and control characters stay within a value or a comment: the recipe is that
+    of the same log without those columns, but for what it says of them.
+    """
+    plain, hostile = tmp_path / "plain", tmp_path / "hostile"
+    plain.mkdir()
+    hostile.mkdir()
+    hostile_log(plain / f"a.{format_}", (), ())
+    hostile_log(hostile / f"a.{format_}", HOSTILE, HOSTILE)
+    found = proposed(calibkit, hostile)
+    assert tomllib.loads(found) == tomllib.loads(proposed(calibkit, plain))
+    assert not any(line.startswith("[site]") for line in found.splitlines())
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_a_mapped_columns_name_and_unit_are_values(name):
+    """They read back as they are, also in comments that state them."""
+    from calibkit.logs import recipe_text
+    from calibkit.logs.column_names import LogColumn
+    from calibkit.recipe import toml_text
+
+    column = LogColumn(name, unit=name)
+    text = "\n".join(recipe_text._map_column("gyro_dph", column, ()))
+    assert tomllib.loads(text)["columns"]["gyro_dph"]["from"] == name
+    assert set(tomllib.loads(text)) == {"columns"}
+    assert tomllib.loads(toml_text.from_tables({name: {name: name}}).text) == {name: {name: name}}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("case temp degF", "degF"),
+        ("case_temp_degf", "degF"),
+        ("Case temp K", "K"),
+        ("time ms", "ms"),
+        ("table angle rad", "rad"),
+        ("K", ""),
+        ("gyro x", ""),
+    ],
+)
+def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
+    """Words apart by a blank as well as by a low line; a name of one word is a name."""
+    assert LogColumn(name, "").stated == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "canonical"),
+    [
+        ("加计Y(g)", "accel_y_g"),
+        ("加表z(g)", "accel_z_g"),
+        ("陀螺X(°/h)", "gyro_x_dph"),
+        ("测点", "station"),
+        ("井斜角(°)", "inclination_deg"),
+    ],
+)
+def test_a_chinese_name_has_its_axis_behind_the_sensor(name, canonical):
+    """No blank stands between the sensor and its axis."""
+    assert LogColumn(name, "").guess_canonical() == canonical
+
+
+@pytest.mark.parametrize(
+    ("names", "canonical"),
+    [
+        (("Rate (deg/s)", "Counts (1/s)"), {"table_rate_dps", "gyro_lsb"}),
+        (("Speed [deg/s]", "Pulses"), {"table_rate_dps", "gyro_lsb"}),
+        (("角速度(°/s)", "脉冲数"), {"table_rate_dps", "gyro_lsb"}),
+        (("Gyro rate (deg/s)", "Counts"), {"gyro_dph"}),
+        (("Rate (deg/h)", "Counts"), {"gyro_dph"}),
+    ],
+)
+def test_a_rate_beside_counts_is_that_of_the_table(names, canonical):
+    """Where no name says table or gyro; a gyro at rest is logged in deg/h."""
+    assert assign_columns([LogColumn(name, "") for name in names])[0].keys() == canonical
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_rates_and_counts_without_a_word_of_the_table_are_a_rate_table(
+    timed, tmp_path, calibkit, log_writer
+):
+    """As rows over time, or as one row for each held rate."""
+    rate = np.array([-100.0, -30.0, -3.0, 3.0, 30.0, 100.0])
+    columns = {"Rate (deg/s)": np.repeat(rate, 400) if timed else rate}
+    columns["Counts (1/s)"] = 4123.4 * columns["Rate (deg/s)"] + 55.0
+    if timed:
+        columns = {"Time (s)": 0.1 * np.arange(2400)} | columns
+    log_writer(tmp_path / "a.csv", **columns)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "rate_table"
+    assert spec["columns"]["table_rate_dps"] == {"from": "Rate (deg/s)"}
+    assert spec["columns"]["gyro_x_lsb"] == {"from": "Counts (1/s)"}
+    assert ("rate_hz" in spec["logs"]) == (not timed)

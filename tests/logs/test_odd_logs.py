@@ -1,0 +1,304 @@
+"""Odd files as laboratories and calibrators send them: each gives the coefficients of the clean
+log, or is refused with what it is.
+"""
+
+import numpy as np
+import pytest
+
+from calibkit import instruments, recipe
+from calibkit.errors import CalibkitError
+from calibkit.logs import log_files
+from logs.odd_logs import (
+    BLANKS,
+    BODY,
+    CLEAN,
+    DROP,
+    GERMAN,
+    HEADER,
+    LISTED,
+    NAMES,
+    NUMBERS,
+    TABLES,
+    TIMES,
+    TORN,
+    Odd,
+    clocked,
+    exclude,
+    text,
+    workbook,
+)
+
+RECIPE = """procedure = "bias_temperature"
+{head}
+[polynomials]
+abscissa = "temp_case_degc"
+min_rows = 10
+max_gap_s = 60.0
+bias = [{{ indication = "gyro_dph", order = 2 }}]
+
+[logs]
+files = ["a{suffix}"]
+{logs}
+
+{tables}
+"""
+ODD = TORN | TIMES | TABLES
+SEMICOLONS = HEADER.replace(",", ";")
+
+
+def read(odd, folder):
+    """Return the recipe of an odd file, which is written into a folder, and its logs."""
+    (folder / f"a{odd.suffix}").write_bytes(odd.data)
+    words = RECIPE.format(head=odd.head, suffix=odd.suffix, logs=odd.logs, tables=odd.tables)
+    spec = instruments.parse_recipe(recipe.Source("r.toml", words))
+    return spec, log_files.find_logs(spec, folder)
+
+
+def fit(odd, folder):
+    """Return the coefficients that a fit of an odd file gives, by name."""
+    spec, names = read(odd, folder)
+    fitted = instruments.find(spec.procedure).fit(spec, folder, names, instruments.silent)
+    models = [model for result in fitted.results for model in result.models]
+    return {entry.name: entry.value for model in models for entry in model.coefficients}
+
+
+def refusal(odd, folder):
+    """Return the words with which an odd file is refused."""
+    spec, names = read(odd, folder)
+    with pytest.raises(CalibkitError) as refused:
+        instruments.find(spec.procedure).read(spec, folder, names[0])
+    return str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    """Return the coefficients of the clean log."""
+    return fit(Odd(text(HEADER, *BODY)), tmp_path_factory.mktemp("clean"))
+
+
+@pytest.mark.parametrize("name", ODD)
+def test_an_odd_file_gives_the_coefficients_of_the_clean_log(name, clean, tmp_path):
+    """Every coefficient of every odd file agrees with that of the clean log to 1e-9."""
+    found = fit(ODD[name], tmp_path)
+    assert found.keys() == clean.keys()
+    for key, value in clean.items():
+        assert found[key] == pytest.approx(value, rel=1e-9, abs=1e-9)
+
+
+REFUSED = {
+    "a torn line": (
+        Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:])),
+        ("a.csv:8: 1 fields, expected 3", 'torn_lines = "drop"', 'log = "a.csv", lines = [8]'),
+    ),
+    "a torn number": (
+        Odd(text(HEADER, *BODY[:6], "12.0,-17.-17.6,8.9", *BODY[6:])),
+        ("a.csv:8: column 'temp_case_degc'", 'torn_lines = "drop"', "lines = [8]"),
+    ),
+    "more torn lines than the limit": (
+        Odd(text(HEADER, *BODY[:6], *["-0.3-0.31"] * 11, *BODY[6:]), DROP),
+        ("11 torn lines (8-18), expected at most torn_limit = 10",),
+    ),
+    "an incomplete last line": (
+        Odd((text(HEADER, *BODY) + "240.0,5").encode()),
+        ("a.csv:122: 2 fields", 'last_line = "drop"'),
+    ),
+    "an incomplete last line where torn lines are dropped": (
+        Odd((text(HEADER, *BODY[:-1]) + BODY[-1][:-2]).encode(), DROP),
+        ("has 2 decimals and no line end", 'last_line = "drop"'),
+    ),
+    "a wrong decimal mark": (
+        Odd(text(SEMICOLONS, *GERMAN), 'text = { decimal = "." }'),
+        ("a.csv:2: column 'time_s': found '0,0'", "decimal comma? Set decimal = ','"),
+    ),
+    "a decimal point where commas are pinned": (
+        Odd(text(SEMICOLONS, *(row.replace(",", ";") for row in BODY)), "text = { decimal = ',' }"),
+        ("decimal point? Set decimal = '.'",),
+    ),
+    "decimal commas between commas": (
+        Odd(text(HEADER, *(row.replace(".", ",") for row in BODY))),
+        ("a.csv:2: 6 fields, expected 3", "decimal commas between commas?"),
+    ),
+    "a footer": (
+        Odd(text(SEMICOLONS, *GERMAN, "Ende der Messung")),
+        ("a.csv:122: 1 fields", "a footer? Set footer_lines = 1"),
+    ),
+    "a footer with a blank line in it": (
+        Odd(text(HEADER, *BODY, "", "Operator,Huber,x", "Mean,12.3")),
+        ("a.csv:124: 2 fields", "a footer? Set footer_lines = 2"),
+    ),
+    "lines above headerless rows": (
+        Odd(text("Logger v3", "begin", *BLANKS), LISTED, suffix=".txt"),
+        ("a.txt:1: 2 fields", 'skip_lines = { "a.txt" = 2 }'),
+    ),
+    "a wrong number of lines above the rows": (
+        Odd(
+            text("Logger v3", "begin", *BLANKS),
+            f"{LISTED}\ntext = {{ skip_lines = 1 }}",
+            suffix=".txt",
+        ),
+        ("a.txt:2: found 'begin', expected the header or the first row",),
+    ),
+    "thousands with and without a mark": (
+        Odd(text(SEMICOLONS, "0.0;20.0;1,002.5", "2.0;21.0;1003.5", "4.0;22.0;1,004.5")),
+        ("a.csv:2", "'1,002.5' has a mark between its thousands", "'1003.5' in line 3 has none"),
+    ),
+    "rows that are not there": (
+        Odd(text(HEADER, *BODY), head=exclude("rows = [121]")),
+        ("no row with number 121; check rows",),
+    ),
+    "a position that no column states": (
+        Odd(text(HEADER, *BODY), head=exclude("positions = [2]")),
+        ("column 'position' is missing",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_wrong_with_a_file_is_named_as_what_it_is(name, tmp_path):
+    """A refusal has the line, what it is, and words that can be pasted into the recipe."""
+    odd, fragments = REFUSED[name]
+    words = refusal(odd, tmp_path)
+    for fragment in fragments:
+        assert fragment in words
+
+
+def test_words_of_a_refusal_are_words_of_a_recipe(tmp_path):
+    """The exclusion that a refusal advises, pasted at the head of the recipe, lets the log be
+    read.
+    """
+    torn = text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:])
+    words = refusal(Odd(torn), tmp_path)
+    head = words[words.index("exclude = [") :]
+    spec, names = read(Odd(torn, head=head), tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert (len(log.frame), log.excluded_rows) == (len(CLEAN), 1)
+
+
+def test_what_is_left_out_is_counted_and_listed(tmp_path):
+    """Comments, blank and torn lines are notes of the log with their lines; lines of rows stay."""
+    content = text(HEADER, *BODY[:6], "# pause", "-0.3-0.31", "", *BODY[6:])
+    spec, names = read(Odd(content, DROP), tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    notes = "\n".join(log.notes)
+    assert "1 comment(s) among the rows left out, line 8" in notes
+    assert '1 torn line(s) left out, line 9: torn_lines = "drop"' in notes
+    assert "1 blank line(s) left out, line 10" in notes
+    assert (log.line(5), log.line(6)) == (7, 11)
+
+
+def test_a_torn_line_keeps_its_place_where_rows_count_the_time(tmp_path):
+    """A log with rate_hz and no time column: rows behind a torn line are one sample later."""
+    rows = [row.split(",", 1)[1] for row in BODY]
+    rows[6] = "-0.3-0.31"
+    content = text("temp_case_degc,gyro_dph", *rows)
+    spec, names = read(Odd(content, f"rate_hz = 0.5\n{DROP}"), tmp_path)
+    log = log_files.read_log(spec, tmp_path / names[0], names[0], ("time_s", "temp_case_degc"))
+    np.testing.assert_array_equal(log.frame["time_s"][4:8], [8.0, 10.0, 14.0, 16.0])
+
+
+def test_lines_of_a_part_of_a_split_log_are_left_out(tmp_path):
+    """An exclusion of lines may name a file of a split log; those of the other files stay."""
+    for k, rows in ((1, BODY[:40]), (2, [*BODY[40:45], "-0.3-0.31", *BODY[45:]])):
+        (tmp_path / f"a{k}.csv").write_text(text(HEADER, *rows), encoding="utf-8")
+    head = 'exclude = [{ log = "a2.csv", lines = [7], reason = "r", person = "p" }]'
+    words = RECIPE.format(head=head, suffix="*.csv", logs="split = true", tables="")
+    spec = instruments.parse_recipe(recipe.Source("r.toml", words))
+    (name,) = log_files.find_logs(spec, tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, name)
+    assert (len(log.frame), log.excluded_rows) == (len(BODY), 1)
+    assert log.place(45) == "a2.csv:8"
+
+
+@pytest.mark.parametrize(
+    ("factor", "rows", "words", "key"),
+    [
+        (1e6, "120 rows over 2.38e+08 s, one every 2e+06 s", "microseconds?", 'unit = "us"'),
+        (5e5, "120 rows over 1.19e+08 s, one every 1e+06 s", "microseconds?", 'unit = "us"'),
+        (1e9, "one every 2e+09 s", "nanoseconds?", 'unit = "ns"'),
+        (32768.0, "one every 65536 s", "ticks of 1/32768 s?", "scale = 3.0517578125e-05"),
+        (1e4, "one every 20000 s", "milliseconds or microseconds?", 'unit = "ms"'),
+    ],
+)
+def test_stamps_that_are_no_seconds_are_questioned(factor, rows, words, key, tmp_path):
+    """Numbers without a unit whose spacing no logger has are refused with what they look like; a
+    recipe that says seconds is believed.
+    """
+    content = text(HEADER, *clocked(lambda s: round(s * factor)))
+    refused = refusal(Odd(content), tmp_path)
+    for fragment in ("column 'time_s': 120 rows over", rows, words, key):
+        assert fragment in refused
+    spec, names = read(
+        Odd(content, tables='[columns]\ntime_s = { from = "time_s", unit = "s" }'), tmp_path
+    )
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert log.frame["time_s"].iloc[1] == 2.0 * factor
+
+
+@pytest.mark.parametrize(("step", "count"), [(1000.0, 1), (899.0, 0)])
+def test_stamps_that_could_be_seconds_are_noted(step, count, tmp_path):
+    """A row every quarter of an hour can be one of seconds: it is read, with a question."""
+    spec, names = read(Odd(text(HEADER, *clocked(lambda s: s / 2.0 * step))), tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert sum("milliseconds or microseconds?" in note for note in log.notes) == count
+
+
+def test_messages_on_a_clock_that_starts_late_keep_its_digits(tmp_path):
+    """The time of a gap, and of an exclusion without rows, has every digit of the log."""
+    rows = clocked(lambda s: f"{256551300.5 + s:.2f}")
+    spec, names = read(Odd(text(HEADER, *rows[:40], *rows[80:])), tmp_path)
+    instrument = instruments.find(spec.procedure)
+    with pytest.raises(CalibkitError, match=r"a gap of 82 s at 256551378\.5 s"):
+        instrument.fit(spec, tmp_path, names, instruments.silent)
+    ends = exclude("from_s = 256551379.25, to_s = 256551380.125")
+    assert "no row between 256551379.25 s and 256551380.125 s" in refusal(
+        Odd(text(HEADER, *rows[:40], *rows[80:]), head=ends), tmp_path
+    )
+
+
+def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, calibkit):
+    """What `check` advises, given to --set, is an exclusion of those rows."""
+    rows = [*BODY[:30], *(row.rsplit(",", 1)[0] + "," for row in BODY[30:33]), *BODY[33:]]
+    read(Odd(text(HEADER, *rows)), tmp_path)
+    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
+    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
+    arguments = ("check", tmp_path / "r.toml", "--data", tmp_path)
+    out = calibkit(*arguments).out
+    assert 'exclude = [{ log = "a.csv", lines = ["32-34"]' in out
+    advised = out[out.index("exclude = [") :].split("\n")[0]
+    assert calibkit(*arguments, "--set", advised.replace("exclude = ", "exclude=")).code == 0
+
+
+def test_cells_that_were_filled_down_are_a_notice(tmp_path):
+    """Merged cells that are filled down are counted and located, those of a heading are not."""
+    spec, names = read(ODD["a workbook with merged temperature cells"], tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    (note,) = [note for note in log.notes if "filled down" in note]
+    assert note.startswith("40 merged cell(s) filled down: rows 2-4 of column 2, rows 5-7")
+    assert note.endswith("and 32 more")
+    spec, names = read(ODD["a workbook with title, units row and merged heading"], tmp_path)
+    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
+    assert not any("filled down" in note for note in log.notes)
+
+
+def test_footer_of_a_workbook_is_named(tmp_path):
+    """A word below the rows of a workbook is refused as a footer."""
+    footed = Odd(workbook(NUMBERS, above=[NAMES], below=[("Mean", 15.7, 9.1)]), suffix=".xlsx")
+    assert "a footer? Set footer_lines = 1 in [logs.text]" in refusal(footed, tmp_path)
+
+
+def test_keys_that_a_recognised_format_says_itself_are_refused(tmp_path):
+    """A decimal mark stated for a LabVIEW file, whose header states its own, is not passed over."""
+    odd = Odd(TABLES["a LabVIEW file with a footer"].content, 'text = { decimal = "," }')
+    words = refusal(odd, tmp_path)
+    assert "a.csv: [logs.text] states decimal, the file is of format 'lvm'" in words
+
+
+def test_what_was_expected_is_said_once(tmp_path, calibkit):
+    """The finding of a log that cannot be read repeats no expectation of its error."""
+    odd = Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]))
+    (tmp_path / "a.csv").write_bytes(odd.data)
+    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
+    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
+    said = calibkit("check", tmp_path / "r.toml", "--data", tmp_path).out
+    (line,) = (line for line in said.splitlines() if "REFUSED" in line)
+    assert line.count("expected") == 1

@@ -1,0 +1,310 @@
+"""What calibkit 0.2.0 wrote (tests/golden/0.2), and how each of it is used again.
+
+`python tests/outputs/release_0_2.py` wrote the folder, with 0.2.0 at commit 949e426; it refuses to
+write it again. `use` gives the numbers of every command that reads a run of one recipe: the freezer
+kept them in `numbers.json`, the test compares them.
+"""
+
+import csv
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDER = ROOT / "tests" / "golden" / "0.2"
+DATE = "2026-11-24"
+SERIAL = "G-1"
+PAIR = "gyro_pair"
+"""The recipe whose certificate is signed."""
+AUTOPILOT = "bias_temperature"
+"""The recipe whose runs PX4 and ArduPilot can hold."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """How a recipe is used."""
+
+    logs: str = ""
+    """Folder of its logs below datasets/; empty: simulated by `warm_up`."""
+    withheld: bool = False
+    """Whether unseen logs lie in `withheld` there; else the run was fitted to noisier ones."""
+    field: str = ""
+    """Log that is compensated; empty: the procedure compensates none."""
+    overrides: tuple[str, ...] = ()
+    """Keys of the recipe that are stated."""
+    inputs: tuple[str, ...] = ()
+    """Points at which results are evaluated, inputs of each divided by blanks."""
+    firmware: bool = True
+    planned: bool = True
+    runs: int = 2
+    """Revisions that are kept; two are compared."""
+
+
+AT_A_POINT = "temp_case=40 accel_x=0.1 accel_y=0.2 accel_z=0.97"
+BIASES = "{indication='gyro_x_dph',order=3},{indication='accel_x_g',order=2}"
+SAMPLES = {
+    "accelerometer": Sample("accelerometer", field="positions.csv", inputs=(AT_A_POINT,), runs=1),
+    "accelerometer_magnitude": Sample(
+        "accelerometer_magnitude",
+        withheld=True,
+        field="withheld/tumble.csv",
+        inputs=(AT_A_POINT.replace("40", "25"),),
+    ),
+    AUTOPILOT: Sample(
+        field="warm_up_9.csv",
+        overrides=(f"polynomials.bias=[{BIASES}]",),
+        inputs=("temp_case=40",),
+    ),
+    "fog_thermal": Sample(
+        "fog_thermal",
+        withheld=True,
+        field="withheld/ramp_heating_03.csv",
+        inputs=("temp_case=40 temp_rate=2", "temp_case=-20 temp_rate=-5"),
+        runs=1,
+    ),
+    "gyro_noise": Sample("gyro_noise", firmware=False),
+    PAIR: Sample(PAIR, field="table_axis_a.csv", inputs=("temp_case=25", "table_rate=50")),
+    "gyro_triad": Sample(
+        "gyro_triad",
+        withheld=True,
+        field="withheld/about_x_40.csv",
+        overrides=("site.latitude_deg=34.2",),
+        inputs=("temp_case=40",),
+        runs=1,
+    ),
+    "inclinometer": Sample(
+        "inclinometer", withheld=True, field="withheld/stations.csv", inputs=("temp_case=60",)
+    ),
+    "rate_table": Sample("rate_table", field="at_0.csv", inputs=("temp_case=40", "table_rate=50")),
+    "thermal": Sample(
+        "thermal",
+        field="sweep.csv",
+        inputs=("temp_case=40 temp_rate=1",),
+        planned=False,
+        runs=1,
+    ),
+}
+"""Recipe → how it is used."""
+
+
+def warm_up(seed, rows=900):
+    """Log of a gyro and an accelerometer at rest in an instrument that warms up."""
+    rng = np.random.default_rng(seed)
+    time = 2.0 * np.arange(rows)
+    case = 20.0 + 30.0 * (1.0 - np.exp(-time / 500.0)) + 0.5 * np.sin(time / 300.0)
+    gyro = 3.0 + 0.04 * (case - 25.0) + 4e-4 * (case - 25.0) ** 2 + rng.normal(0.0, 0.2, rows)
+    accel = 1e-4 * (case - 25.0) + rng.normal(0.0, 1e-4, rows)
+    rows = (
+        f"{a:.1f},{b:.3f},{c:.5f},{d:.7f}"
+        for a, b, c, d in zip(time, case, gyro, accel, strict=True)
+    )
+    return "\n".join(["time_s,temp_case_degc,gyro_x_dph,accel_x_g", *rows]) + "\n"
+
+
+def noisier(text, seed):
+    """A log with noise of 2e-6 of their largest value on its indications."""
+    header, *rows = csv.reader(text.splitlines())
+    values = np.array([[float(cell) for cell in row] for row in rows])
+    rng = np.random.default_rng(seed)
+    for column, name in enumerate(header):
+        if name.startswith(("gyro", "accel")):
+            size = 2e-6 * np.abs(values[:, column]).max()
+            values[:, column] += rng.normal(0.0, size, len(values))
+    body = (",".join(repr(value) for value in row) for row in values.tolist())
+    return "\n".join([",".join(header), *body]) + "\n"
+
+
+def code_numbers(path):
+    """Numbers in C without its comments."""
+    code = re.sub(r"/\*.*?\*/|//[^\n]*", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+    words = re.findall(r"(?<![\w.])[-+]?\d+\.\d*(?:e[-+]?\d+)?|(?<![\w.])[-+]?\d+e[-+]?\d+", code)
+    return [float(word) for word in words]
+
+
+def log_numbers(path):
+    """Numeric cells of a log by column and row."""
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    return {
+        f"{name}[{number}]": float(cell)
+        for number, row in enumerate(rows)
+        for name, cell in row.items()
+        if re.fullmatch(r"[-+.\de]+", cell or "")
+    }
+
+
+def leaves(document, path=""):
+    """Numbers of a JSON document by their path; entries of a list that have a key or a quantity go
+    by that.
+    """
+    if isinstance(document, dict):
+        entries = document.items()
+    elif isinstance(document, list):
+        named = [item if isinstance(item, dict) else {} for item in document]
+        entries = [
+            (item.get("key") or item.get("quantity") or number, document[number])
+            for number, item in enumerate(named)
+        ]
+    else:
+        is_number = isinstance(document, float | int) and not isinstance(document, bool)
+        return {path: float(document)} if is_number else {}
+    return {key: v for name, item in entries for key, v in leaves(item, f"{path}/{name}").items()}
+
+
+def use(recipe, run, out):
+    """Use what is kept of a recipe by every command that reads it; its numbers by command.
+
+    `run` runs the command line and gives its stdout, or fails; what is written goes below `out`.
+    """
+    sample, folder = SAMPLES[recipe], FOLDER / recipe
+    newest = folder / SERIAL / f"r{sample.runs:03}"
+    numbers = {}
+    rows = csv.DictReader(run("show", newest, "--csv").splitlines())
+    for row in rows:
+        key = f"{row['stage']}/{row['model']}/{row['name']}"
+        cells = ("value", "standard_uncertainty", "dof")
+        numbers |= {f"show {key} {cell}": float(row[cell]) for cell in cells if row[cell]}
+    profile = ROOT / "reports" / "profiles" / f"{recipe}.toml"
+    documents = {
+        "history": run("history", SERIAL, "--runs", folder, "--json"),
+        "validate": run(
+            "validate",
+            newest,
+            "--data",
+            unseen_logs(recipe),
+            "--out",
+            out / "validation.json",
+            "--json",
+        ),
+        "certify": run(
+            "certify",
+            newest,
+            "--profile",
+            profile,
+            "--out",
+            out / "c.pdf",
+            "--date",
+            DATE,
+            "--json",
+        ),
+    }
+    for number, point in enumerate(sample.inputs):
+        documents[f"evaluate {number}"] = run("evaluate", newest, *point.split(), "--json")
+    if sample.runs > 1:
+        documents["compare"] = run("compare", folder / SERIAL / "r001", newest, "--json")
+    numbers |= {
+        f"{command} {key}": value
+        for command, document in documents.items()
+        for key, value in leaves(json.loads(document)).items()
+        if "/changes/" not in key  # of `compare`: the largest of them is kept
+    }
+    run("report", newest, "--out", out / "report.html")
+    if sample.field:
+        run("apply", newest, "--data", folder / "field.csv", "--out", out / "applied.csv")
+        applied = log_numbers(out / "applied.csv")
+        numbers |= {f"apply {key}": value for key, value in applied.items()}
+    for target in targets(recipe):
+        run("export", newest, "--target", target, "--out", out / target, "--allow-rejected")
+    if sample.firmware:
+        constants = [x for name in ("cal.h", "cal.c") for x in code_numbers(out / "c" / name)]
+        numbers |= {f"c {number}": value for number, value in enumerate(constants)}
+    return numbers
+
+
+def targets(recipe):
+    """Targets of a recipe's exports."""
+    autopilots = ("px4", "ardupilot") if recipe == AUTOPILOT else ()
+    return ("c", "blob", *autopilots) if SAMPLES[recipe].firmware else ()
+
+
+def unseen_logs(recipe):
+    """Folder of logs that the run of a recipe was not fitted to."""
+    sample = SAMPLES[recipe]
+    if not sample.logs:
+        return FOLDER / recipe / "unseen"
+    return ROOT / "datasets" / sample.logs / ("withheld" if sample.withheld else "")
+
+
+def command_line(*arguments, codes=(0, 1)):
+    """Run calibkit in a process of its own."""
+    environment = {**os.environ, "CALIBKIT_SIGN_PASSPHRASE": "a secret"}
+    command = [sys.executable, "-m", "calibkit", *map(str, arguments)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    if ended.returncode not in codes:
+        message = f"{' '.join(command)}: exit code {ended.returncode}: {ended.stderr}"
+        raise RuntimeError(message)
+    return ended.stdout
+
+
+def freeze(recipe, folder):
+    """Write the files of a recipe, with logs that are made below a folder."""
+    sample, kept = SAMPLES[recipe], FOLDER / recipe
+    kept.mkdir(parents=True)
+    settings = [word for override in sample.overrides for word in ("--set", override)]
+    for revision in range(1, sample.runs + 1):
+        data = folder / f"{recipe}-{revision}"
+        data.mkdir()
+        for number, path in enumerate(sorted((ROOT / "datasets" / sample.logs).glob("*.csv"))):
+            text = path.read_text(encoding="utf-8")
+            (data / path.name).write_text(noisier(text, 10 * revision + number), encoding="utf-8")
+        if not sample.logs:
+            for seed in (2 * revision, 2 * revision + 1):
+                (data / f"warm_up_{seed}.csv").write_text(warm_up(seed), encoding="utf-8")
+        stated = ("--serial", SERIAL, "--out", kept, "--date", f"202{3 + revision}-11-24")
+        command_line("fit", recipe, "--data", data, *stated, *settings)
+    newest = kept / SERIAL / f"r{sample.runs:03}"
+    if not sample.logs:
+        unseen = kept / "unseen"
+        unseen.mkdir()
+        (unseen / "warm_up_9.csv").write_text(warm_up(9), encoding="utf-8")
+    if sample.field:
+        logs = ROOT / "datasets" / sample.logs if sample.logs else kept / "unseen"
+        lines = (logs / sample.field).read_text(encoding="utf-8").splitlines(keepends=True)
+        (kept / "field.csv").write_text("".join(lines[:65]), encoding="utf-8")
+    unseen = unseen_logs(recipe)
+    command_line("validate", newest, "--data", unseen, "--out", kept / "validation.json")
+    if sample.planned:
+        within = ("--within", "60h", "--restarts", "1")
+        command_line("plan", recipe, *within, "--out", kept / "plan")
+    for target in targets(recipe):
+        command_line(
+            "export", newest, "--target", target, "--out", kept / target, "--allow-rejected"
+        )
+    profile = ROOT / "reports" / "profiles" / f"{recipe}.toml"
+    key = ("--sign", sign_with(folder)) if recipe == PAIR else ()
+    stated = ("--profile", profile, "--out", folder / f"{recipe}.pdf", "--date", DATE)
+    command_line("certify", newest, *stated, *key)
+    shutil.copy(folder / f"{recipe}.xml", kept / "certificate.xml")
+    if recipe == PAIR:
+        shutil.copy(folder / f"{recipe}.pdf", kept / "certificate.pdf")
+    out = folder / f"{recipe}-used"
+    out.mkdir()
+    numbers = json.dumps(use(recipe, command_line, out), indent=0)
+    (kept / "numbers.json").write_text(numbers + "\n", encoding="utf-8")
+
+
+def sign_with(folder):
+    """Key file of a laboratory; the certificate of its authority is kept."""
+    from outputs import authority
+
+    issuer = authority.Authority()
+    issuer.write(FOLDER / PAIR / "authority.pem")
+    issuer.issue(folder / "laboratory.p12")
+    return folder / "laboratory.p12"
+
+
+if __name__ == "__main__":
+    if FOLDER.exists():
+        sys.exit(f"{FOLDER} was written by 0.2.0 and stays as it is")
+    with tempfile.TemporaryDirectory() as made:
+        for name in SAMPLES:
+            freeze(name, Path(made))
+            print(name)  # noqa: T201

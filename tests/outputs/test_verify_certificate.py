@@ -1,0 +1,696 @@
+"""Signed and unsigned certificates: what is intact passes, whatever was changed is found and
+named.
+"""
+
+import datetime as dt
+import json
+import random
+import re
+import shutil
+import sys
+from dataclasses import replace
+
+import pytest
+
+from calibkit import instruments
+from calibkit.certificate import (
+    content,
+    dcc,
+    pdf,
+    profile,
+    run_files,
+    signature_trust,
+    signing_key,
+    verify,
+    verify_signature,
+    verify_text,
+)
+from calibkit.certificate.results import ListTable
+from calibkit.certificate.words import Words
+from calibkit.errors import CoefficientError
+from calibkit.records import sealed
+from conftest import AUTHORITIES, ROOT, called
+from sample_runs import sample_run
+
+pytest.importorskip("typst")
+pytest.importorskip("lxml")
+pytest.importorskip("pypdf")
+pytest.importorskip("pyhanko")
+pikepdf = pytest.importorskip("pikepdf")
+authority = pytest.importorskip("outputs.authority")
+
+PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
+ISSUED = dt.date(2026, 11, 21)
+STATED = 'adjustment.statement="no adjustment"'
+
+
+def key_file(path, days=(-10, 1000)):
+    """Write a PKCS#12 file with a key, its certificate by an authority; beside it the authority's
+    as PEM.
+    """
+    issuer = authority.Authority()
+    issuer.write(path.with_suffix(".pem"))
+    return issuer.issue(path, days=days)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """The run of the sample gyro pair."""
+    return sample_run(tmp_path_factory, "gyro_pair")
+
+
+@pytest.fixture(scope="module")
+def key(tmp_path_factory):
+    """A key that was made for these tests."""
+    return key_file(tmp_path_factory.mktemp("key") / "key.p12")
+
+
+@pytest.fixture(scope="module")
+def unsigned(run, tmp_path_factory):
+    """The sample certificate without a signature."""
+    out = tmp_path_factory.mktemp("unsigned") / "certificate.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED)
+    assert called("certify", run.folder, "--out", out, *arguments) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def signed(run, key, tmp_path_factory):
+    """The same with a signature."""
+    out = tmp_path_factory.mktemp("signed") / "certificate.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--sign", key)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(signing_key.PASSPHRASE, "a secret")
+        assert called("certify", run.folder, "--out", out, *arguments) == 0
+    return out
+
+
+@pytest.fixture(scope="module")
+def record(run):
+    """The certificate as a record, with its DCC."""
+    stated, text = profile.load(PROFILE, (STATED,))
+    files = run_files.RunFiles.read(run)
+    made = content.build(files, instruments.certificate_layout, stated, text, None, ISSUED)
+    return replace(made, attachments=(*made.attachments, dcc.attach_dcc(made, "en")))
+
+
+def refused(path, *words):
+    """Check that a certificate is refused for reasons that hold these words."""
+    with pytest.raises(CoefficientError) as caught:
+        verify.verify(path, instruments.certificate_layout)
+    for word in words:
+        assert word in str(caught.value)
+
+
+def changed(source, out, changes):
+    """Write a certificate with other attachments: name → content."""
+    with pikepdf.open(source) as document:
+        for name, data in changes.items():
+            document.attachments[name] = pikepdf.AttachedFileSpec(document, data, filename=name)
+        document.save(out)
+    return out
+
+
+def other(name, run):
+    """A coefficient file of the run with its first value changed and its digest right."""
+    document = json.loads((run.folder / name).read_text(encoding="utf-8"))
+    document["models"][0]["coefficients"][0]["value"] *= 1.0 + 1e-6
+    return sealed.seal(document).encode()
+
+
+def relisted(run, name, data):
+    """run.json that lists a changed file, its digest right."""
+    from hashlib import sha256
+
+    document = json.loads((run.folder / "run.json").read_text(encoding="utf-8"))
+    for entry in document["files"]:
+        if entry["name"] == name:
+            entry["sha256"] = sha256(data).hexdigest()
+    return sealed.seal(document).encode()
+
+
+def test_an_intact_signature_by_a_stranger_passes_with_a_warning(signed, key, calibkit):
+    """Exit 0; the signer is named; the warning goes when the authority is trusted."""
+    found = calibkit("verify", signed)
+    assert found.code == 0
+    assert 'signed by "Common Name: Test laboratory"' in found.out
+    assert "rows of numbers as the attached files give them" in found.out
+    assert "its signer is not trusted" in found.err
+    trusted = calibkit("verify", signed, "--trust", key.with_suffix(".pem"), "--json")
+    assert trusted.code == 0
+    assert trusted.json["files"][0]["warnings"] == []
+    stranger = calibkit("verify", signed, "--trust", signed)
+    assert stranger.code == 2
+    assert "no certificate" in stranger.err
+
+
+def test_signing_changes_nothing_that_was_there(signed, unsigned, record):
+    """The same run, profile and date give the same bytes before the signature, which stands behind
+    them: those of a certificate without a line for a signature by hand.
+    """
+    assert signed.read_bytes().startswith(pdf.render(record, "en", signed=True))
+    assert signed.with_suffix(".xml").read_bytes() == unsigned.with_suffix(".xml").read_bytes()
+
+
+def test_the_signature_is_a_certification_that_allows_signatures_alone(signed):
+    """PAdES subfilter, DocMDP level 2, the whole file covered, the metadata of before, still
+    PDF/A-3b.
+    """
+    with pikepdf.open(signed) as document:
+        signature = document.Root.AcroForm.Fields[0].V
+        assert signature.SubFilter == "/ETSI.CAdES.detached"
+        assert signature.Reference[0].TransformParams.P == 2
+        assert document.Root.Perms.DocMDP == signature
+        start, length, after, rest = (int(number) for number in signature.ByteRange)
+    assert (start, after + rest) == (0, signed.stat().st_size)
+    assert signed.read_bytes()[length : length + 1] == b"<"
+    with pikepdf.open(signed) as document:
+        metadata = bytes(document.Root.Metadata.read_bytes())
+        assert b"<pdfaid:part>3</pdfaid:part>" in metadata or b'pdfaid:part="3"' in metadata
+
+
+def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path, calibkit):
+    """Bits flipped all over the file, in the signature's own bytes, in its brackets and in the
+    zeros behind it: exit 4.
+    """
+    whole = signed.read_bytes()
+    first = whole.index(b"/Contents <30") + len("/Contents ")
+    last = whole.index(b">", first)
+    length = int(whole[first + 5 : first + 9], 16) * 2
+    rng = random.Random(20261121)  # noqa: S311 (a sample, not a secret)
+    places = [rng.randrange(len(whole)) for _ in range(8)]
+    places += [rng.randrange(first, first + length) for _ in range(12)]
+    places += range(first + 11, first + 101, 30)
+    authority = b"Test authority".hex().upper().encode()
+    places += [
+        match.start() + 5
+        for match in re.finditer(authority, whole[: first + length])
+        if match.start() > first
+    ]
+    places += [
+        first - 1,
+        first,
+        first + 1,
+        first + length + 9,
+        last - 1,
+        last,
+        last + 1,
+        0,
+        5,
+        len(whole) - 1,
+    ]
+    for place in places:
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.randrange(8)
+        found = verify_signature.check_signatures(bytes(damaged), signature_trust.Demands())
+        assert not found or any(one.faults for one in found), place
+        if not found:  # what says that there is a signature was hit
+            (tmp_path / "hit.pdf").write_bytes(damaged)
+            refused(tmp_path / "hit.pdf", "")
+    for k, place in enumerate((places[0], first + 100, last - 1)):
+        damaged = bytearray(whole)
+        damaged[place] ^= 4
+        path = tmp_path / f"{k}.pdf"
+        path.write_bytes(damaged)
+        found = calibkit("verify", path)
+        assert found.code == 4
+        assert "sign" in found.err
+
+
+@pytest.mark.parametrize("behind", [b"\n", b"%", b"\n1 0 obj\n<< >>\nendobj\n"])
+def test_bytes_behind_the_signed_file_are_found(behind, signed, tmp_path):
+    """The signature covers the whole file or it is refused."""
+    path = tmp_path / "longer.pdf"
+    path.write_bytes(signed.read_bytes() + behind)
+    refused(path, "sign")
+
+
+def test_an_update_behind_the_signature_is_found(signed, run, tmp_path):
+    """A swapped attachment in an incremental update, as an editor would save it: the signature
+    forbids it, the file is named.
+    """
+    import io
+
+    from pyhanko.pdf_utils import generic
+    from pyhanko.pdf_utils.incremental_writer import IncrementalPdfFileWriter
+
+    writer = IncrementalPdfFileWriter(io.BytesIO(signed.read_bytes()))
+    listed = writer.root["/Names"]["/EmbeddedFiles"]["/Names"]
+    reference = next(
+        listed[k + 1] for k in range(0, len(listed), 2) if "gyro_scale" in str(listed[k])
+    )
+    stream = generic.StreamObject(stream_data=other("gyro_scale.json", run))
+    written = writer.add_object(stream)
+    for name in ("/F", "/UF"):
+        reference.get_object()["/EF"][name] = written
+    writer.update_container(reference.get_object()["/EF"])
+    out = io.BytesIO()
+    writer.write(out)
+    path = tmp_path / "updated.pdf"
+    path.write_bytes(out.getvalue())
+    refused(
+        path,
+        "after signing",
+        "gyro_scale.json: the attached file is not the one whose SHA-256 is printed",
+    )
+
+
+def test_an_unsigned_certificate_is_checked_without_a_signature(unsigned, calibkit):
+    """Attachments, digests and numbers are right; that nobody signed it is said."""
+    found = calibkit("verify", unsigned)
+    assert found.code == 0
+    assert "not signed" in found.err
+
+
+@pytest.mark.parametrize("name", ["gyro_scale.json", "run.json", "profile.toml", "dcc.xml"])
+def test_a_swapped_attachment_is_named(name, unsigned, run, tmp_path, calibkit):
+    """Another file under the same name does not have the printed digest."""
+    data = other("gyro_orthogonality.json", run) if name.endswith(".json") else b"# nothing\n"
+    path = changed(unsigned, tmp_path / "swapped.pdf", {name: data})
+    found = calibkit("verify", path)
+    assert found.code == 4
+    assert f"{name}: the attached file is not the one whose SHA-256 is printed" in found.err
+
+
+def test_a_changed_coefficient_is_named_with_and_without_a_right_digest(unsigned, run, tmp_path):
+    """The file's own digest, the list of run.json and the printed digest each say so."""
+    data = (run.folder / "gyro_scale.json").read_bytes()
+    at = data.index(b'"value": ') + len(b'"value": ') + 3
+    digit = b"1" if data[at : at + 1] != b"1" else b"2"
+    plain = data[:at] + digit + data[at + 1 :]
+    refused(
+        changed(unsigned, tmp_path / "a.pdf", {"gyro_scale.json": plain}), "gyro_scale.json: digest"
+    )
+    sealed = other("gyro_scale.json", run)
+    both = {"gyro_scale.json": sealed, "run.json": relisted(run, "gyro_scale.json", sealed)}
+    refused(
+        changed(unsigned, tmp_path / "b.pdf", both),
+        "gyro_scale.json",
+        "run.json",
+        "SHA-256 is printed",
+    )
+
+
+def test_an_attachment_that_is_missing_or_too_many_is_named(unsigned, tmp_path):
+    """A coefficient file taken out, and a file that is none of the run's."""
+    with pikepdf.open(unsigned) as document:
+        del document.attachments["gyro_scale.json"]
+        document.save(tmp_path / "less.pdf")
+    refused(tmp_path / "less.pdf", "gyro_scale.json is not attached")
+    refused(
+        changed(unsigned, tmp_path / "more.pdf", {"accel_k.json": b"{}"}),
+        "accel_k.json does not belong to the run",
+    )
+
+
+def written(certificate, path):
+    """Write a certificate record as PDF."""
+    path.write_bytes(pdf.render(certificate, "en"))
+    return path
+
+
+def attached(certificate, changes):
+    """The record with other content in its attachments."""
+    files = (replace(a, content=changes.get(a.name, a.content)) for a in certificate.attachments)
+    return replace(certificate, attachments=tuple(files))
+
+
+def test_the_record_itself_is_verified(record, tmp_path):
+    """What the forgeries below start from is accepted."""
+    found = verify.verify(written(record, tmp_path / "plain.pdf"), instruments.certificate_layout)
+    assert int(re.search(r"(\d+) rows", found.what).group(1)) > 40
+    assert found.warnings == ("not signed: nothing says who made it",)
+
+
+def test_numbers_that_do_not_follow_from_the_attached_files_are_named(record, run, tmp_path):
+    """A coefficient changed everywhere but in the printed numbers: every digest is right, the rows
+    are not.
+    """
+    data = other("gyro_scale.json", run)
+    forged = attached(
+        record, {"gyro_scale.json": data, "run.json": relisted(run, "gyro_scale.json", data)}
+    )
+    path = written(forged, tmp_path / "forged.pdf")
+    refused(path, "principal results: 'scale factor K, gyro a", "is not printed", "dcc.xml")
+
+
+def test_numbers_of_another_release_are_compared_and_its_words_are_not(
+    record, tmp_path, monkeypatch
+):
+    """A name that this release prints otherwise is no forgery; that the words were not compared is
+    a warning.
+    """
+    monkeypatch.setattr(dcc, "RELEASE", "v9.9.9")
+    path = written(replace(record, blocks=renamed(record.blocks)), tmp_path / "renamed.pdf")
+    found = verify.verify(path, instruments.certificate_layout)
+    assert any("its words and budgets were not compared" in words for words in found.warnings)
+
+
+def renamed(blocks):
+    """Blocks whose last table calls its first result otherwise."""
+    block = blocks[-1]
+    table = block.tables[0]
+    first = replace(table.results[0], name=Words("another name of this result"))
+    tables = (replace(table, results=(first, *table.results[1:])), *block.tables[1:])
+    return (*blocks[:-1], replace(block, tables=tables))
+
+
+@pytest.mark.parametrize("release", [dcc.RELEASE, "v9.9.9"])
+def test_a_changed_printed_number_is_named(record, tmp_path, monkeypatch, release):
+    """One printed value and nothing else: its file and its row are named, whichever release printed
+    it.
+    """
+    monkeypatch.setattr(dcc, "RELEASE", release)
+    block = record.blocks[-1]
+    table = block.tables[0]
+    assert isinstance(table, ListTable)
+    first = table.results[0]
+    results = (replace(first, value=first.value * 1.001), *table.results[1:])
+    blocks = (
+        *record.blocks[:-1],
+        replace(block, tables=(replace(table, results=results), *block.tables[1:])),
+    )
+    path = written(replace(record, blocks=blocks), tmp_path / "forged.pdf")
+    refused(path, f"{block.file}: 'N", "is not printed")
+
+
+def test_a_changed_number_in_the_dcc_is_named(record, tmp_path):
+    """The digest of the changed DCC is printed, but its numbers are not those of the files."""
+    made = next(a for a in record.attachments if a.name == dcc.FILE).content
+    at = made.index(b"<si:value>") + len(b"<si:value>")
+    end = made.index(b"<", at)
+    forged = made[:at] + repr(float(made[at:end]) * (1.0 + 1e-8)).encode() + made[end:]
+    refused(
+        written(attached(record, {dcc.FILE: forged}), tmp_path / "forged.pdf"), "dcc.xml: value '"
+    )
+
+
+def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record, tmp_path):
+    """DRAFT stands on every page or the certificate is refused; so do the texts of the profile."""
+    stated, text = profile.load(PROFILE)
+    files = run_files.RunFiles.read(run)
+    draft = content.build(
+        files, instruments.certificate_layout, replace_profile(stated), text, None, ISSUED
+    )
+    assert not draft.draft
+    forged = replace(draft, attachments=(*draft.attachments, dcc.attach_dcc(draft, "en")))
+    refused(written(forged, tmp_path / "draft.pdf"), "dcc.xml")
+    customer = record.profile.customer.model_copy(update={"name": "Somebody else"})
+    forged = replace(record, profile=record.profile.model_copy(update={"customer": customer}))
+    refused(written(forged, tmp_path / "name.pdf"), "Customer: 'Sample customer' is not printed")
+
+
+def replace_profile(stated):
+    """The profile with what its text leaves out."""
+    return stated.model_copy(update={"adjustment": profile._Adjustment(statement="made up")})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# $ \" ' < & \\ [x] #sys.inputs *bold* _it_",
+        "x" * 200,
+        "北京航天惯性仪器校准实验室 № 7",
+        "מעבדת כיול \u202eABC\u202c مختبر المعايرة 123.456",
+        "office affluent ﬁﬂ naïve Ångström é e\u0301 1.5 −2",
+        "bell \x07 and escape \x1b",
+        "a very long text that goes on over the edge of the page " * 40,
+    ],
+)
+def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_path):
+    """What is printed in any script, over page breaks and all, is still that of the attached
+    files.
+    """
+    fields = (
+        "certificate.number",
+        "laboratory.name",
+        "laboratory.address",
+        "customer.name",
+        "item.type",
+        "item.model",
+    )
+    fields += (
+        "method.name",
+        "method.deviations",
+        "conditions.chamber",
+        "conditions.supply",
+        "authorised_by.name",
+    )
+    overrides = [f"{field}={json.dumps(text)}" for field in fields]
+    lines = [
+        "[[specification]]",
+        'result = "gyro_scale.a_about_a.K"',
+        'unit = "1/deg"',
+        "upper = 1e9",
+    ]
+    lines += [
+        f"name = {json.dumps(text)}",
+        "[[type_b]]",
+        f"name = {json.dumps(text)}",
+        'quantity = "time_s"',
+    ]
+    lines += ['unit = "ppm"', "half_width = 1"]
+    path = tmp_path / "lab.toml"
+    path.write_text(
+        "\n".join(lines), encoding="utf-8"
+    )  # no line end: the overrides stand behind it
+    out = tmp_path / "certificate.pdf"
+    code = called(
+        "certify",
+        run.folder,
+        *(w for o in overrides for w in ("--set", o)),
+        out=out,
+        profile=path,
+        date=ISSUED,
+    )
+    assert code == 0
+    found = verify.verify(out, instruments.certificate_layout)
+    assert any("DRAFT" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize(
+    ("printed", "found"),
+    [
+        ("K0 1.003253 0.000040 1", True),
+        ("K0\n1.003253   0.000040\n1", True),
+        ("K0 1.0032530 0.000040 1", False),
+        ("K0 −1.003253 0.000040 1", False),
+        ("K0 1.003253 0.0000401", False),
+        ("K0 1.003253 0.000040 12", False),
+        ("1.003253 0.000040 1", False),
+    ],
+)
+def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, found):
+    """Blanks do not matter, digits and signs do."""
+    text = verify_text._Text.from_pages([f"before {printed} behind"])
+    assert (
+        text.find(verify_text._segments(["K0", "1.003253", "0.000040", "1"], words=True), 0) >= 0
+    ) is found
+
+
+def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, calibkit):
+    """The file beside the PDF passes with a warning; a changed coefficient file in it, or what is
+    no DCC, is refused.
+    """
+    beside = unsigned.with_suffix(".xml")
+    found = calibkit("verify", beside)
+    assert found.code == 0
+    assert "2 coefficient files" in found.out
+    assert "not signed" in found.err
+    document = beside.read_bytes()
+    at = document.index(b"<dcc:dataBase64>") + len(b"<dcc:dataBase64>") + 400
+    damaged = document[:at] + (b"A" if document[at : at + 1] != b"A" else b"B") + document[at + 1 :]
+    for k, data in enumerate(
+        (damaged, b"<a/>", b"<a", document.replace(b"uniqueIdentifier", b"identifier"))
+    ):
+        path = tmp_path / f"{k}.xml"
+        path.write_bytes(data)
+        assert calibkit("verify", path).code == 4
+
+
+def test_the_signed_file_has_no_pdfa_finding_that_the_unsigned_has_not(signed):
+    """But for what the checker does not know: forms and permissions, and the prefix of a namespace
+    that is written anew.
+    """
+    pdfa = pytest.importorskip("pikepdf.pdfa")
+
+    def alike(message):
+        return re.sub(r"xmpTPg|ns#", "ns", re.sub(r"\d+", "#", message))
+
+    listed = json.loads((AUTHORITIES / "pdfa_false_alarms.json").read_text(encoding="utf-8"))[
+        "findings"
+    ]
+    known = {alike(entry["message"]) for entry in listed}
+    parts = ("permissions (/Perms)", "interactive forms (/AcroForm)", "embedded files")
+    known |= {
+        f"{part} are not supported" for part in parts
+    }  # by the checker, which says so of what it does not know
+    assert {
+        alike(finding.message) for finding in pdfa.validate_written(signed, "3b").findings
+    } <= known
+
+
+def test_what_is_no_certificate_is_refused(tmp_path, calibkit):
+    """A PDF of another make, a picture under the name of a PDF, an empty file: exit 4 and one
+    line.
+    """
+    for name, data in (("a.pdf", b""), ("b.pdf", b"\x89PNG\r\n"), ("c.bin", b"%PDF-1.7\nnothing")):
+        (tmp_path / name).write_bytes(data)
+        found = calibkit("verify", tmp_path / name)
+        assert found.code == 4
+        assert len(found.err.splitlines()) == 1
+    with pikepdf.new() as document:
+        document.add_blank_page()
+        document.save(tmp_path / "d.pdf")
+    assert "not a certificate of calibkit" in calibkit("verify", tmp_path / "d.pdf").err
+
+
+def test_a_key_that_cannot_sign_stops_before_anything_is_written(
+    run, key, tmp_path, calibkit, monkeypatch
+):
+    """No passphrase, a wrong one, no such file, no PKCS#12, an expired certificate: exit 2, no
+    certificate.
+    """
+    out = tmp_path / "certificate.pdf"
+    shutil.copy(key.with_suffix(".pem"), tmp_path / "key.pem")
+    expired = key_file(tmp_path / "expired.p12", days=(-20, -10))
+    cases = [
+        (key, None, "CALIBKIT_SIGN_PASSPHRASE is not set"),
+        (key, "wrong", "is not its passphrase"),
+        (tmp_path / "absent.p12", "x", "No such file"),
+        (tmp_path / "key.pem", "x", "no PKCS#12"),
+        (expired, "a secret", "is valid from"),
+    ]
+    for path, passphrase, words in cases:
+        monkeypatch.delenv(signing_key.PASSPHRASE, raising=False)
+        if passphrase is not None:
+            monkeypatch.setenv(signing_key.PASSPHRASE, passphrase)
+        found = calibkit("certify", run.folder, "--out", out, "--sign", path)
+        assert found.code == 2
+        assert words in found.err
+        assert passphrase is None or len(passphrase) < 2 or passphrase not in found.err
+    assert not list(tmp_path.glob("certificate.*"))
+
+
+@pytest.mark.parametrize("module", ["pypdf", "pyhanko.pdf_utils.reader", "lxml.etree"])
+def test_what_cannot_be_checked_is_called_so(module, signed, unsigned, monkeypatch, calibkit):
+    """A missing library: exit 5, the command that installs it, no "ok"; 4 stands over 5."""
+    monkeypatch.setitem(sys.modules, module, None)
+    found = calibkit("verify", signed)
+    assert (found.code, found.out) == (5, "")
+    assert "NOT CHECKED: install calibkit[verify]" in found.err
+    told = calibkit("verify", signed, "--json").json
+    assert (told["ok"], told["error"]["code"]) == (False, "not_checked")
+    assert told["files"][0]["checked"] is False
+    damaged = signed.with_name("x.json")
+    damaged.write_text("{}", encoding="utf-8")
+    assert calibkit("verify", damaged, signed).code == 4
+
+
+def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
+    """A signature makes a certificate of what it stands under: exit 2, what is missing, nothing
+    written.
+    """
+    monkeypatch.setenv(signing_key.PASSPHRASE, "a secret")
+    out = tmp_path / "c.pdf"
+    arguments = (
+        "--profile",
+        PROFILE,
+        "--date",
+        ISSUED,
+        "--set",
+        STATED,
+        "--set",
+        'customer.name="计"',
+        "--sign",
+        key,
+    )
+    outcome = calibkit("certify", run.folder, "--out", out, *arguments)
+    assert outcome.code == 2
+    assert "certificate.fonts" in outcome.err
+    assert not out.exists()
+
+
+def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(
+    run, tmp_path, calibkit
+):
+    """A run that failed its limits: a line on page 1, --json, a warning of certify and one of
+    verify.
+    """
+    from pypdf import PdfReader
+
+    folder = tmp_path / "r001"
+    shutil.copytree(run.folder, folder)
+    document = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    limit = {"name": "scale_residual", "value": 2.0, "limit": 1.0, "unit": "ppm", "passed": False}
+    changed_run = sealed.seal(
+        document | {"verdict": "rejected", "accepted": False, "acceptance": [limit]}
+    )
+    (folder / "run.json").chmod(0o644)
+    (folder / "run.json").write_bytes(changed_run.encode())
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--json")
+    outcome = calibkit("certify", folder, "--out", out, *arguments)
+    assert outcome.json["accepted"] is False
+    assert "failed its acceptance limits: scale_residual" in outcome.err
+    assert "failed its acceptance limits: scale_residual" in " ".join(
+        PdfReader(out).pages[0].extract_text().split()
+    )
+    checked = calibkit("verify", out)
+    assert checked.code == 0
+    assert "failed its acceptance limits" in checked.err
+
+
+def test_a_pdf_of_too_many_pages_is_refused_unread(unsigned, tmp_path, monkeypatch):
+    """20,000 pages that show the first one's content would be read for minutes."""
+    import pypdf
+
+    with pikepdf.open(unsigned) as document:
+        for _ in range(600):
+            document.pages.append(document.pages[0])
+        document.save(tmp_path / "many.pdf")
+    monkeypatch.setattr(pypdf.PageObject, "extract_text", None)
+    refused(tmp_path / "many.pdf", "many.pdf: 604 pages, at most 500 are read")
+
+
+@pytest.mark.parametrize("key", ["certificate.number", "certificate.title"])
+@pytest.mark.parametrize("text", ["/ByteRange 7", "a /DocMDP b"])
+def test_a_text_that_looks_like_a_signature_is_refused_before_it_is_issued(
+    run, tmp_path, capsys, key, text
+):
+    """`verify` would refuse the certificate as one whose signature was taken off."""
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set")
+    assert called("certify", run.folder, "--out", out, *arguments, f'{key}="{text}"') == 2
+    assert text.split()[0][:8] in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_names_of_many_combining_marks_are_verified(run, tmp_path):
+    """Two cells of 500 marks each, which are read back in another order and at twice the length,
+    stand before the numbers of their row.
+    """
+    name = "e" + 500 * "\u0301"
+    limit = f'specification=[{{result="*K*",unit="1/deg",lower=1.0,name="{name}",source="{name}"}}]'
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set", limit)
+    assert called("certify", run.folder, "--out", out, *arguments) == 0
+    assert "as printed" in verify.verify(out, instruments.certificate_layout).what
+
+
+def test_numeric_identifiers_are_compared_digit_by_digit(record):
+    """The last of thirteen digits of a serial is a difference, that of a recomputed value none."""
+    stated = dcc.render(record, "en")
+    root = verify.dcc_xml.read(stated)
+
+    def differences(path, texts):
+        pair = [verify.dcc_xml.read(stated) for _ in texts]
+        for document, text in zip(pair, texts, strict=True):
+            document.find(f".//{path}", verify.NAMES).text = text
+        return list(verify._differences(*pair, words=True))
+
+    assert root.find(".//dcc:identification/dcc:value", verify.NAMES) is not None
+    digits = ("1234567890123", "1234567890124")
+    assert differences("dcc:identification/dcc:value", digits)
+    assert differences("si:value", ("1.0000000000001", "1.0000000000002")) == []
+    assert differences("si:value", ("1.0000001", "1.0000002"))
