@@ -56,6 +56,7 @@ _MODELS = {
 }
 _CRITERIA = {
     "residual over noise": "残差与噪声之比",
+    "residual over that of the fit": "残差与拟合残差之比",
     "residual rms": "残差均方根",
     "largest inclination error": "井斜角最大误差",
     "largest toolface error": "工具面角最大误差",

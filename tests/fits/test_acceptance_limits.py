@@ -150,11 +150,10 @@ def triad_unseen(value, temperature=25.0, terms=()):
 
 
 def triad_noise(value, **limits):
-    """Criteria of corrected dwells whose noise, by the fit, is 0.1 g and whose residual is this
-    many times as large.
-    """
-    found = triad_errors.DwellErrors(np.full((2, 1), 0.1 * value), noise_g=0.1)
-    return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
+    """Criteria of unseen dwells whose residual is this many times the fit's of 0.1 g."""
+    found = triad_errors.DwellErrors(np.full((2, 1), 0.1 * value))
+    fitted = SimpleNamespace(models=[SimpleNamespace(residual_rms=0.1)])
+    return found.judge_errors(SimpleNamespace(acceptance=_AccelAcceptance(**limits)), fitted)
 
 
 def lines(value, **limits):
@@ -270,7 +269,7 @@ AT_MOST = {
         "g",
         lambda v: triad_stand(figures={"residual": v}, max_residual_rms_g=LIMIT),
     ),
-    "triad: residual over noise": ("1", limited("max_residual_over_noise", triad_noise)),
+    "triad: residual over that of the fit": ("1", limited("max_residual_over_noise", triad_noise)),
     "runs: residual over noise": ("1", limited("max_residual_over_noise", lines)),
     "azimuth rms": ("deg", limited("max_azimuth_rms_deg", azimuth_rms)),
     "largest azimuth error": (

@@ -181,8 +181,6 @@ class DwellErrors:
     """[n], indicated minus reference [°]."""
     toolface_deg: Array = field(default_factory=lambda: np.zeros(0))
     """[n], indicated minus reference in (−180, 180] [°], NaN outside the range."""
-    noise_g: float = np.nan
-    """Noise of a dwell by the fit of the correction [g]; NaN where nothing is corrected."""
 
     @classmethod
     def compare(
@@ -191,14 +189,12 @@ class DwellErrors:
         """Errors of dwells against the reference attitudes or the magnitude of gravity, for raw
         indications or, where a correction is given, for corrected components.
         """
-        vector, noise = dwells.indication, np.nan
+        vector = dwells.indication
         if correction is not None:
             vector = correction(vector, dwells.temperature)
-            noise = rms([model.residual_rms for model in correction.models])
         if spec.reference.kind == "magnitude":
-            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0, noise_g=noise)
-        angles = dwells.inclination, dwells.toolface
-        return cls.of_vectors(vector, *angles, spec.toolface_range_deg, noise)
+            return cls(np.linalg.norm(vector, axis=1)[:, None] - 1.0)
+        return cls.of_vectors(vector, dwells.inclination, dwells.toolface, spec.toolface_range_deg)
 
     @classmethod
     def of_vectors(
@@ -207,7 +203,6 @@ class DwellErrors:
         inclination_deg: Array,
         toolface_deg: Array,
         inclination_range_deg: tuple[float, float] = (10.0, 170.0),
-        noise_g: float = np.nan,
     ) -> Self:
         """Errors of gravity vectors [n, 3] against reference angles [n] [°]."""
         low, high = inclination_range_deg
@@ -226,15 +221,19 @@ class DwellErrors:
             "toolface_max_deg": largest[1],
             "toolface_sin_max_deg": largest[2],
         }
-        return cls(residual, figures, tilt, roll, noise_g)
+        return cls(residual, figures, tilt, roll)
 
     @property
     def residual_rms_g(self) -> float:
         """Root mean square of the residual [g]."""
         return rms(self.residual)
 
-    def judge_errors(self, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
-        """Criteria of the recipe's acceptance limits on the corrected dwells."""
+    def judge_errors(
+        self, spec: AccelerometerRecipe, correction: Correction | None = None
+    ) -> tuple[Criterion, ...]:
+        """Criteria of the acceptance limits on the corrected dwells; of unseen dwells, whose
+        correction is given, also how much larger their errors are than those of the fitted ones.
+        """
         limits, residual = spec.acceptance, self.residual_rms_g
         tested: list[tuple[str, float, float | None, str]] = []
         if self.figures:
@@ -246,11 +245,13 @@ class DwellErrors:
                 ("largest inclination error", tilt, limits.max_inclination_error_deg, "deg"),
                 (times_sine, scaled, limits.max_toolface_error_sin_deg, "deg"),
             ]
-        over_noise = residual / self.noise_g if self.noise_g > 0.0 else 0.0
-        tested += [
-            ("residual rms", residual, limits.max_residual_rms_g, "g"),
-            ("residual over noise", over_noise, limits.max_residual_over_noise, "1"),
-        ]
+        tested.append(("residual rms", residual, limits.max_residual_rms_g, "g"))
+        if correction is not None:
+            # the fitted dwells would be compared with themselves, which no limit can find
+            fitted = rms([model.residual_rms for model in correction.models])
+            ratio = residual / fitted if fitted > 0.0 else 0.0
+            over_fit = "residual over that of the fit"
+            tested.append((over_fit, ratio, limits.max_residual_over_noise, "1"))
         return tuple(
             at_most(name, value, limit, unit)
             for name, value, limit, unit in tested

@@ -22,6 +22,7 @@ from calibkit.instruments.accelerometer.fit import find_sensitivities, fit_triad
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.logs import log_files, write_back
 from calibkit.numeric import attitude
+from calibkit.numeric.dispersion import rms
 from calibkit.records.coefficients import Criterion, Input
 from calibkit.records.frame import refuse, require, values
 from calibkit.records.left_out import LeftOut
@@ -163,8 +164,9 @@ def summarise(
     if corrected.figures:
         tilt = corrected.figures["inclination_max_deg"]
         key_values.append(KeyValue("largest inclination error, after", tilt, "°"))
-    if corrected.noise_g > 0.0:
-        key_values.append(KeyValue("noise of the dwells", 1e6 * corrected.noise_g, "µg"))
+    noises = [p.value for p in results[-1].models[0].parameters if p.name.startswith("noise_")]
+    if noises:
+        key_values.append(KeyValue("noise of the dwells", 1e6 * rms(noises), "µg"))
     overview = Overview(sentence, (), tuple(key_values), compared)
     summary = Summary(spec.title, tuple(tables), tuple(flags), criteria, overview=overview)
     return TriadReport(counted, raw, corrected, spec), summary
@@ -227,7 +229,7 @@ def validate(
         tables.append(corrections.tabulate_errors(compared, spec, log.file))
         criteria += [
             after.judge_uncertainty(log.file, dwells, correction, spec.type_b),
-            *after.judge_errors(spec),
+            *after.judge_errors(spec, correction),
         ]
         flags += (*dwells.flags, *map(str, plausibility.find_implausible(dwells, spec)[1]))
         outside = correction.readings(dwells.indication, dwells.temperature)[1].mean()
