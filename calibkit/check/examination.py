@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from calibkit.check import chunked, copies, facts, magnitude, thermometers
+from calibkit.check import copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
-from calibkit.logs import log_files
 from calibkit.records.frame import THERMOMETERS, Examined, Finding, values
 from calibkit.report.logs import Curve, LogFigure, envelope
 
@@ -22,16 +21,14 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.logs.log_files import LogReader
     from calibkit.numeric.arrays import Array
-    from calibkit.recipe import Recipe
     from calibkit.records.frame import Held, Log
 
 
 class _Examiner(Protocol):
     """The part of a procedure that looks at logs."""
 
-    def read(self, spec: Any, data: Path, file: str, reader: LogReader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
+    def read(self, spec: Any, data: Path, file: str) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
         """Read one log in canonical columns."""
 
     def faults(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
@@ -55,31 +52,12 @@ class _Examination:
     """What it holds, where it could be read."""
 
 
-def examine_log(
-    procedure: _Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
-) -> _Examination:
-    """Read and examine one log, in chunks where its file is larger; one that cannot be read or used
-    is a refused finding.
+def examine_log(procedure: _Examiner, spec: object, data: Path, file: str) -> _Examination:
+    """Read and examine one log as a fit does; one that cannot be read or used is a refused
+    finding.
     """
-    in_chunks: list[chunked.ChunkedLog] = []
-
-    def reader(
-        recipe: Recipe,
-        path: Path,
-        file: str,
-        required_columns: Sequence[str],
-        optional: Sequence[str] = (),
-    ) -> Log:
-        chunked_log = chunked.examine_file(
-            recipe, path, file, required_columns, optional, largest=largest
-        )
-        if chunked_log is None:
-            return log_files.read_log(recipe, path, file, required_columns, optional)
-        in_chunks.append(chunked_log)
-        return chunked_log.log
-
     try:
-        log = procedure.read(spec, data, file, reader)
+        log = procedure.read(spec, data, file)
     except (LogFormatError, FrameError, FitError) as error:
         finding = Finding.of(error, name="unreadable")
         return _Examination(LogReport(file, "", (), (), None, (), (finding,)), None)
@@ -88,11 +66,6 @@ def examine_log(
     except (FrameError, FitError) as error:
         examined = Examined((Finding.of(error),))
     findings, log_facts = examined.findings, facts.Facts.describe(log)
-    if in_chunks:
-        thinned_findings = (
-            finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS
-        )
-        findings, log_facts = (*in_chunks[0].findings, *thinned_findings), in_chunks[0].facts
     conditions = tuple(_describe_held(log, part) for part in examined.held)
     report = LogReport(file, log.sha256, log.reading, log.notes, log_facts, conditions, findings)
     slope, level, lag = None, None, 0.0
@@ -104,9 +77,8 @@ def examine_log(
         level = magnitude.measure_level(indication)
         time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
         lag = thermometers.measure_lag(time, case, air)
-    return _Examination(
-        report, _draw_log(log, conditions, findings), slope, level, lag, copies.Content.of(log)
-    )
+    drawn = _draw_log(log, log_facts, conditions, findings)
+    return _Examination(report, drawn, slope, level, lag, copies.Content.of(log))
 
 
 def segment_numbers(
@@ -202,10 +174,13 @@ def _abscissa(log: Log) -> Array:
 
 
 def _draw_log(
-    log: Log, conditions: Sequence[HeldCondition], findings: Sequence[Finding]
+    log: Log,
+    described: facts.Facts,
+    conditions: Sequence[HeldCondition],
+    findings: Sequence[Finding],
 ) -> LogFigure:
     """Curves of every column over time or row, thinned to their envelope."""
-    abscissa, described = _abscissa(log), facts.Facts.describe(log)
+    abscissa = _abscissa(log)
     return LogFigure(
         log.file,
         "time [s]" if "time_s" in log.frame.columns else "row",

@@ -2,7 +2,6 @@
 temperature occupancy.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -79,31 +78,11 @@ class Facts:
             occupancy=occupancy,
         )
 
-    @classmethod
-    def merge(cls, parts: "Sequence[Facts]") -> Self:
-        """Facts of a log from those of its chunks, one after the other."""
-        rows = sum(part.rows for part in parts)
-        occupied: dict[tuple[float, float], float] = {}
-        for part in parts:
-            for place in part.occupancy:
-                ends = place.low, place.high
-                occupied[ends] = occupied.get(ends, 0.0) + place.share * part.rows
-        rates = [part.rate_hz for part in parts if part.rate_hz]
-        steps_between_s = [1.0 / rate for rate in rates[:-1]]
-        return cls(
-            rows,
-            float(sum(part.duration_s for part in parts) + sum(steps_between_s)),
-            float(np.median(rates)) if rates else 0.0,
-            max(part.irregularity for part in parts),
-            sum(part.gaps for part in parts),
-            tuple(map(_merge_column, zip(*(part.columns for part in parts), strict=True))),
-            tuple(_Occupancy(*ends, share / rows) for ends, share in sorted(occupied.items())),
-        )
-
 
 def _describe_column(name: str, data: Array) -> _ColumnFacts:
     """Facts of a column."""
-    good = data[np.isfinite(data)]
+    finite = np.isfinite(data)
+    good = data if finite.all() else data[finite]
     unit = units.column_unit(name)
     if not good.size:
         return _ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
@@ -133,18 +112,4 @@ def _count_occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
     return tuple(
         _Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part))
         for k, part in enumerate(share)
-    )
-
-
-def _merge_column(parts: Sequence[_ColumnFacts]) -> _ColumnFacts:
-    """Facts of one column from those of its chunks."""
-    steps = [part.resolution for part in parts if part.resolution]
-    return _ColumnFacts(
-        parts[0].name,
-        parts[0].unit,
-        min(part.low for part in parts),
-        max(part.high for part in parts),
-        min(steps, default=0.0),
-        float(np.median([part.noise for part in parts])),
-        sum(part.missing for part in parts),
     )

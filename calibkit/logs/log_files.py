@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean, visible
 from calibkit.logs import logs_on_disk, second_logger
@@ -198,18 +198,3 @@ def read_ahead(files: Iterable[str], read: Callable[[str], _Read]) -> Iterator[_
         finally:
             for future in coming:
                 future.cancel()
-
-
-class LogReader(Protocol):
-    """Reads one log, as `read_log` does."""
-
-    def __call__(
-        self,
-        recipe: Recipe,
-        path: Path,
-        file: str,
-        required_columns: Sequence[str],
-        optional: Sequence[str] = (),
-    ) -> Log:
-        """Read one log in canonical columns."""
-        ...

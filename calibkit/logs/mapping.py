@@ -66,8 +66,6 @@ def map_log(
     table: Table,
     required_columns: Sequence[str],
     optional: Sequence[str] = (),
-    *,
-    is_whole_log: bool = True,
 ) -> Log:
     """Map a log, or a chunk of one, to canonical columns; raises as `read_file`."""
     file = table.file
@@ -89,12 +87,9 @@ def map_log(
     lost = [(_SINCE_ROW_BEFORE, table.frame.index[:1].to_numpy())] if first_lost else []
     frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped, incomplete = _drop_incomplete_rows(frame, required_columns, recipe)
-    frame, excluded_rows = drop_excluded_rows(
-        frame, recipe.exclude, file, table if is_whole_log else None
-    )
+    frame, excluded_rows = drop_excluded_rows(frame, recipe.exclude, file, table)
     if exclusion_columns:
         frame = frame.drop(columns=exclusion_columns, errors="ignore")
-    excluded_rows = {number: rows for number, rows in excluded_rows.items() if rows or is_whole_log}
     return Log(
         log_name(file),
         file,

@@ -71,9 +71,9 @@ def turns_of(logs):
     return Turns(indication, stops[:, 1] - stops[:, 0], number)
 
 
-def read(spec, data, file, reader=log_files.read_log):
+def read(spec, data, file):
     """One log of turns."""
-    return reader(spec, data / file, file, (SENSOR, *STOPS))
+    return log_files.read_log(spec, data / file, file, (SENSOR, *STOPS))
 
 
 def faults(spec, log):

@@ -11,7 +11,7 @@ from hypothesis import given, settings, strategies as st
 
 import scratch
 from calibkit import instruments, recipe
-from calibkit.check import chunked
+from calibkit.check import examination
 from calibkit.commands import pipeline
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.instruments.bias import ramps
@@ -86,7 +86,6 @@ def in_pieces(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
     monkeypatch.setenv(logs_on_disk.SETTING, "0")
     monkeypatch.setattr(logs_on_disk, "ROWS", 700)
-    monkeypatch.setattr(chunked, "CHUNK", 1000)
 
 
 FIELD = {
@@ -175,6 +174,18 @@ def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):
     monkeypatch.setenv(logs_on_disk.SETTING, "0")
     with pytest.raises(RecipeError, match="no row from 1000000 s"):
         prepared(folder, (whole.replace("to_s=800.0", "from_s=1e6"),))
+
+
+def test_check_tells_of_a_log_on_disk_what_it_tells_of_one_in_memory(folder, monkeypatch):
+    """Facts, held conditions and findings are equal: it looks at the log that a fit would."""
+    spec = instruments.parse_recipe(recipe.find("fog_thermal"))
+    reports = []
+    for megabytes in ("1000", "0"):
+        monkeypatch.setenv(logs_on_disk.SETTING, megabytes)
+        examined = examination.examine_log(instruments.find("fog_thermal"), spec, folder, FILE)
+        reports.append(examined.report)
+    assert reports[0] == reports[1]
+    assert reports[0].held
 
 
 def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_path):

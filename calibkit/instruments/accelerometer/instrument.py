@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     from calibkit.instruments import Progress
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.triad import Triad
-    from calibkit.logs.log_files import LogReader
     from calibkit.logs.write_back import Applied
     from calibkit.records.coefficients import Record, StageResult
     from calibkit.records.frame import Log
@@ -56,9 +55,7 @@ KEY_FIGURES = (
 faults = plausibility.examine
 
 
-def read(
-    spec: AccelerometerRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
-) -> Log:
+def read(spec: AccelerometerRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     angles: tuple[str, ...] = (forms.TEMPERATURE, *triad_dwells.ATTITUDE)
     required: tuple[str, ...] = (*angles, *forms.COMPONENTS)
@@ -67,7 +64,7 @@ def read(
         required, optional = forms.COMPONENTS, (*angles, "time_s")
     if spec.dwells.mode == "series":
         required, optional = ("time_s", *required), optional[:-1]
-    return reader(spec.on_site(), data / file, file, required, optional)
+    return log_files.read_log(spec.on_site(), data / file, file, required, optional)
 
 
 def fit(

@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.logs.evidence import Evidence
-    from calibkit.logs.log_files import LogReader
     from calibkit.logs.recipe_text import RecipeChoice
     from calibkit.logs.write_back import Applied
     from calibkit.report.table import Table
@@ -69,11 +68,11 @@ KEY_FIGURES = (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",)
 FORMS = (POLYNOMIAL,)
 
 
-def read(
-    spec: BiasTemperatureRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
-) -> Log:
+def read(spec: BiasTemperatureRecipe, data: Path, file: str) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
-    return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))
+    return log_files.read_log(
+        spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",)
+    )
 
 
 @checks.in_stages

@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.logs.evidence import Evidence
-    from calibkit.logs.log_files import LogReader
     from calibkit.logs.recipe_text import RecipeChoice
     from calibkit.logs.write_back import Applied
     from calibkit.report.table import Table
@@ -204,11 +203,9 @@ def _prepare(
     return logs, [str(finding) for _, finding in comparisons]
 
 
-def read(
-    spec: FogThermalRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
-) -> Log:
+def read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns."""
-    return reader(spec, data / file, file, ramps.COLUMNS)
+    return log_files.read_log(spec, data / file, file, ramps.COLUMNS)
 
 
 def drift_reduction(logs: Sequence[compensate.LogFigures]) -> float:

@@ -58,7 +58,6 @@ if TYPE_CHECKING:
 
     from calibkit.instruments.bias.power_ons import PowerOn
     from calibkit.logs.evidence import Evidence
-    from calibkit.logs.log_files import LogReader
     from calibkit.logs.recipe_text import RecipeChoice
     from calibkit.logs.write_back import Applied
     from calibkit.numeric.arrays import Array
@@ -74,9 +73,9 @@ SHIPPED = [f"gyro_{axis}_dph" for axis in "xyz"] + [f"accel_{axis}_g" for axis i
 """Channels of the shipped recipe."""
 
 
-def read(spec: ThermalRecipe, data: Path, file: str, reader: LogReader = log_files.read_log) -> Log:
+def read(spec: ThermalRecipe, data: Path, file: str) -> Log:
     """One log in the recipe's columns."""
-    return reader(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
+    return log_files.read_log(spec, data / file, file, (*power_ons.COLUMNS, *spec.thermal.channels))
 
 
 @checks.in_stages

@@ -20,7 +20,6 @@ from calibkit.instruments.gyro_noise.figures import NoiseReport, summarize, vali
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.logs import log_files
 from calibkit.logs.evidence import Evidence
-from calibkit.logs.log_files import LogReader
 from calibkit.logs.recipe_text import RecipeChoice
 from calibkit.logs.write_back import Applied
 from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
@@ -50,11 +49,11 @@ results = certificate.results
 KEY_FIGURES = (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",)
 
 
-def read(
-    spec: GyroNoiseRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
-) -> Log:
+def read(spec: GyroNoiseRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns; the case temperature is read where the log has it."""
-    return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
+    return log_files.read_log(
+        spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,)
+    )
 
 
 def faults(spec: GyroNoiseRecipe, log: Log) -> Examined:

@@ -89,9 +89,7 @@ class TableRun:
         return float(self.plateaus.temp_degc.mean())
 
 
-def read(
-    spec: AnyRecipe, data: Path, file: str, reader: log_files.LogReader = log_files.read_log
-) -> Log:
+def read(spec: AnyRecipe, data: Path, file: str) -> Log:
     """Read one log of the table in canonical columns; table angle and temperature are optional, and
     times of rows that are means over a held rate each.
     """
@@ -101,7 +99,7 @@ def read(
         required = (*required, ANGLE)
     beside = ("time_s", ANGLE, forms.TEMPERATURE)
     optional = tuple(name for name in beside if name not in required)
-    return reader(spec, data / file, file, required, optional)
+    return log_files.read_log(spec, data / file, file, required, optional)
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:

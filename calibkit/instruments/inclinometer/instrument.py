@@ -34,7 +34,6 @@ from calibkit.instruments.inclinometer.scale_fit import ScaleFit
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.logs import log_files, write_back
 from calibkit.logs.evidence import Evidence
-from calibkit.logs.log_files import LogReader
 from calibkit.logs.recipe_text import RecipeChoice
 from calibkit.logs.write_back import Applied
 from calibkit.numeric.arrays import Array
@@ -78,9 +77,7 @@ faults = inclinometer_stations.examine
 results = certificate.results
 
 
-def read(
-    spec: InclinometerRecipe, data: Path, file: str, reader: LogReader = log_files.read_log
-) -> Log:
+def read(spec: InclinometerRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns = [
         "position_deg",
@@ -92,7 +89,7 @@ def read(
         columns.append("azimuth_deg")
     further_columns = ("station", "time_s", TEMPERATURE, *inclinometer_stations.REFERENCE)
     optional = tuple(name for name in further_columns if name not in columns)
-    return reader(spec.on_site(), data / file, file, tuple(columns), optional)
+    return log_files.read_log(spec.on_site(), data / file, file, tuple(columns), optional)
 
 
 def fit(
