@@ -3,7 +3,6 @@ are compensated and validated as the commands do.
 """
 
 import doctest
-import html
 import re
 
 import numpy as np
@@ -14,7 +13,6 @@ import calibkit
 from calibkit import api
 from calibkit.commands import analysis
 from calibkit.errors import UsageError
-from calibkit.instruments.bias.figures import BiasCurve, BiasReport
 from calibkit.readers import in_memory
 from conftest import ROOT
 
@@ -63,18 +61,6 @@ def test_frames_give_the_numbers_of_their_files_and_touch_no_disk(run, logs, tmp
     assert in_memory._HELD == {}
 
 
-def test_a_run_says_what_it_is_in_a_line(run):
-    """The repr is short; the page for a notebook is the report's first screen in a frame."""
-    assert repr(run) == "<unsaved@r001: fog_thermal, accepted, 8 logs, not written>"
-    assert run.flags == ()
-    shown = run._repr_html_()
-    assert shown.startswith('<iframe title="Report of unsaved@r001" srcdoc="')
-    page = html.unescape(shown)
-    assert run.outcome.summary.overview.sentence.split(":")[0] in page
-    assert "<h2>Details</h2>" not in page
-    assert "<script>" not in page
-
-
 def test_a_model_is_evaluated_with_its_covariance(run):
     """Value and uncertainty are those of `evaluate`; the covariance has their squares on its
     diagonal and between two inputs that of the coefficients.
@@ -93,22 +79,6 @@ def test_a_model_is_evaluated_with_its_covariance(run):
     assert found.covariance[0, 2] < u[0] * u[2]
     with pytest.raises(calibkit.CalibkitError, match="no input temp_degc"):
         run.model("drift").evaluate(temp_case_degc=1.0, temp_degc=2.0)
-
-
-def test_a_run_says_how_many_things_are_to_check(tmp_path):
-    """They stand in `flags`; a remark is none of them after a fit, and among them in a folder."""
-    logs = simulated("accelerometer_magnitude", 7)
-    made = calibkit.fit(
-        "accelerometer_magnitude", logs=logs, serial="P-1", runs=tmp_path, date=DATE
-    )
-    assert repr(made).endswith("r001, 1 thing to check: run.flags>")
-    (one_soak,) = made.flags
-    assert one_soak.startswith("zero of the soak: one soak cannot show how another differs")
-    found = calibkit.find_run("P-1", tmp_path)
-    assert repr(found).endswith("r001, 2 things to check: run.flags>")
-    dwells, one_soak = found.flags
-    assert dwells.endswith("24 dwells found")
-    assert one_soak == made.flags[0]
 
 
 def test_a_run_without_a_drift_term_says_why_it_has_none(logs):
@@ -149,18 +119,6 @@ def test_an_input_that_is_no_finite_real_number_is_refused(run, given, found):
         f"temp_case_degc holds {found}, expected finite real numbers", str(caught.value)
     )
     assert "in degC" in caught.value.hint
-
-
-@pytest.mark.parametrize(
-    "given",
-    [40, np.int8(40), [40], pd.Series([40], dtype="Int64"), pd.Series([40.0], dtype="float32")],
-    ids=repr,
-)
-def test_an_input_may_be_any_integers_or_floats(run, given):
-    """Numbers, arrays and Series of each width give the value of the number."""
-    found, number = (run.model("drift").evaluate(temp_case_degc=one) for one in (given, 40.0))
-    np.testing.assert_array_equal(found.value, number.value)
-    assert found.outside == ("",)
 
 
 def test_points_outside_the_fitted_ranges_are_stated(run):
@@ -206,34 +164,6 @@ def test_every_procedure_fits_frames_and_states_its_residuals(procedure, column)
     assert len(run.figures) == len(run.outcome.page_content.drawn.figures)
     assert all(run.figure(name).axes for name in run.figures)
     assert {"value", "unit", "standard_uncertainty"} < set(run.numbers().columns)
-
-
-@pytest.mark.parametrize(
-    ("procedure", "units"),
-    [
-        ("rate_table", {"residual_ppm": "ppm", "standard_uncertainty_ppm": "ppm"}),
-        ("gyro_noise", {"tau_s": "s", "deviation": "deg/h", "model": "deg/h"}),
-    ],
-)
-def test_residuals_state_units_that_no_name_states(procedure, units):
-    """Shares are in ppm, deviations in the unit of their record."""
-    run = calibkit.fit(procedure, logs=simulated(procedure, 7), runs=None, date=DATE)
-    assert run.residuals().attrs["units"].items() >= units.items()
-
-
-def test_residuals_of_a_warm_up_are_in_the_unit_of_the_channels():
-    """One unit of all channels stands with the table, several do not."""
-    x, z = (BiasCurve(name, *[np.zeros(2)] * 3) for name in ("gyro_x_dph", "accel_z_g"))
-    assert BiasReport("time_s", (x,)).residuals()["units"]["residual"] == "deg/h"
-    assert BiasReport("time_s", (x, z)).residuals()["units"] == {}
-
-
-def test_residuals_of_an_inclinometer_name_their_stations():
-    """Each row states its station, as the log does."""
-    logs = simulated("inclinometer", 7)
-    run = calibkit.fit("inclinometer", logs=logs, runs=None, date=DATE)
-    stations = next(iter(logs.values()))["station"].unique()
-    assert list(run.residuals()["station"]) == list(map(str, stations))
 
 
 def test_a_figure_is_found_by_the_beginning_of_its_name(run):
@@ -287,14 +217,6 @@ def test_a_run_of_a_folder_holds_no_residuals_and_says_how_to_have_them(tmp_path
     for ask in (found.residuals, lambda: found.figures, lambda: found.figure("gamma")):
         with pytest.raises(calibkit.CalibkitError, match="was read from its folder"):
             ask()
-
-
-def test_what_was_not_written_has_firmware_but_no_certificate(tmp_path):
-    """An export needs the coefficients alone; a certificate is of a run folder."""
-    run = calibkit.fit("gyro_pair", logs=simulated("gyro_pair", 7), runs=None, date=DATE)
-    assert calibkit.export_firmware(run, "c", tmp_path / "fw")
-    with pytest.raises(calibkit.CalibkitError, match="was not written"):
-        calibkit.certify(run, tmp_path / "c.pdf", date=DATE)
 
 
 def test_a_recipe_is_a_dictionary_too():

@@ -6,15 +6,12 @@ import contextlib
 import subprocess
 import sys
 import threading
-import typing
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-import pandas as pd
 import pytest
 import scipy.linalg
 import scipy.special
-from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import calibkit
@@ -66,16 +63,6 @@ def test_a_log_is_examined_compensated_and_validated(run, tmp_path):
     assert max(log["after"]["rate_error_max_ppm_of_full_scale"] for log in document["logs"]) < 10.0
 
 
-def test_a_recipe_s_settings_reach_it():
-    """A double underscore is the dot; text, numbers, truth values and lists become TOML."""
-    source = calibkit.load_recipe(
-        "gyro_triad", site__latitude_deg=58.9, gyros=["a", "b"], title="it's"
-    )
-    assert source.overrides == ("site.latitude_deg=58.9", 'gyros=["a", "b"]', 'title="it\'s"')
-    with pytest.raises(calibkit.CalibkitError, match="drfit"):
-        calibkit.load_recipe("fog_thermal", drfit__model="auto")
-
-
 def test_a_log_is_read_in_canonical_columns():
     """Every column that the recipe knows, as numbers."""
     frame = calibkit.read_log("gyro_pair", ROOT / "datasets" / "gyro_pair" / "table_axis_a.csv")
@@ -105,26 +92,6 @@ def test_rows_carry_the_number_of_their_held_condition():
             "gyro_noise", ROOT / "datasets" / "gyro_noise" / "static.csv"
         ).columns
     )
-
-
-def test_stated_segments_and_a_log_s_own_are_numbered_as_they_are(tmp_path):
-    """A pinned ramp replaces the found ones, soak around it; a log's own column stays, and a log
-    too short to fit has none.
-    """
-    log = ROOT / "datasets" / "fog_thermal" / "ramp_heating_05.csv"
-    pin = '\n[[segment]]\nlog = "ramp_heating_05"\nkind = "ramp"\nfrom_s = 640.0\nto_s = 1800.0\n'
-    (tmp_path / "r.toml").write_text(
-        calibkit.load_recipe("fog_thermal").text + pin, encoding="utf-8"
-    )
-    frame = calibkit.read_log(tmp_path / "r.toml", log)
-    assert frame.loc[frame["time_s"].between(640.0, 1800.0), "segment"].unique().tolist() == [2.0]
-    assert frame["segment"].iloc[[0, -1]].tolist() == [1.0, 3.0]
-    lines = log.read_text(encoding="utf-8").splitlines()
-    own = [lines[0] + ",segment", *(f"{line},{7 + (k > 500)}" for k, line in enumerate(lines[1:]))]
-    (tmp_path / "own.csv").write_text("\n".join(own) + "\n", encoding="utf-8")
-    assert set(calibkit.read_log("fog_thermal", tmp_path / "own.csv")["segment"]) == {7.0, 8.0}
-    (tmp_path / "short.csv").write_text("\n".join(lines[:20]) + "\n", encoding="utf-8")
-    assert "segment" not in calibkit.read_log("fog_thermal", tmp_path / "short.csv").columns
 
 
 def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
@@ -167,29 +134,6 @@ def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
     ):
         with pytest.raises(calibkit.CalibkitError, match=found):
             calibkit.evaluate(run, "x", **inputs)
-
-
-def test_functions_on_arrays_take_whatever_numpy_takes():
-    """Lists, Series and narrow floats give what arrays of doubles give, and types say so."""
-    rate = np.random.default_rng(0).normal(size=64).astype(np.float32)
-    double = rate.astype(np.float64)
-    for one in (rate, pd.Series(rate), rate.tolist()):
-        found = calibkit.allan_deviation(one, 1.0, tau_s=np.array([1.0, 2.0]))
-        known = calibkit.allan_deviation(double, 1.0, tau_s=[1.0, 2.0])
-        np.testing.assert_array_equal(found.deviation, known.deviation)
-        np.testing.assert_array_equal(calibkit.denoise(one).signal, calibkit.denoise(double).signal)
-    parts = [calibkit.UncertaintyComponent(name, 0.0, 1.0, "A") for name in "ab"]
-    whole = calibkit.combine_uncertainty(parts, correlation=[[1, 1], [1, 1]])
-    assert whole.standard_uncertainty == pytest.approx(2.0)
-    for function, names in (
-        (calibkit.allan_deviation, ("rate", "tau_s")),
-        (calibkit.denoise, ("signal",)),
-        (calibkit.combine_uncertainty, ("correlation",)),
-        (calibkit.regress, ("x", "y", "start")),
-    ):
-        hints = typing.get_type_hints(function)
-        wide = set(typing.get_args(ArrayLike))
-        assert [name for name in names if not wide <= set(typing.get_args(hints[name]))] == []
 
 
 def pool_sizes():

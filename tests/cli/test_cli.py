@@ -44,13 +44,6 @@ def test_simulate_writes_logs_with_truth_and_never_overwrites(tmp_path, calibkit
     assert "exists already" in again.err
 
 
-def test_an_unknown_simulation_names_the_known_ones(tmp_path, calibkit):
-    """A misspelt procedure is answered with the closest one and exit code 2."""
-    outcome = calibkit("simulate", "fog_termal", "--out", tmp_path, "--seed", 1)
-    assert outcome.code == 2
-    assert "did you mean 'fog_thermal'" in outcome.err
-
-
 def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
     """A list of files gives a line each; an absent file is usage, a foreign one a failed
     verification.

@@ -42,11 +42,6 @@ def test_a_refusal_into_a_closed_pipe_keeps_its_own_code(tmp_path):
     assert unread(("show", "NONE"), tmp_path, both=True) == (2, "")
 
 
-def test_help_into_a_closed_pipe_is_no_failure(tmp_path):
-    """`calibkit --help | true`."""
-    assert unread(("--help",), tmp_path) == (0, "")
-
-
 def in_shell(script, folder, *arguments):
     """Run a line of a shell in which `"$@"` is calibkit with these arguments."""
     return subprocess.run(

@@ -14,13 +14,12 @@ import sysconfig
 import tomllib
 import venv
 from dataclasses import asdict
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.errors import LogFormatError, RecipeError, UsageError
+from calibkit.errors import LogFormatError, UsageError
 from calibkit.libraries import plugins
 from calibkit.logs import log_files
 from calibkit.readers import registry
@@ -129,26 +128,6 @@ def test_the_digest_of_an_editable_installation_is_over_its_sources(tmp_path, in
     assert digests[0] != digests[1]
 
 
-def test_an_unknown_format_is_refused_with_the_closest_name_plugins_included(install):
-    """As before for calibkit's own; the formats of plugins stand among those that are allowed."""
-    install("pairs", "raise RuntimeError('imported')")
-    text = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\nformat = '
-    with pytest.raises(RecipeError, match=r"r.toml:4: .*'binary' or 'pairs'; did you mean 'pairs'"):
-        instruments.parse_recipe(recipe.Source("r.toml", text + '"pair"'))
-    with pytest.raises(RecipeError, match=r"found 'cvs', expected 'auto', .* did you mean 'csv'"):
-        instruments.parse_recipe(recipe.Source("r.toml", text + '"cvs"'))
-    assert (
-        instruments.parse_recipe(recipe.Source("r.toml", text + '"pairs"')).logs.format == "pairs"
-    )
-
-
-def test_no_plugin_is_looked_for_where_a_recipe_names_a_format_of_calibkit(monkeypatch):
-    """To look for entry points takes longer than to read a small log."""
-    monkeypatch.setattr(plugins, "installed", None)
-    for name in ("auto", "csv", "hdf5"):
-        assert Logs(files=("*",), format=name).format == name
-
-
 @pytest.mark.parametrize(
     ("source", "found"),
     [
@@ -184,13 +163,6 @@ def test_a_plugin_that_cannot_be_used_is_skipped_with_a_warning_where_none_asks(
         "'broken' of broken_reader 1.0 is skipped: the package cannot be imported:"
         " ZeroDivisionError: division by zero"
     )
-
-
-def test_a_mark_that_is_not_in_a_list_is_one_mark(tmp_path, install):
-    """`SIGNATURES = b"PAIRS1"` is what its author means; text is no mark."""
-    install("pairs", READER.replace('(b"PAIRS1",)', 'b"PAIRS1"'))
-    install("other", READER.replace('(b"PAIRS1",)', '"PAIRS1"'))
-    assert read(tmp_path, PAIRS).plugins[0].name == "pairs"
 
 
 def test_an_instrument_that_cannot_be_used_is_left_out_where_none_asks(
@@ -256,24 +228,12 @@ def test_a_reader_that_gives_no_table_of_its_file_is_refused(tmp_path, install, 
         read(tmp_path, PAIRS, format="pairs")
 
 
-def test_units_that_a_reader_states_are_known_by_their_usual_spellings(tmp_path, install):
-    """As a header may write them."""
-    install("pairs", READER.replace("deg/h", "°/h"))
-    assert read(tmp_path, PAIRS, format="pairs").units == {"gyro_dph": "deg/h"}
-
-
 def test_two_packages_that_add_one_name_are_refused(tmp_path, install):
     """Which of them would read the log is not for calibkit to choose."""
     install("pairs", READER, module="one_reader")
     install("pairs", READER, module="other_reader")
     with pytest.raises(UsageError, match="two plugins are called 'pairs'"):
         read(tmp_path, PAIRS, format="pairs")
-
-
-def test_a_part_of_calibkit_itself_is_loaded_unchecked():
-    """An entry point without a distribution is one of calibkit's own."""
-    entry = EntryPoint("csv", "calibkit.readers.delimited", plugins.READERS)
-    assert plugins.load(entry).__name__ == "calibkit.readers.delimited"
 
 
 class Environment:

@@ -11,7 +11,6 @@ from calibkit.errors import FitError
 from calibkit.fit.value import Value
 from calibkit.instruments.accelerometer import simulate as simulator
 from calibkit.instruments.accelerometer.fit import choose_fit
-from calibkit.numeric import attitude
 from calibkit.records import store
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
@@ -187,32 +186,6 @@ def test_a_length_far_from_one_g_is_named_without_a_reference(columns, fitted):
     assert same_within_u(run, clean)
 
 
-def test_an_eccentric_encoder_gives_numbers(fitted):
-    """An encoder of the toolface, eccentric by 0.05°, makes some component of every dwell suspect:
-    no coefficient file holds a NaN, and the degrees of freedom are those of the components fitted.
-    """
-    rng = np.random.default_rng(29)
-    sensors = simulator.draw_triad(rng)
-    around = [(tilt, 45.0 * k) for tilt in (45.0, 90.0, 135.0) for k in range(8)]
-    angles = np.tile([(0.0, 0.0), *around, (180.0, 0.0)], (7, 1))
-    warm = np.repeat([-20.0, 0.0, 25.0, 50.0, 75.0, 100.0, 125.0], 26)
-    warm = warm + rng.normal(0.0, 0.2, warm.size)
-    phase = rng.uniform(0.0, 2.0 * np.pi, 2)[1]
-    off = 0.05 * np.sin(np.radians(angles[:, 1]) + phase)
-    stood = attitude.gravity_vector(angles[:, 0], angles[:, 1] + off)
-    logged = simulator.indications(sensors, stood, warm) + rng.normal(0.0, 2e-5, stood.shape)
-    columns = {
-        "temp_case_degc": warm,
-        "inclination_deg": angles[:, 0],
-        "toolface_deg": angles[:, 1],
-    }
-    outcome, run = fitted("A", columns | dict(zip(AXES, logged.T, strict=True)))
-    assert outcome.code == 0, outcome.err
-    model = run.records["accel_affine.json"].models[0]
-    assert model.dof > 182
-    assert 2e-5 < model.residual_rms < 9e-4
-
-
 def stub(residual, value, suspects=()):
     """A triad whose residuals are all of one size, of ten coefficients with u = 1e-3."""
     values = np.full(10, value)
@@ -259,34 +232,6 @@ def test_no_fit_is_exported_that_is_worse_than_no_correction():
             chosen(poor, poor, 1e-4, loss)
 
 
-def test_fits_that_differ_by_more_than_u_are_both_printed():
-    """U is 2 × 10⁻³ at 40 degrees of freedom."""
-    tough = stub(1e-4, 1.0, suspects=(3,))
-    assert chosen(tough, stub(1e-4, 1.0019), 1e-2) == (tough, ())
-    found, (flag,) = chosen(tough, stub(1e-4, 1.0021), 1e-2)
-    assert found is tough
-    assert "K0 is 1 ± 2.1e-03 by the robust fit, which is exported, 1.0021 by least" in flag
-
-
-def test_bumped_dwells_among_good_ones_do_not_ruin_a_calibrated_sensor(columns, fitted):
-    """A sensor that is already right, eight dwells bumped by 15 mg: least squares would make most
-    dwells worse and is refused; the robust fit is exported, with the other's value beside its own.
-    """
-    rng = np.random.default_rng(1)
-    vector = attitude.gravity_vector(columns["inclination_deg"], columns["toolface_deg"])
-    columns |= dict(zip(AXES, (vector + rng.normal(0.0, 2e-5, vector.shape)).T, strict=True))
-    for axis in AXES:
-        columns[axis][rng.choice(130, 8, replace=False)] += 0.015
-    outcome, _ = fitted("A", columns, "loss=least_squares")
-    assert outcome.code == 3
-    assert "after correction by least squares" in outcome.err
-    outcome, run = fitted("B", columns)
-    assert outcome.code == 0, outcome.err
-    assert any("differ by more than U" in flag for flag in run.document["flags"])
-    for coefficient in run.records["accel_k.json"].model("accel_x").coefficients[4:5]:
-        assert abs(coefficient.value) < 3.0 * coefficient.standard_uncertainty
-
-
 def flagged_suspects(run):
     """Flags of a run that name a suspect."""
     return [flag for flag in run.document["flags"] if "suspect dwell" in flag]
@@ -303,21 +248,3 @@ def test_good_dwells_on_an_inaccurate_table_are_not_suspect(fitted):
         _, run = fitted(f"A{seed}", logged)
         suspects += len(flagged_suspects(run))
     assert suspects <= 1
-
-
-def test_suspects_say_that_they_were_left_out_and_summaries_do_not_count_them(fitted):
-    """A dwell bumped by 20 mg: the flag states how far it is off, the table of errors, the residual
-    and the acceptance limits are those of the other dwells.
-    """
-    conditions = {"table_noise_deg": 0.001}
-    logged = simulator.campaign(11, **conditions).logs["positions.csv"]
-    logged = {name: np.array(column) for name, column in logged.items()}
-    logged["accel_y_g"][100] += 0.02
-    outcome, run = fitted("A", logged, "acceptance.max_inclination_error_deg=0.02")
-    assert outcome.code == 0, outcome.err
-    assert "dwells, 1 left out" in outcome.out
-    report = (run.folder / "report.txt").read_text(encoding="utf-8")
-    assert "before and after, 1 left out" in report
-    (flag,) = flagged_suspects(run)
-    assert flag.startswith("triad: suspect dwell positions.csv:102, 0.02")
-    assert flag.endswith(" g off, left out")

@@ -16,7 +16,7 @@ from calibkit.instruments.accelerometer import equation
 from calibkit.instruments.accelerometer.equation import AXES, name_terms, read_terms
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
-from fits.triad_dwells import WHITE, collect, fit_triad, recipe
+from fits.triad_dwells import WHITE, collect, recipe
 
 AUTHORITY = json.loads((Path(__file__).parents[1] / "authorities" / "accel_k.json").read_text())
 ROWS = np.array(AUTHORITY["rows"])
@@ -130,18 +130,6 @@ def test_nuisance_rotations_are_rotations():
         np.testing.assert_allclose(slopes[..., k], (above - below) / 2e-5, atol=1e-9)
 
 
-def test_names_are_read_back():
-    """Every parameter that can be fitted has a name that means it."""
-    for triangular in (False, True):
-        options = dict.fromkeys(("second_order", "third_order", "tilt", "fixture"), True)
-        terms = of_orders(3, 1, 3, triangular=triangular, **options)
-        again = read_terms(terms.names)
-        assert again.names == terms.names
-        assert again.units == terms.units
-    with pytest.raises(FitError, match="no parameter 'c_xw'"):
-        read_terms(("c_xw",))
-
-
 def test_everything_at_once_comes_out_of_one_fit():
     """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is
     the noise.
@@ -207,20 +195,6 @@ def test_fixture_angles_come_out_however_crooked_the_triad():
     )
 
 
-def test_conditions_that_leave_parameters_open_are_refused_by_name():
-    """One temperature, or one cone, leaves entries open: they are named, and what to add."""
-    room, cone = TEMPERATURE == 25.0, ANGLES[:, 0] == 45.0
-    spec = recipe(loss="least_squares", k={"enabled": False})
-    for rows, message in (
-        (room, r"accel_x: d_xy, d_xz, k_x1, k_x2, k_x3, z_x1, z_x2, z_x3"),
-        (cone, r"accel_z: .*z_z0"),
-    ):
-        few = collect(INDICATION[rows], TEMPERATURE[rows], ANGLES[rows])
-        with pytest.raises(FitError, match=message) as refused:
-            fit_triad(few, spec)
-        assert "add dwells " in refused.value.hint
-
-
 def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
     """Scale and zero over temperature come from two opposite attitudes while the temperature
     sweeps.
@@ -237,31 +211,6 @@ def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
     k, z = np.tile([1.0, 4e-3, -2e-3, 1e-3], 3), np.tile([2e-3, -3e-3, 1e-3, 0.0], 3)
     truth = np.concatenate([k, z])
     assert np.max(np.abs(scores(triad, truth))) < 4.0
-
-
-def test_a_wild_dwell_is_named_and_moves_nothing():
-    """The robust fit names the dwell, not the rows of its axes, and stays within an uncertainty."""
-    terms = of_orders(2, 0, 2)
-    indicated = indications(terms, drawn(terms, 8), REFERENCE, 9)
-    before = solved(indicated, terms, loss="robust")
-    indicated[17] += [0.01, -0.02, 0.3]
-    after = solved(indicated, terms, loss="robust")
-    assert after.suspects == (17,)
-    assert np.max(np.abs(scores(after, before.fit.parameters))) < 1.0
-    assert np.sqrt(np.mean(after.noise**2)) == pytest.approx(NOISE_G, rel=0.08)
-
-
-def test_weights_hold_noisy_dwells_back():
-    """Weighting by dwell noise shrinks the uncertainty of every parameter."""
-    noise = np.where(np.arange(len(ROWS)) % 2, NOISE_G, 20.0 * NOISE_G)
-    rng = np.random.default_rng(10)
-    indicated = INDICATION + rng.normal(size=INDICATION.shape) * noise[:, None]
-    plain, weighted, of_axes = (
-        np.sqrt(np.diag(solved(indicated, of_orders(3, 1, 3), noise=n).fit.covariance))
-        for n in (None, noise, np.tile(noise, (3, 1)).T)
-    )
-    assert np.all(weighted < 0.5 * plain)
-    np.testing.assert_array_equal(of_axes, weighted)
 
 
 @pytest.mark.slow
@@ -338,12 +287,3 @@ def test_faces_that_are_set_up_wrong_are_kept_and_named_as_what_they_are(seed):
         assert np.max(np.abs(sensitivity - matrix)) < 7e-4
         assert triad.suspects[:1] == ((11,) if seed > 3 else ())
         assert len(triad.suspects) <= 2
-
-
-def test_a_robust_fit_of_exact_dwells_is_exact():
-    """Without noise the robust fit comes to rest at the truth, to 12 digits, and accuses nobody."""
-    terms = of_orders(3, 1, 3)
-    truth = drawn(terms, 3)
-    triad = solved(indications(terms, truth, REFERENCE), terms, recipe(), loss="robust")
-    np.testing.assert_allclose(triad.fit.parameters, truth, rtol=0.0, atol=1e-12)
-    assert triad.suspects == ()

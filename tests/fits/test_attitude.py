@@ -47,15 +47,6 @@ def test_angles_come_back_from_their_gravity_vector(inclination, toolface, lengt
     assert attitude.wrapped(attitude.toolface(vector) - toolface)[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_high_side_is_where_the_source_puts_it():
-    """A horizontal tool with its high side up feels gravity along −x; turned by 90° along +y."""
-    vectors = attitude.gravity_vector(
-        np.array([90.0, 90.0, 90.0, 0.0]), np.array([0.0, 90.0, 180.0, 0.0])
-    )
-    np.testing.assert_allclose(vectors, [[-1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
-    np.testing.assert_allclose(attitude.toolface(vectors)[:3], [0.0, 90.0, 180.0], atol=1e-13)
-
-
 def test_both_sign_conventions_give_the_same_angles():
     """A specific-force sensor, told so, and a gravity-positive one give equal angles; not told, the
     tool is upside down.
@@ -67,12 +58,6 @@ def test_both_sign_conventions_give_the_same_angles():
         np.testing.assert_allclose(attitude.toolface(read), [40.0, -170.0], atol=1e-12)
     np.testing.assert_allclose(attitude.inclination(-vector), [150.0, 80.0], atol=1e-12)
     np.testing.assert_allclose(attitude.toolface(-vector), [-140.0, 10.0], atol=1e-12)
-
-
-def test_unknown_convention_is_refused():
-    """A sign convention is one of two names."""
-    with pytest.raises(FitError, match="unknown sign convention 'up'"):
-        attitude.gravity_positive(np.zeros((1, 3)), "up")
 
 
 @pytest.mark.parametrize(
@@ -109,14 +94,6 @@ def test_a_range_that_reaches_the_vertical_is_refused(range_deg):
         recipe(toolface_range_deg=range_deg)
 
 
-def test_no_dwell_in_range_gives_no_toolface_figure():
-    """With only upright dwells the toolface figures are NaN, not zero."""
-    found = DwellErrors.of_vectors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
-    toolface = [size for name, size in found.figures.items() if name.startswith("toolface")]
-    assert len(toolface) == 3
-    assert np.isnan(toolface).all()
-
-
 @pytest.mark.parametrize("inclination", [5.0, 45.0, 90.0, 150.0])
 def test_propagated_uncertainty_is_that_of_many_readings(inclination):
     """First-order uncertainty agrees with 20,000 noisy readings to 3 %, correlation included, and
@@ -130,12 +107,6 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
     assert u_inclination == pytest.approx(np.std(attitude.inclination(noisy)), rel=0.03)
     u_toolface = u_toolface_sin / np.sin(np.radians(inclination))
     assert u_toolface == pytest.approx(np.std(attitude.toolface(noisy)), rel=0.03)
-
-
-def test_upright_tools_have_an_uncertainty_of_inclination():
-    """Along the vertical the inclination is what horizontal noise makes of it."""
-    by_inclination, _ = angle_slopes(np.zeros(1), np.zeros(1))
-    assert np.linalg.norm(by_inclination) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("site", SITE, ids=lambda site: f"{site['latitude_deg']}")

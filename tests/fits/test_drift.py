@@ -119,14 +119,6 @@ def test_each_side_is_served_by_its_own_polynomial():
     assert steps.delta.tolist() == [0.0, 1.0, -2.0, 0.0]
 
 
-def test_one_polynomial_over_both_sides_serves_both():
-    """A joint polynomial holds only where the chamber rests."""
-    steps = drift.increments(
-        [polynomial((-10.0, 8.0), "both")], np.zeros(4), np.array([5.0, -5.0, 0.4, 0.0])
-    )
-    assert steps.drift_held.tolist() == [True, False, False, True]
-
-
 def test_rates_and_gradients_beyond_the_fit_are_clamped_and_marked():
     """A rate of 30 °C/min is evaluated at 10, a gradient of −90 K at −50, and both are said."""
     slope = drift.RatePolynomial(
@@ -182,14 +174,6 @@ def test_jitter_of_the_clock_moves_no_sample_into_another_block():
     held = intervals.Intervals.find(time, 10.0)
     assert held.number.tolist() == list(range(40))
     assert held.count.tolist() == [1] * 40
-
-
-def test_an_interval_without_samples_is_bridged():
-    """A missing interval is filled by a straight line."""
-    time = np.delete(np.arange(0.0, 100.0), slice(40, 55))
-    blocks = filled(time, time, time)
-    assert blocks.time.size == 10
-    assert np.diff(blocks.indication).max() < 13.0
 
 
 def test_a_log_slower_than_the_model_interval_is_refused():
@@ -277,15 +261,6 @@ def test_the_cubic_is_never_chosen_from_four_rates():
     fits = [log.fit_ramp(log.rate[0]) for log in logs]
     tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
     assert [result.order for result in tested] == [0, 1, 2]
-
-
-def test_nine_rates_test_no_order_beyond_what_firmware_holds():
-    """Orders to the fifth are tested, as a recipe may state, where rates would carry more."""
-    rng = np.random.default_rng(9)
-    logs = [physical_log(float(rate), rng) for rate in range(2, 11)]
-    fits = [log.fit_ramp(log.rate[0]) for log in logs]
-    tested = gradient_choice.left_out_rates(fits, logs, "heating", 10)
-    assert [result.order for result in tested] == [0, 1, 2, 3, 4, 5]
 
 
 def test_a_linear_bias_is_caught_by_constant_coefficients():

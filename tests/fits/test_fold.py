@@ -156,19 +156,6 @@ def test_small_terms_under_a_large_mean_are_not_cancelled():
     assert found[1] == pytest.approx(clean[1], abs=1e-7 / np.sqrt(ROWS))
 
 
-def test_read_only_arrays_serve():
-    """Arrays of pandas 3 are read-only; nothing is written into them, and the fit is the same."""
-    t, y = drifting()
-    expected = folded_polynomial(t, y, 2)[1]
-    for array in (t, y):
-        array.flags.writeable = False
-    assert (folded_polynomial(t, y, 2)[1] == expected).all()
-    assert (
-        fit.linear(polynomial.powers(t, 2), y).coefficients
-        == fit.linear(polynomial.powers(t.copy(), 2), y).coefficients
-    ).all()
-
-
 @pytest.mark.parametrize("place", [0, 1, ROWS // 2, ROWS - 1])
 def test_a_value_that_is_not_finite_is_refused_wherever_it_stands(place):
     """One NaN among the rows, or one infinity, never becomes a coefficient."""
@@ -179,15 +166,6 @@ def test_a_value_that_is_not_finite_is_refused_wherever_it_stands(place):
         X = polynomial.powers(t if spoiled[place] == np.inf else spoiled, 2)
         with pytest.raises(FitError, match="not finite"):
             fit.linear_in_blocks(lambda part, X=X: X[part], y if np.isnan(value) else spoiled)
-
-
-def test_folded_fit_is_the_fit():
-    """Coefficients equal those of the whole design."""
-    rng = np.random.default_rng(1)
-    design = np.vander(rng.uniform(-1.0, 1.0, 9000), 6)
-    indication = design @ rng.normal(size=6) + rng.normal(size=9000)
-    folded = fit.linear_in_blocks(lambda part: design[part], indication)
-    np.testing.assert_allclose(folded, fit.linear(design, indication).coefficients, rtol=1e-11)
 
 
 def test_dependent_columns_are_refused_by_name():

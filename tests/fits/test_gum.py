@@ -139,19 +139,6 @@ def test_correlated_components_combine_as_in_gtc():
     assert result.effective_dof == pytest.approx(GTC.dof(peer), rel=1e-9)
 
 
-def test_a_common_error_adds_linearly_and_cancels_in_a_difference():
-    """Fully correlated inputs give u₁ + u₂ for their sum, |u₁ − u₂| for their difference."""
-    ones = np.ones((2, 2))
-    for sign, expected in ((1.0, 5.0), (-1.0, 1.0)):
-        parts = [
-            UncertaintyComponent("a", 0.0, 3.0, "B"),
-            UncertaintyComponent("b", 0.0, 2.0, "B", sensitivity=sign),
-        ]
-        assert gum.combine(parts, correlation=ones).standard_uncertainty == pytest.approx(
-            expected, rel=1e-12
-        )
-
-
 def test_a_chain_of_correlations_is_one_group_with_its_fewest_degrees_of_freedom():
     """Inputs tied one to the next share the five degrees of freedom of the worst, an independent
     one keeps its own.
@@ -280,14 +267,6 @@ def test_few_degrees_of_freedom_widen_by_students_quantile_over_the_normal_one(d
     """t(0.975) as tables print it over 1.960; nothing is widened that is known from many."""
     assert gum.widening(dof) == pytest.approx(quantile / 1.95996, rel=3e-4)
     assert gum.widening(np.inf) == 1.0
-
-
-def test_sensitivities_are_the_derivatives_of_a_smooth_function():
-    """Central differences of a quadratic are exact, an input without uncertainty included."""
-    jacobian = sensitivities(
-        lambda x: x[0] ** 2 + 3.0 * x[1], np.array([2.0, 5.0]), np.array([0.1, 0.0])
-    )
-    np.testing.assert_allclose(jacobian, [[4.0, 3.0]], rtol=1e-8)
 
 
 @pytest.mark.parametrize(

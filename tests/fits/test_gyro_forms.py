@@ -9,7 +9,6 @@ import pytest
 
 from calibkit.errors import CoefficientError
 from calibkit.instruments.gyro_scale import forms
-from calibkit.instruments.gyro_scale.published import FigureName
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.records.coefficients import Coefficient, Model, Parameter, Record
 
@@ -101,16 +100,6 @@ def test_a_triad_gives_the_indications_of_its_gyros():
     np.testing.assert_allclose(found, rates @ SENSITIVITY.T + BIAS, rtol=1e-12)
 
 
-def test_a_triad_without_biases_has_none_in_its_gradient():
-    """Nine coefficients where the latitude was unknown; `apply` is refused then."""
-    one = triad()
-    unknown = replace(one, coefficients=one.coefficients[:9])
-    assert forms.TRIAD.gradient(unknown, AT).shape == (7, 3, 9)
-    matrix = forms.GyroMatrix(("x", "y", "z"), ("a", "b", "c"), unknown, tuple("123456789"))
-    with pytest.raises(CoefficientError, match="does not know the biases"):
-        matrix.require_biases()
-
-
 def test_rates_of_a_base_come_back_from_the_indications_of_its_gyros():
     """S and B of a run's files, read and inverted."""
     rates = np.column_stack([AT[f"rate_{axis}_dps"] for axis in "xyz"])
@@ -165,12 +154,3 @@ def test_a_response_that_falls_with_the_rate_has_no_rates(values):
     matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=falling)
     with pytest.raises(CoefficientError, match="not monotonic"):
         matrix.rates(np.zeros((3, 1)), np.zeros(3))
-
-
-def test_the_name_of_a_figure_is_read_as_it_was_written():
-    """With a standard and without one."""
-    for name in (
-        FigureName("asymmetry", "GJB 2426A", "gyro_x.room_1"),
-        FigureName("bias", "", "b_about_a"),
-    ):
-        assert FigureName.of(name.text) == name

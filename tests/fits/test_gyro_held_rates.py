@@ -13,7 +13,6 @@ from calibkit.errors import FitError, FrameError
 from calibkit.instruments.gyro_scale import fit, lines, published, simulate, table_runs
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.records.frame import Log
-from conftest import write_log
 
 K = 10000.0
 RATES = simulate.both_ways((5.0, 10.0, 20.0, 50.0, 100.0))
@@ -123,28 +122,6 @@ def test_a_gyro_stamped_late_or_filtered_lost_no_pulses(options, words):
     assert not table_runs.faults(settled, filtered).findings
 
 
-def test_lost_pulses_at_each_change_of_rate_are_no_delay():
-    """Four rows of zero in the first half of each held rate: pulses were lost, nothing is late."""
-    log = table_log(SLOW)
-    held_rows = np.abs(log.frame["table_rate_dps"].diff()) < 1e-9
-    starts = np.flatnonzero(held_rows & ~held_rows.shift(1, fill_value=False))
-    for row in range(12, 16):
-        log.frame.loc[starts + row, "gyro_x_lsb"] = 0.0
-    found = {finding.name for finding in table_runs.faults(SPEC, log).findings}
-    assert "dropout" in found
-    assert "late" not in found
-
-
-@pytest.mark.parametrize("phase", range(0, 360, 30))
-def test_the_earths_rate_in_part_revolutions_across_the_axis_is_no_dropout(phase):
-    """A gyro 5 mrad off the axis' normal and parts of a revolution: the earth's rate moves all rows
-    of a held rate, by as much as the table does.
-    """
-    rates = simulate.both_ways((0.1, 0.3, 0.6, 1.2, 2.4))
-    log = table_log(rates, hold_s=100.0, along=5e-3, phase=float(phase))
-    assert not table_runs.faults(SPEC, log).findings
-
-
 def test_no_nonlinearity_is_computed_at_stops():
     """A stop at which the encoder's noise gives 1e-5 °/s: nonlinearity per point stays below that
     of the turning rates.
@@ -181,17 +158,6 @@ def test_rest_is_a_held_rate_of_a_gyro_along_the_axis_without_a_table_angle():
     assert run.plateaus.rate_dps[0] == 0.0
     assert any("of less than a revolution" in flag for flag in run.flags)
     assert not any("left out" in flag for flag in run.flags)
-
-
-def test_one_row_a_held_rate_needs_no_time(tmp_path):
-    """A table of rates and indications alone is fitted; before, `time_s` was missing."""
-    rng = np.random.default_rng(6)
-    indication = K * np.array(RATES) + 20.0 + rng.normal(0.0, 1.0, len(RATES))
-    write_log(tmp_path / "run.csv", table_rate_dps=RATES, gyro_x_lsb=indication)
-    spec = RateTableRecipe(procedure="rate_table", logs=LOGS, plateaus={"one_row": True})
-    run = table_runs.fit_run(spec, table_runs.read(spec, tmp_path, "run.csv"))
-    found = lines.Lines.of([[(0, run)]]).of_runs([run], "x")
-    assert abs(found.value[0] - K) < 4.0 * found.u[0] < 0.2
 
 
 def test_one_row_a_held_rate_is_valid_data():

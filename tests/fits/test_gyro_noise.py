@@ -57,14 +57,6 @@ def test_the_deviations_in_the_file_are_those_of_the_peer(calibkit, white, tmp_p
     assert [found[tau] for tau in taus] == pytest.approx(peer, rel=1e-9)
 
 
-def test_a_record_without_a_term_of_noise_says_so(calibkit, tmp_path, log_writer):
-    """On a slow sine no term is determined: a sentence, and not "at rest: ."."""
-    time = 0.5 * np.arange(3700)
-    log_writer(tmp_path / "still.csv", time_s=time, gyro_dph=8.0 + np.sin(2.0 * np.pi * time / 900))
-    outcome, _ = fitted(calibkit, tmp_path, tmp_path / "runs")
-    assert "at rest: no term of noise is determined" in " ".join(outcome.out.split())
-
-
 def test_white_noise_shows_its_angle_random_walk_and_nothing_else(calibkit, white, tmp_path):
     """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be
     observable, without a number.
@@ -243,25 +235,6 @@ def test_a_record_that_has_no_deviation_is_refused_with_its_place(
     assert calibkit("check", "gyro_noise", "--data", tmp_path / "d").code == 3
 
 
-def test_a_record_is_checked_and_a_case_that_moved_is_flagged(
-    calibkit, white, tmp_path, log_writer
-):
-    """`check` accepts the record; on a ramp of 30 °C the fit says that the case moved, and goes
-    on.
-    """
-    assert calibkit("check", "gyro_noise", "--data", white[0]).code == 0
-    case = np.linspace(10.0, 40.0, 8000)
-    log_writer(
-        tmp_path / "d/still.csv",
-        time_s=np.arange(8000) * 0.5,
-        gyro_dph=white[1],
-        temp_case_degc=case,
-    )
-    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path)
-    assert outcome.code == 0, outcome.err
-    assert any("the case moved by 30.0 °C" in flag for flag in run.document["flags"])
-
-
 def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
     """Of the simulated gyro N and B are within three standard uncertainties of the truth, the gap
     notwithstanding.
@@ -310,16 +283,6 @@ def test_a_record_in_another_unit_is_suspected(
     assert [said in str(entry) for entry in found] == [True] * bool(said)
 
 
-def test_the_mean_rate_is_printed_and_kept(calibkit, white, tmp_path):
-    """The table and gyro_noise.json state the mean of the record, without an uncertainty."""
-    outcome, run = fitted(calibkit, white[0], tmp_path, "--details")
-    mean = figures(run)["mean_rate.still"]
-    assert (mean.value, mean.unit) == (pytest.approx(white[1].mean(), rel=1e-12), "deg/h")
-    assert mean.standard_uncertainty == 0.0
-    row = next(line for line in outcome.out.splitlines() if "mean rate" in line)
-    assert f"{white[1].mean():.3g}" in row
-
-
 def states(run):
     """Tables and figures of a run on its certificate."""
     stated = Stated(run.records, TypeBTerms(()), (), 25.0)
@@ -350,19 +313,6 @@ def test_limits_are_the_same_in_table_figure_and_certificate(white, tmp_path, pr
         assert all(row[k].uncertainty.probability == probability for row in grid.cells if row[k])
         printed = (format_result(row[k])[1] for row in grid.cells if row[k] is not None)
         assert all(interval in report for interval in printed)
-
-
-def test_limits_of_a_file_from_before_are_those_of_two_sigma(white, tmp_path, calibkit):
-    """A coefficient file that names no probability has the chi-square limits of 95.45 %."""
-    from dataclasses import replace
-
-    _, run = fitted(calibkit, white[0], tmp_path)
-    record = replace(run.records["gyro_noise.json"], conditions=())
-    stated = Stated({"gyro_noise.json": record}, TypeBTerms(()), (), 25.0)
-    cells = certificate.blocks(stated)[0].tables[1].cells
-    expected = allan.overlapping(white[1], 0.5, probability=0.9545)
-    found = [row[0].interval for row in cells]
-    np.testing.assert_allclose(found, np.column_stack([expected.lower, expected.upper]), rtol=1e-9)
 
 
 @pytest.fixture(scope="module")
@@ -431,41 +381,3 @@ def test_limits_on_accelerometers_are_held(calibkit, acceleration, tmp_path, log
         )
         assert outcome.code == code, outcome.out
     assert "max_angle_random_walk" in outcome.err
-
-
-def test_an_accelerometer_logged_in_another_unit_is_suspected(
-    calibkit, acceleration, tmp_path, log_writer
-):
-    """An axis at rest with 9.81 where local g is expected names m/s², missing rows or not."""
-    up = 9.80665 * acceleration["accel_z_g"]
-    up[5] = np.nan
-    log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_800.0), accel_z_g=up)
-    done = calibkit("check", "gyro_noise", data=tmp_path / "d", set='noise.columns=["accel_z_g"]')
-    assert 'unit = "m/s^2"' in done.out + done.err
-
-
-def test_sentences_about_what_is_not_observable_agree(calibkit, tmp_path, log_writer):
-    """A rise at the end of the curve that B, K or R explain alike: each has one sentence, and all
-    of them name the same terms.
-    """
-    rng = np.random.default_rng(0)
-    rate = noise.angle_random_walk(0.01, 10_000, rng) + noise.rate_random_walk(0.1, 10_000, rng)
-    log_writer(tmp_path / "d/still.csv", time_s=np.arange(10_000.0), gyro_dph=rate)
-    _, run = fitted(calibkit, tmp_path / "d", tmp_path)
-    reasons = {
-        flag.split("(")[1][0]: flag.partition("not observable: ")[2]
-        for flag in run.document["flags"]
-        if "not observable" in flag
-    }
-    assert not any("in the curve" in flag for flag in run.document["flags"])
-    rising = [symbol for symbol, reason in reasons.items() if "cannot tell" in reason]
-    assert len(rising) > 1
-    (reason,) = {reasons[symbol] for symbol in rising}
-    assert f"the curve shows {' or '.join(rising)}; the record cannot tell which" in reason
-
-
-def test_a_wavelet_that_is_not_orthogonal_is_refused(calibkit, tmp_path):
-    """Its details have another variance than the Allan deviation: a fault of the recipe."""
-    outcome = calibkit("fit", "gyro_noise", "--data", tmp_path, "--set", "noise.wavelet=bior2.2")
-    assert outcome.code == 2
-    assert "not an orthogonal wavelet" in outcome.err

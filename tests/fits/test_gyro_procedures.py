@@ -7,9 +7,7 @@ import pandas as pd
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.certificate import conformity
-from calibkit.commands import inspection, pipeline, plans
-from calibkit.errors import FitError
+from calibkit.commands import pipeline
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
     fit as gyro_fit,
@@ -19,7 +17,6 @@ from calibkit.instruments.gyro_scale import (
 from calibkit.records import store
 from calibkit.records.forms import POLYNOMIAL
 from calibkit.records.frame import Log
-from calibkit.results import comparison, evaluation
 from conftest import AUTHORITIES, ROOT
 from outputs.firmware_log import chain_of, correct
 
@@ -145,30 +142,6 @@ def test_the_simulated_pair_comes_out_within_3_ppm_and_4_standard_uncertainties(
     assert figures(orthogonality)["side"].value == (1.0 if truth["side"] == "same" else -1.0)
     low, high = (figures(orthogonality)[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
     assert low < truth["alpha_deg"] < high
-
-
-@pytest.mark.parametrize(
-    "rates",
-    [
-        simulate.RATES_DPS,
-        tuple(-r for r in simulate.RATES_DPS),
-        (*simulate.RATES_DPS, -1.0, -2.0, -5.0, -10.0),
-    ],
-    ids=["positive", "negative", "unequal"],
-)
-def test_one_sided_and_unequal_rates_give_the_same_scale_factors(rates, tmp_path, calibkit):
-    """K within 3 ppm of truth with the earth's rate present: it is fitted in F0, not cancelled by
-    symmetric rates.
-    """
-    truth = write(tmp_path / "logs", simulate.pair(7, rates_dps=rates))
-    run = fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs")
-    for name in ("a_about_a", "b_about_b"):
-        found = run.records["gyro_scale.json"].model(name)
-        assert found.value("K") == pytest.approx(truth["models"][name]["K"], rel=3e-6)
-        assert (
-            abs(found.value("F0") - truth["models"][name]["F0"])
-            < 5.0 * found.coefficients[1].standard_uncertainty
-        )
 
 
 def test_the_latitude_tells_the_bias_from_the_earths_rate(pair, tmp_path, calibkit):
@@ -306,23 +279,6 @@ def test_a_limit_that_fails_gives_exit_code_1(runs, tmp_path, calibkit):
     ]
 
 
-def test_a_pair_is_validated_by_its_angle_too(pair, tmp_path, calibkit):
-    """The same pair in logs of more noise: N, ε, γ, α agree with the frozen ones within 4 standard
-    uncertainties.
-    """
-    root, truth = pair
-    again = simulate.pair(1, noise_lsb=5.0)
-    write(tmp_path / "again", again)
-    out = tmp_path / "v.json"
-    outcome = calibkit("validate", "G", runs=root / "runs", data=tmp_path / "again", out=out)
-    assert outcome.code == 0, outcome.err
-    document = json.loads(out.read_text(encoding="utf-8"))
-    assert [entry["name"] for entry in document["pair"]] == ["N", "epsilon", "gamma", "alpha_deg"]
-    for entry in document["pair"]:
-        assert 0.0 < abs(entry["difference"]) < 4.0 * entry["standard_uncertainty"]
-        assert entry["found"] == pytest.approx(truth[entry["name"]], abs=1e-4)
-
-
 @pytest.mark.parametrize(("limit_ppm", "code"), [(1000.0, 0), (1e-4, 1)])
 def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     pair, tmp_path, calibkit, limit_ppm, code
@@ -343,33 +299,6 @@ def test_one_run_an_axis_decides_no_limit_on_scale_factors_but_may_fail_it(
     assert judged.get("scale-factor error") == (None if code == 0 else False)
     undecided = any("decides no limit" in flag for flag in document["flags"])
     assert undecided == (code == 0)
-
-
-@pytest.mark.parametrize("stated", [False, True], ids=["unknown", "stated"])
-def test_certificates_and_comparisons_decide_no_limit_on_scale_factors_of_these_runs(
-    pair, tmp_path, calibkit, stated
-):
-    """Where nothing tells how scale factors repeat, a specification of N gets no statement and a
-    limit on K no answer; those of angles do, and all of them where the repeatability is stated.
-    """
-    root, _ = pair
-    size = 'errors.component=[{group="run",effect="scale",value=1.0,unit="ppm",dof=20.0}]'
-    fit(calibkit, "gyro_pair", root / "logs", tmp_path / "runs", *([size] if stated else []))
-    write(tmp_path / "logs", simulate.pair(2, noise_lsb=5.0))
-    fit(calibkit, "gyro_pair", tmp_path / "logs", tmp_path / "runs", *([size] if stated else []))
-    before, after = (store.load(store.find(f"G@r00{k}", tmp_path / "runs")) for k in (1, 2))
-    found = evaluation.RunResults.read(after)
-    by_name = {quantity.name: quantity for quantity in found.quantities}
-    verdicts = {
-        name: conformity._judge(found.state(by_name[name], {}), 0.0, 1e9, "guarded")[0]
-        for name in ("N", "gamma", "alpha_deg")
-    }
-    assert (verdicts["N"] == "no statement possible") == (not stated)
-    assert verdicts["alpha_deg"] == "pass"
-    limits = {"K_a": (1e6, "ppm")}
-    compared = comparison.compare(before, after, limits=limits).compared
-    (of_scale,) = (one for one in compared if one.quantity.name == "K_a")
-    assert of_scale.answer == ("yes" if stated else "cannot tell")
 
 
 @pytest.mark.parametrize(
@@ -514,97 +443,6 @@ def test_apply_clamps_the_temperature_and_needs_it_where_k_follows_it(
     other = log_writer(tmp_path / "other.csv", time_s=[0.0, 1.0], gyro_q_lsb=[1e4, 2e4])
     outcome = calibkit("apply", "G", runs=root / "runs", data=other, out=tmp_path / "q.csv")
     assert (outcome.code, "column 'gyro_x_lsb' is missing" in outcome.err) == (3, True)
-
-
-def test_the_coefficients_of_another_gyro_are_rejected(runs, tmp_path, calibkit, log_writer):
-    """A scale factor 50 ppm off what was frozen: its rate errors are small for many a recipe,
-    and far beyond their uncertainty, which needs no limit of the recipe.
-    """
-    root, _ = runs
-    log = min((root / "unseen").glob("*.csv"))
-    raw = np.genfromtxt(log, delimiter=",", names=True)
-    columns = {name: raw[name] for name in raw.dtype.names}
-    columns["gyro_x_lsb"] = columns["gyro_x_lsb"] * (1.0 + 50e-6)
-    (tmp_path / "other").mkdir()
-    log_writer(tmp_path / "other" / log.name, **columns)
-    out = tmp_path / "v.json"
-    data = ("--data", tmp_path / "other", "--out", out)
-    outcome = calibkit("validate", "G", "--runs", root / "runs", *data)
-    assert outcome.code == 1, outcome.out
-    (judged,) = json.loads(out.read_text(encoding="utf-8"))["acceptance"][:1]
-    assert (judged["passed"], judged["set_by"]) == (False, "calibkit")
-    assert judged["value"] > 2.0 * judged["limit"]
-
-
-def test_an_open_loop_gyro_is_straightened_by_powers_of_the_rate(tmp_path, calibkit, log_writer):
-    """F = K Ω_s sin(Ω/Ω_s), Ω_s 200 °/s: apply gives the table's rate within five counts, the line
-    is 1 °/s off, far beyond the noise, and rejected; firmware refuses the response by name.
-    """
-    rates = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0, 80.0, 100.0)
-    time, rate = held_rates((*rates, *(-r for r in rates)))
-    noise = np.random.default_rng(6).normal(0.0, 1.0, rate.size)
-    log = log_writer(
-        tmp_path / "logs" / "run.csv",
-        time_s=time,
-        table_rate_dps=rate,
-        gyro_x_lsb=1e4 * 200.0 * np.sin(rate / 200.0) + 20.0 + noise,
-    )
-    errors = {}
-    for response in ("line", "auto"):
-        run = fit(
-            calibkit,
-            "rate_table",
-            tmp_path / "logs",
-            tmp_path / response,
-            f"response={response}",
-            "acceptance.max_nonlinearity_ppm=1e5",
-            code=int(response == "line"),
-        )
-        names = [model.name for model in run.records["gyro_scale.json"].models]
-        assert ("gyro_x.response" in names) == (response == "auto")
-        out = tmp_path / f"{response}.csv"
-        assert (
-            calibkit("apply", "G", "--runs", tmp_path / response, "--data", log, "--out", out).code
-            == 0
-        )
-        errors[response] = np.abs(
-            np.genfromtxt(out, delimiter=",", names=True)["gyro_x_dps"] - rate
-        ).max()
-    model = run.records["gyro_scale.json"].model("gyro_x.response")
-    assert model.form == "gyro-response/2"
-    # Ω_s sin(Ω/Ω_s) = Ω − Ω³/(6 Ω_s²) + …, at Ω/100 °/s
-    assert model.value("c3") == pytest.approx(-1e4 * 100.0**3 / (6.0 * 200.0**2), rel=5e-3)
-    where = ("--runs", tmp_path / "auto", "--out", tmp_path / "c")
-    exported = calibkit("export", "G", "--target", "c", *where)
-    assert exported.code != 0
-    assert "no firmware form" in exported.err
-    assert errors["auto"] < 5e-4
-    assert errors["line"] > 1.0
-
-
-def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, calibkit, log_writer):
-    """±0.1 °/s under 300 counts noise: K is known to some percent only and the run says so; at 100
-    °/s it says nothing.
-    """
-    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 100.0, "gamma": 0.01}
-    rng = np.random.default_rng(2)
-    for scale, known in ((1e-2, False), (10.0, True)):
-        folder = tmp_path / f"{scale}"
-        folder.mkdir()
-        exact_pair(
-            folder, case, log_writer, rates=(scale * 10.0, scale * 5.0, scale * -10.0, scale * -5.0)
-        )
-        for path in folder.iterdir():
-            header, rows = rows_of(path)
-            columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-            noisy = {
-                n: columns[n] + rng.normal(0.0, 300.0, len(rows))
-                for n in ("gyro_a_lsb", "gyro_b_lsb")
-            }
-            log_writer(path, **(columns | noisy))
-        run = fit(calibkit, "gyro_pair", folder, tmp_path / f"runs{scale}", "acceptance={}")
-        said = [flag for flag in run.document["flags"] if "K of gyro a is known to" in flag]
-        assert bool(said) is not known
 
 
 def healthy():
@@ -874,20 +712,6 @@ def test_a_temperature_sensitivity_has_the_sign_of_the_relative_change(sign):
         assert figure.value == pytest.approx(13.0, abs=0.5)
 
 
-def test_a_run_that_was_cut_short_is_checked_by_what_it_holds(tmp_path):
-    """The second log of a pair ends before the table turns the other way: check states what the
-    fit determines, and predicts no uncertainty where rates of one sign leave it open.
-    """
-    for axis, rows in (("a", 3631), ("b", 1500)):
-        log = pd.read_csv(ROOT / "datasets" / "gyro_pair" / f"table_axis_{axis}.csv")
-        log.head(rows).to_csv(tmp_path / f"table_axis_{axis}.csv", index=False)
-    found = inspection.check(recipe.find("gyro_pair", ()), tmp_path).judgement
-    assert found.determines
-    assert found.predicted == ()
-    with pytest.raises(FitError, match=r"do not determine the scale factor .* of both signs"):
-        plans.plan(recipe.find("gyro_pair", ()), tmp_path / "p", have=tmp_path, dry_run=True)
-
-
 def test_the_orthogonality_error_has_the_uncertainty_of_the_angle(pair):
     """90° − α with u and degrees of freedom of α, the indicated γ with those of γ: without them U
     was that of the model's, a third too small.
@@ -900,29 +724,3 @@ def test_the_orthogonality_error_has_the_uncertainty_of_the_angle(pair):
             other.effective_dof,
         )
         assert one.effective_dof < 10.0
-
-
-def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, log_writer):
-    """K_Ba 2 ppm above K_B: γ is 1, α 0°, the indicated γ is kept, the run says so."""
-    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 10000.02, "gamma": 1.0}
-    rng = np.random.default_rng(1)
-    folder = exact_pair(tmp_path / "logs", case, log_writer)
-    for path in folder.iterdir():
-        header, rows = rows_of(path)
-        columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
-        noisy = {
-            n: columns[n] + rng.normal(0.0, 3.0, len(rows)) for n in ("gyro_a_lsb", "gyro_b_lsb")
-        }
-        log_writer(path, **(columns | noisy))
-    run = fit(calibkit, "gyro_pair", folder, tmp_path / "runs")
-    found = figures(run.records["gyro_orthogonality.json"])
-    assert found["gamma_indicated"].value > 1.0
-    assert (found["gamma"].value, found["alpha_deg"].value, found["clamped"].value) == (
-        1.0,
-        0.0,
-        1.0,
-    )
-    assert found["alpha_low_95_deg"].value == 0.0
-    assert 0.0 < found["alpha_high_95_deg"].value < 1.0
-    assert any("clamped" in flag for flag in run.document["flags"])
-    assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()

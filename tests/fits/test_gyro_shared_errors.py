@@ -203,28 +203,6 @@ def test_a_run_that_changed_is_named_with_what_changed():
     assert len(noticed) <= 2
 
 
-@pytest.mark.parametrize("count", [2, 3, 4])
-def test_runs_without_errors_come_back_to_nine_digits(count):
-    """Exact lines at temperatures 20 °C apart: K(T) and F0 to 1e-9, no warning of arithmetic."""
-    logs = {}
-    for number in range(count):
-        rate = np.repeat(np.array([-50.0, -10.0, 10.0, 50.0]), 40)
-        time, degc = np.arange(rate.size) * 1.0, 25.0 + 20.0 * number
-        logs[f"run_{number}"] = {
-            "time_s": time,
-            "table_rate_dps": rate,
-            "gyro_x_lsb": 1e4 * (1.0 + 1e-5 * number * (count > 2)) * rate + 20.0,
-            "temp_case_degc": np.where(time % 2.0, degc + 0.01, degc - 0.01),
-        }
-    found = fit(logs)
-    F0 = model(found, "gyro_x").coefficients[1].value
-    curve = [c.value for c in model(found, "gyro_x.K_over_temperature").coefficients]
-    assert np.isclose(F0, 20.0, rtol=1e-9)
-    for number in range(count):
-        K = np.polynomial.polynomial.polyval(25.0 + 20.0 * number, curve)
-        assert np.isclose(K, 1e4 * (1.0 + 1e-5 * number * (count > 2)), rtol=1e-9)
-
-
 SWEEP_DPS = 151.0
 
 

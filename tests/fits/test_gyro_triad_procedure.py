@@ -191,23 +191,6 @@ def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_wr
     assert np.max(np.abs(table["rate_x_dps"])) < 1e-8
 
 
-def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
-    """Their angle is that of the vectors; `apply` is refused because two gyros do not sense three
-    axes.
-    """
-    (tmp_path / "logs").mkdir()
-    exact(tmp_path / "logs", log_writer, TETRAD[[0, 3]], BIAS[:2], ("a", "b"))
-    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "gyros=['a','b']")
-    a, b = (row / np.linalg.norm(row) for row in TETRAD[[0, 3]])
-    figures = {f.name: f.value for f in run.records["gyro_orthogonality.json"].figures}
-    assert figures["angle_deg.a_b"] == pytest.approx(np.degrees(np.arccos(a @ b)), abs=1e-8)
-    log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit("apply", "G", runs=tmp_path / "runs", data=log, out=tmp_path / "o.csv")
-    assert outcome.code == 4
-    assert "do not sense three axes" in outcome.err
-    assert not (tmp_path / "o.csv").exists()
-
-
 def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
     """Angles need no latitude; the bias does, and `apply` says so."""
     (tmp_path / "logs").mkdir()
@@ -242,26 +225,6 @@ def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path
     assert entry.standard_uncertainty == pytest.approx(0.2, rel=1e-3)
     assert entry.effective_dof == pytest.approx(3.0, rel=1e-3)
     assert not any("within these runs" in flag for flag in run.records["gyro_scale.json"].flags)
-
-
-def test_scale_factors_over_temperature_need_no_latitude(calibkit, campaign, tmp_path):
-    """Without a latitude the biases are not known, and K(T) is: results hold from −40 to 60 °C."""
-    found = evaluation.RunResults.read(fit(calibkit, campaign[0], tmp_path / "runs"))
-    by_name = {quantity.name: quantity for quantity in found.quantities}
-    for gyro in "xyz":
-        (degc,) = by_name[f"K_{gyro}_about_{gyro}"].inputs
-        assert degc.low < -39.0
-        assert degc.high > 59.0
-
-
-def test_limits_on_angles_reject_a_base(calibkit, tmp_path, log_writer):
-    """Axes 1.6° from orthogonal fail a limit of 1°: exit 1, and the run says by how much."""
-    (tmp_path / "logs").mkdir()
-    exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
-    limit = "acceptance.max_orthogonality_error_deg=1.0"
-    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, limit, code=1)
-    report = (run.folder / "report.txt").read_text(encoding="utf-8")
-    assert "REJECTED: orthogonality error 1." in report
 
 
 @pytest.mark.parametrize(
@@ -315,15 +278,6 @@ def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path,
     assert outcome.code == 3
     assert "the rate about x comes out" in outcome.err
     assert not (tmp_path / "v.json").exists()
-
-
-def test_two_gyros_without_one_along_an_axis_are_checked_without_a_word(calibkit, campaign):
-    """Gyros x and y while the table turns about z: their misalignment has either sign, no sign is
-    suspected.
-    """
-    outcome = calibkit("check", "gyro_triad", "--data", campaign[0], "--set", "gyros=['x','y']")
-    assert outcome.code == 0, outcome.out
-    assert "sign = -1" not in outcome.out
 
 
 def test_a_temperature_without_a_run_about_each_axis_is_refused(calibkit, tmp_path, log_writer):

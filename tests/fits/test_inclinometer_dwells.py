@@ -12,7 +12,6 @@ from calibkit.records import store
 from conftest import ROOT
 
 STANDS_S, TURNS_S = 60, 9
-READINGS = ("accel_x_g", "accel_y_g", "gyro_x_dph", "gyro_y_dph")
 
 
 def continuous(stations, seed, *, gyro_noise=0.0, moved=False):
@@ -167,9 +166,3 @@ def test_a_sequence_of_any_positions_needs_station_numbers(rows, tmp_path, calib
     outcome = calibkit("fit", "inclinometer", *settings, data=data, serial="I", out=tmp_path / "r")
     assert outcome.code == 3
     assert "column 'station' is missing" in outcome.err
-
-
-def test_init_proposes_the_inclinometer_for_a_continuous_log(rows, tmp_path, calibkit):
-    """Positions and times beside gyros are stations, whether they are numbered or not."""
-    data = written(tmp_path / "d", continuous(rows.iloc[:24], 1).drop(columns="station"))
-    assert 'procedure = "inclinometer"' in calibkit("init", "--from", data).out

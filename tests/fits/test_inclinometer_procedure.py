@@ -192,19 +192,6 @@ def test_the_worked_examples_of_a_run_of_34_degrees_come_out_at_their_own_latitu
         compare(written, vectors)
 
 
-def test_a_run_of_noisy_stations_with_temperatures_does_not_blur_exact_ones(tmp_path, command):
-    """After a calibration at 0.01 °/h, noise-free stations without temperature come out to 1e-9°:
-    their closures say so.
-    """
-    simulated(tmp_path / "logs", 3)
-    command.fit(tmp_path / "logs")
-    vectors = [vector for vector in VECTORS if vector["latitude_deg"] == 34.2]
-    log = write_rows(tmp_path / "stations.csv", vector_rows(vectors))
-    outcome, written = command.apply(log, "out.csv")
-    compare(written, vectors)
-    assert "have no temp_case_degc" in outcome.err
-
-
 def test_the_run_holds_s_over_temperature_of_both_gyros(tmp_path, command):
     """One model per gyro of the contract's form, covariance and scatter; within 4 standard
     uncertainties of the truth.
@@ -528,35 +515,6 @@ def test_a_wrong_unit_or_no_usable_station_is_refused(tmp_path, command):
     assert "beyond 80°" in outcome.err
 
 
-def test_degenerate_stations_are_left_out_of_the_fit_with_their_reasons(tmp_path, command):
-    """A vertical station among good ones is refused by name, counted, and empty after apply; the
-    fit goes on.
-    """
-    simulated(tmp_path / "good", 12, count=12, references=False)
-    simulated(tmp_path / "vertical", 12, count=12, references=False, inclination_deg=(0.1, 0.3))
-    rows, flat = (read_rows(tmp_path / name / "stations.csv") for name in ("good", "vertical"))
-    rows[8:12] = flat[8:12]
-    log = write_rows(tmp_path / "mixed" / "stations.csv", rows)
-    outcome, run = command.fit(tmp_path / "mixed")
-    assert outcome.code == 0, outcome.err
-    record = run.records["inclinometer_scale.json"]
-    assert {f.name: f.value for f in record.figures}["stations_refused"] == 1.0
-    assert any(
-        flag.startswith("station 3: refused: ") and "not separable" in flag for flag in record.flags
-    )
-    _, written = command.apply(log, "out.csv")
-    assert [row["azimuth_deg"] == "" for row in written[6:14]] == [
-        False,
-        False,
-        True,
-        True,
-        True,
-        True,
-        False,
-        False,
-    ]
-
-
 def test_a_recipe_without_a_latitude_is_refused(tmp_path, calibkit):
     """No [site], or none with a latitude, is an error of the recipe that names
     site.latitude_deg.
@@ -570,55 +528,6 @@ def test_a_recipe_without_a_latitude_is_refused(tmp_path, calibkit):
         outcome = calibkit("check", path, "--data", tmp_path)
         assert outcome.code == 2
         assert "site.latitude_deg" in outcome.err
-
-
-def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, command):
-    """Six positions while both biases drift by 0.05 °/h a minute: with gyro_ramp the azimuth is
-    right to 0.05°, without not.
-    """
-    rng = np.random.default_rng(1)
-    rows, truth = [], []
-    sequence = (0, 90, 180, 270, 0, 135)
-    for station in range(12):
-        theta, phi, psi = (
-            rng.uniform(10.0, 45.0),
-            rng.uniform(-180.0, 180.0),
-            rng.uniform(0.0, 360.0),
-        )
-        truth.append(psi)
-        attitude = np.full((6, 3), (theta, phi, psi))
-        latitude = np.radians(34.2)
-        gravity = simulator.rotated(attitude, np.array([0.0, 0.0, 1.0]))
-        rate = simulator.rotated(
-            attitude, 15.041067 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
-        )
-        for k, turn in enumerate(sequence):
-            c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-            row = {"station": station, "position_deg": turn, "time_s": 600.0 * station + 60.0 * k}
-            for name, vector, scale in (("accel", gravity[k], 1.0), ("gyro", rate[k], 1.003)):
-                ramp = 0.05 * k if name == "gyro" else 0.0
-                unit = "dph" if name == "gyro" else "g"
-                noise = rng.normal(0.0, 1e-3 if name == "gyro" else 1e-6, 2)
-                row[f"{name}_x_{unit}"] = repr(
-                    float((vector[0] * c + vector[1] * s) / scale + ramp + noise[0])
-                )
-                row[f"{name}_y_{unit}"] = repr(
-                    float((vector[1] * c - vector[0] * s) / scale + ramp + noise[1])
-                )
-            rows.append(row)
-    log = write_rows(tmp_path / "logs" / "stations.csv", rows)
-    assert command.fit(tmp_path / "logs")[0].code == 3
-    errors = {}
-    for ramp in ("true", "false"):
-        settings = ("stations.method=least_squares", f"stations.gyro_ramp={ramp}")
-        outcome, _ = command.fit(tmp_path / "logs", *settings, runs=ramp)
-        assert outcome.code == 0, outcome.err
-        _, written = command.apply(log, f"{ramp}.csv", runs=ramp)
-        errors[ramp] = np.abs(
-            wrapped([float(row["azimuth_deg"]) for row in written[::6]] - np.array(truth))
-        )
-    assert errors["true"].max() < 0.05
-    assert errors["false"].max() > 0.1
 
 
 def test_validation_needs_a_reference_azimuth(tmp_path, command):
@@ -641,35 +550,6 @@ def test_validation_needs_a_reference_azimuth(tmp_path, command):
         "stations.csv: turn that azimuths share, over its u",
         "azimuth rms",
     ]
-
-
-def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, command, monkeypatch):
-    """The shipped logs and recipe: check, fit, show, apply, verify; the same input and date give
-    the same bytes.
-    """
-    monkeypatch.undo()
-    data = ROOT / "datasets" / "inclinometer"
-    assert command.check(data).code == 0
-    for runs in ("a", "b"):
-        outcome = calibkit(
-            "fit", "inclinometer", data=data, serial="I", out=tmp_path / runs, date="2026-11-21"
-        )
-        assert outcome.code == 0, outcome.err
-        report = (tmp_path / runs / "I" / "r001" / "report.txt").read_text(encoding="utf-8")
-        assert "Stations before (s = 1) and after" in report
-    names = sorted(path.name for path in (tmp_path / "a" / "I" / "r001").iterdir())
-    assert names == [
-        "inclinometer_scale.json",
-        "report.html",
-        "report.txt",
-        "run.json",
-    ]
-    for name in names:
-        one, two = ((tmp_path / runs / "I" / "r001" / name).read_bytes() for runs in "ab")
-        assert one == two, name
-    assert "s0" in calibkit("show", "I", "--runs", tmp_path / "a").out
-    assert command.apply(data / "stations.csv", "out.csv", runs="a")[0].code == 0
-    assert calibkit("verify", tmp_path / "a" / "I" / "r001").code == 0
 
 
 def test_a_far_temperature_that_s_is_extrapolated_to_is_named():

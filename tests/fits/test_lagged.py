@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 from scipy.linalg import expm
 
 from calibkit.errors import FitError
@@ -15,7 +14,7 @@ from calibkit.numeric.thermal import coil, fits, left_out, pooled_fit
 from calibkit.numeric.thermal.evaluate import _drivers
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import TERMS
-from fits.drift_fits import fit_lagged, fit_level, solve_lagged, stated_uncertainty
+from fits.drift_fits import fit_lagged, solve_lagged, stated_uncertainty
 
 LAGS = (210.0, 120.0)
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, 0.12, -0.03, 4e-4, 1.3e-4, 0.0])
@@ -98,24 +97,6 @@ def test_the_coil_follows_the_matrix_exponential_on_any_sampling(lags):
     assert rate == pytest.approx((case - outer) / lags[0], abs=1e-15)  # °C/s
 
 
-@settings(max_examples=25, deadline=None)
-@given(outer=st.floats(20.0, 3600.0), inner=st.floats(20.0, 3600.0), finer=st.integers(2, 10))
-def test_the_sampling_makes_no_difference(outer, inner, finer):
-    """A case that is straight between samples gives the same coil at the common instants of a finer
-    sampling.
-    """
-    rng = np.random.default_rng(finer)
-    time = np.cumsum(rng.uniform(5.0, 20.0, 60))
-    case = np.cumsum(rng.normal(0.0, 1.0, 60))
-    fine = np.sort(
-        np.concatenate([time, *(time[:-1] + np.diff(time) * k / finer for k in range(1, finer))])
-    )
-    coarse = temperatures(time, case, outer, inner)
-    finely = temperatures(fine, np.interp(fine, time, case), outer, inner)
-    for a, b in zip(coarse, finely, strict=True):
-        assert b[::finer] == pytest.approx(a, abs=1e-8)  # °C
-
-
 def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
     """Outer = case − r τ_o, inner = outer − r τ_i, and both rates are the ramp's; without overflow
     over 300,000 s.
@@ -128,15 +109,6 @@ def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
     assert drivers.gradient_rate[-1] == pytest.approx(0.0, abs=1e-9)  # °C/min
 
 
-def test_a_gap_of_days_leaves_the_coil_where_the_case_is():
-    """After a gap a thousand lags long the coil is behind its case by slope times lag."""
-    time = np.array([0.0, 10.0, 20.0, 1e6, 1e6 + 10.0])
-    outer, inner, _ = temperatures(time, np.array([0.0, 1.0, 2.0, 30.0, 30.0]), 150.0, 80.0)
-    slope = 28.0 / (1e6 - 20.0)
-    assert outer[3] == pytest.approx(30.0 - slope * 150.0, abs=1e-9)  # °C
-    assert inner[3] == pytest.approx(30.0 - slope * 230.0, abs=1e-9)  # °C
-
-
 def test_logs_side_by_side_are_logs_one_by_one():
     """Logs of different lengths and samplings do not mix."""
     rng = np.random.default_rng(4)
@@ -145,16 +117,6 @@ def test_logs_side_by_side_are_logs_one_by_one():
     alone = [coil.path([log]).drivers(60.0, 20.0) for log in logs]
     for k, joined in enumerate(together):
         assert joined == pytest.approx(np.concatenate([each[k] for each in alone]), abs=1e-11)  # °C
-
-
-def test_a_single_sample_is_at_rest():
-    """One instant tells of no motion."""
-    drivers = coil.path([(np.array([5.0]), np.array([31.0]))]).drivers(100.0, 50.0)
-    assert [float(x[0]) for x in (drivers.temperature, drivers.rate, drivers.gradient)] == [
-        31.0,
-        0.0,
-        0.0,
-    ]
 
 
 # fit
@@ -206,16 +168,6 @@ def _square(solution, log_lags):
     return replace(solution, log_lags=log_lags).square
 
 
-def test_the_order_of_the_logs_does_not_matter():
-    """Reversed logs give the same coefficients and lags to 1e-6 of their standard uncertainty."""
-    logs = campaign(noise=0.02)
-    there, back = fit_lagged(logs), fit_lagged(logs[::-1])
-    stated = stated_uncertainty(there)
-    known = stated > 0.0
-    both = [np.concatenate([model.coefficients, model.lags]) for model in (there, back)]
-    assert np.max(np.abs(both[0] - both[1])[known] / stated[known]) < 1e-6
-
-
 @pytest.mark.slow
 def test_uncertainties_of_lags_and_coefficients_hold():
     """Of 12 gyros with white noise the errors are 0.6 to 1.4 of the stated uncertainties (rms), no
@@ -251,18 +203,6 @@ def test_lags_that_leave_no_trace_are_said_to_be_undetermined():
         for flag in (*model.flags, *model.remarks)
     )
     assert {"tau_outer", "s_rate"} <= set(model.entangled)
-
-
-def test_a_lag_known_to_a_third_only_is_named_with_the_terms_it_is_one_with():
-    """In strong noise the inner lag is hardly determined: its interval and those of rate and
-    gradient do not stand alone.
-    """
-    model = fit_lagged(campaign(noise=0.2))
-    assert not model.flags
-    assert model.remarks == (
-        "tau_inner is 180 s with a relative standard uncertainty of 0.6: hardly determined",
-    )
-    assert model.entangled == ("tau_inner", "s_rate", "s_grad", "s_grad2")
 
 
 def test_the_rate_of_the_gradient_is_refused_as_a_term():
@@ -372,12 +312,3 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
     assert np.array_equal(found.gradient_clamped, drivers.gradient > model.valid.gradient[1])
     assert found.rate_clamped.any()
     assert not found.temperature_clamped[time < 500.0].any()
-
-
-def test_a_lagged_truth_is_beyond_a_level_model():
-    """The level model leaves more than five times what the lagged one leaves of a lagged drift."""
-    logs = campaign(noise=0.01)
-    assert (
-        fit_level(logs, ("b0", "b1", "b2", "b3", "s_rate")).residual_rms
-        > 5.0 * fit_lagged(logs).residual_rms
-    )

@@ -11,7 +11,7 @@ from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric import flicker
 from calibkit.numeric.thermal import coil, fits, pooled_fit, terms as thermal_terms
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
-from calibkit.numeric.thermal.terms import TERMS, Drivers, Scales, Valid
+from calibkit.numeric.thermal.terms import TERMS, Drivers, Scales
 from fits.drift_fits import block_log, fit_level, stated_uncertainty
 
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])
@@ -61,19 +61,6 @@ def campaign(*, noise=0.0, turn_on=0.0, seed=0, coefficients=TRUE):
 
 
 # rates
-
-
-def test_the_rate_of_a_parabola_is_exact_at_every_instant_on_any_sampling():
-    """No delay: T = 3 + 0.02 t − 1e-5 t² has the rate 0.02 − 2e-5 t at once, sampled irregularly,
-    across a gap too.
-    """
-    rng = np.random.default_rng(0)
-    time = np.cumsum(rng.uniform(2.0, 12.0, 300))
-    time[150:] += 60.0
-    rate = coil._end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
-    started = rate != 0.0
-    assert started.sum() > 280
-    assert rate[started] == pytest.approx(60.0 * (0.02 - 2e-5 * time[started]), abs=1e-8)  # °C/min
 
 
 def test_the_rate_is_that_of_a_fitted_parabola():
@@ -221,13 +208,6 @@ def test_block_means_of_a_log_are_free_of_spikes_and_keep_their_ramp():
     assert log.part.tolist() == [0] * 61 + [1] * 39
 
 
-def test_the_order_of_the_logs_does_not_matter():
-    """Reversed logs give the same coefficients to 1e-6 of their standard uncertainty."""
-    logs = campaign(noise=0.1)
-    there, back = fit_level(logs), fit_level(logs[::-1])
-    assert np.max(np.abs(there.coefficients - back.coefficients) / stated_uncertainty(there)) < 1e-6
-
-
 def test_spikes_that_survive_averaging_have_no_say():
     """With 1 % of the blocks off by 30 standard deviations the coefficients move by less than half
     of their uncertainty.
@@ -372,22 +352,3 @@ def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
     assert away.gradient_clamped.all()
     assert not away.temperature_clamped.any()
     assert not away.rate_clamped.any()
-
-
-def test_a_driver_that_no_term_uses_is_not_clamped():
-    """A static model does not mind rates and gradients that it has not seen."""
-    model = fit_level(campaign(), ("b0", "b1", "b2"))
-    time = np.arange(40) * 10.0
-    found = bank.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
-    assert not found.rate_clamped.any()
-    assert not found.gradient_clamped.any()
-
-
-def test_valid_ranges_are_those_of_the_logs():
-    """The ranges stand in the model as the logs had them."""
-    logs = campaign()
-    model = fit_level(logs)
-    case = np.concatenate([log.case for log in logs])
-    assert model.valid.temperature == (case.min(), case.max())
-    assert isinstance(model.valid, Valid)
-    assert 8.0 < model.valid.rate[1] < 11.0  # °C/min

@@ -9,14 +9,12 @@ import pytest
 import pywt
 from hypothesis import given, settings, strategies as st
 
-from calibkit.errors import FitError
 from calibkit.numeric.wavelet import denoise
 from calibkit.numeric.wavelet.denoise import EXTENSIONS, fit_end
 from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
 from fits.transforms import clean_details, extend, extend_by, forward, inverse
 
 BANKS = [name for name in pywt.wavelist(kind="discrete") if name != "dmey"]
-SOME = ["haar", "cdf97", "db4", "bior3.5"]
 
 
 def noise(size, seed=7):
@@ -153,18 +151,6 @@ def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments)
     assert np.min(np.abs(following)) > 0.01
 
 
-@pytest.mark.parametrize(("name", "length"), [("cdf53", 200), ("cdf97", 501), ("sym8", 501)])
-def test_a_straight_line_has_no_details_even_at_its_ends(name, length):
-    """The extensions that keep a linear trend leave none to two vanishing moments."""
-    line = 3.0 - 0.25 * np.arange(length)
-    for extension in ("antisymmetric", "trend"):
-        _, details = forward(line, name, 3, extension)
-        first = find_wavelet(name).length << 3
-        near = [d[first >> k : (first + length) >> k] for k, d in enumerate(details, start=1)]
-        # of a line that spans up to 125
-        assert max(np.max(np.abs(detail)) for detail in near) < 1e-9
-
-
 def test_extensions_follow_their_definitions():
     """Values beyond the ends by hand: mirrored, and reflected in the end point; a signal that is
     shorter than its extension is reflected again.
@@ -219,34 +205,6 @@ def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
         assert tuple(is_reflected for _, is_reflected in ends) == expected
 
 
-def test_the_line_at_an_end_of_a_long_log_is_fitted_to_means(monkeypatch):
-    """Of so many samples that its value is the same within half a standard error."""
-    signal = 0.01 * np.arange(5000.0) + noise(5000)
-    sides = signal, signal[::-1]
-    whole = [fit_end(side, 1000) for side in sides]
-    monkeypatch.setattr(denoise, "MOST_VALUES", 150)
-    means = [fit_end(side, 1000) for side in sides]
-    for (one, is_reflected), (other, other_is) in zip(whole, means, strict=True):
-        assert is_reflected
-        assert other_is
-        assert other == pytest.approx(one, abs=1.0 / np.sqrt(1000.0))
-
-
-@pytest.mark.parametrize("name", SOME)
-def test_only_coefficients_outside_the_interior_depend_on_the_extension(name):
-    """Two extensions give bit-equal interior details and different ones outside."""
-    signal = noise(900).cumsum()
-    both = [clean_details(signal, name, 4, e) for e in ("symmetric", "antisymmetric")]
-    for (one, _), (other, _) in zip(*both, strict=True):
-        assert one.size > 0
-        assert np.array_equal(one, other)
-    if name != "haar":
-        for one, other in zip(
-            *(forward(signal, name, 4, e)[1] for e in ("symmetric", "antisymmetric")), strict=True
-        ):
-            assert not np.array_equal(one, other)
-
-
 @pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])
 def test_blocks_leave_no_trace_in_the_average_over_shifts(name, monkeypatch):
     """Blocks of 40 samples give what one block gives."""
@@ -276,35 +234,3 @@ def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
         for k in range(8)
     ]
     np.testing.assert_allclose(shifted[800:1800], np.mean(each, axis=0), atol=1e-10)
-
-
-def test_a_read_only_signal_is_accepted_and_left_alone():
-    """A column of a pandas frame is read-only; the transform neither needs to write to it nor hands
-    it out.
-    """
-    for name in ("cdf97", "db4"):
-        signal = noise(100)
-        signal.flags.writeable = False
-        before = signal.copy()
-        approximations, details = forward(signal, name, 2)
-        details[0][:] = 0.0
-        assert np.array_equal(signal, before)
-        assert inverse(approximations, details, name, 100).flags.writeable
-
-
-@pytest.mark.parametrize(
-    ("name", "suggestion"),
-    [("cdf9/7", "cdf97"), ("sym21", "sym2"), ("Haar", "haar"), ("bior44", "bior4.4")],
-)
-def test_an_unknown_wavelet_is_refused_with_a_suggestion(name, suggestion):
-    """The message names what was asked for and the nearest names there are."""
-    with pytest.raises(FitError, match=f"unknown wavelet {name!r}.*did you mean.*{suggestion}"):
-        find_wavelet(name)
-
-
-def test_a_wavelet_that_resembles_nothing_is_refused_with_examples():
-    """Without a near name the hint lists usual ones; continuous wavelets are not accepted."""
-    with pytest.raises(FitError, match=r"unknown wavelet '§§'.*use haar"):
-        find_wavelet("§§")
-    with pytest.raises(FitError, match="unknown wavelet 'mexh'"):
-        find_wavelet("mexh")

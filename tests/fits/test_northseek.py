@@ -9,11 +9,9 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import published, stations as station_steps
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
-from calibkit.numeric.attitude import gravity_positive
 from calibkit.numeric.constants import EARTH_RATE_DPH
 from conftest import AUTHORITIES
 from fits.stations import FOUR, components_of, forward, vector_components, wrapped
@@ -125,18 +123,6 @@ def test_four_differences_cancel_a_constant_bias(sensor):
     )
 
 
-def test_specific_force_readings_give_the_same_angles():
-    """The same station with the sign of the accelerometers turned, and the convention stated:
-    bit-equal attitude.
-    """
-    station = STATIONS[0]
-    accel = np.array([[reading["accel_x_g"] for reading in station["readings"]]])
-    force = gravity_positive(-accel, "specific_force")
-    assert (force == gravity_positive(accel, "gravity")).all()
-    with pytest.raises(FitError, match="specific_force"):
-        gravity_positive(accel, "up")
-
-
 def rows(stations=(7, 3), positions=(0, 90, 180, 270)):
     """Rows of stations and positions with an indication that tells them apart."""
     station = np.repeat(stations, len(positions)).astype(float)
@@ -223,33 +209,12 @@ def test_a_negative_discriminant_is_clamped_and_marked():
     assert np.isfinite(plus[0])
 
 
-def test_no_rate_at_all_has_no_root():
-    """Gyros that show exactly zero leave s undefined, without a warning."""
-    found = published.attitude(np.array([-0.5]), np.array([0.1]))
-    plus, _, _ = published.scale_roots(np.zeros(1), np.zeros(1), found, 34.2)
-    assert np.isnan(plus[0])
-
-
 @pytest.mark.parametrize(("toolface", "azimuth"), [(10.0, 30.0), (-170.0, 200.0), (90.0, 350.0)])
 def test_a_vertical_tool_shows_the_sum_of_toolface_and_azimuth(toolface, azimuth):
     """At θ = 0 neither angle is defined and their sum is, to 1e-9°."""
     _, rate = forward(0.0, toolface, azimuth, 34.2)
     found = np.degrees(published.toolface_plus_azimuth(rate[:1], rate[1:2]))[0]
     assert abs(wrapped(found - toolface - azimuth)) < 1e-9
-
-
-def test_angles_lie_in_their_circles():
-    """Azimuth in [0, 360), toolface in (−180, 180], for directions a rounding error on the wrong
-    side too.
-    """
-    x = np.array([0.5, 0.5, 0.5])
-    y = np.array([0.0, -0.0, 0.0])
-    found = published.attitude(x, y)
-    assert np.degrees(found.toolface) == pytest.approx([180.0, 180.0, 180.0])
-    rates = np.array([10.0, 10.0, 10.0]), np.array([1e-17, -1e-17, -0.0])
-    psi = published.azimuth(-x, np.zeros(3), rates[0], rates[1], 0.0)
-    assert (psi >= 0.0).all()
-    assert (psi < 2.0 * np.pi).all()
 
 
 def test_the_azimuth_error_of_a_wrong_scale_factor_is_as_published():

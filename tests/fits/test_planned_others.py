@@ -68,21 +68,6 @@ def test_a_plan_meets_its_wish_and_its_logs_are_judged_as_it_predicted(planned, 
     assert judged == pytest.approx(predicted, rel=NEAR.get(spec.procedure, 0.1))
 
 
-def test_a_plan_beside_its_own_logs_is_empty(planned, logs, tmp_path):
-    """Nothing is missing, in 0 h, and the logs are fitted by its recipe."""
-    stated = json.loads((planned / "plan.json").read_text())
-    found = plans.plan(
-        recipe.find(str(planned / "recipe.toml")),
-        tmp_path / "plan",
-        wishes=(f"{stated['results'][0]['name']}<=1e3 {stated['results'][0]['unit']}",),
-        range_degc=tuple(stated["range_degc"]),
-        have=logs,
-    )
-    assert found.document["hours"] == 0.0
-    again = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
-    assert inspection.check(again, logs).judgement.exit_code == 0
-
-
 def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_path):
     """One soak is measured: the others are planned, and both logs are fitted by the recipe."""
     request = {"wishes": (WISHES["inclinometer"],)}

@@ -7,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from click.testing import CliRunner
 from jsonschema import Draft202012Validator
@@ -210,31 +209,6 @@ def test_work_of_a_person_waits_for_the_morning():
     assert (found.hours, found.operator_h) == (24.5, 0.5)
 
 
-def test_mounting_takes_its_hours_before_the_first_action():
-    """At room temperature, with a person; an empty schedule mounts nothing."""
-    table = equipment.read_equipment(None)
-    person = table.operator.model_copy(update={"mount_h": 1.5})
-    table = table.model_copy(update={"operator": person})
-    assert Clock(table).schedule().actions == ()
-    clock = Clock(table)
-    clock.ramp(-40.0, 3.0)
-    found = clock.schedule()
-    assert [(one.action, one.start_s) for one in found.actions] == [("mount", 0), ("ramp", 5400)]
-    assert found.actions[0].set_degc == 25.0
-    assert found.operator_h == 1.5
-
-
-def test_a_schedule_reads_back_as_it_was_written():
-    """Empty fields are quantities that have no part in an action."""
-    clock = Clock(equipment.read_equipment(None))
-    clock.ramp(-40.0, 3.0)
-    clock.dwell(clock.equipment.fixture("two-axis"), (90.0, 45.0), 60.0, "positions.csv")
-    made = clock.schedule().to_csv()
-    assert schedule.read_schedule(made.decode(), "schedule.csv").to_csv() == made
-    with pytest.raises(CoefficientError, match=r"schedule\.csv:2"):
-        schedule.read_schedule(made.decode().replace("-40", "cold", 1), "schedule.csv")
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -255,12 +229,6 @@ def test_two_wishes_on_one_result_are_refused():
     """Neither is silently the one that counts."""
     with pytest.raises(UsageError, match="two limits on K0"):
         parse_wishes(["K0<=1e-3", "K0<=2e-3"], {"K0": "1"})
-
-
-def test_a_wish_is_taken_in_the_unit_of_its_result():
-    """Arc minutes are degrees."""
-    wishes = parse_wishes(["inclination <= 0.6 arcmin"], {"inclination": "deg"})
-    assert wishes == {"inclination": pytest.approx(0.01)}
 
 
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():
@@ -380,29 +348,6 @@ def test_what_cannot_be_planned_is_refused_in_one_line(procedure, options, expec
     assert not (tmp_path / "plan").exists()
 
 
-def test_a_chamber_that_makes_one_rate_of_ramps_is_refused(tmp_path):
-    """No ramp could be left out."""
-    path = tmp_path / "slow.toml"
-    text = equipment.sample_text()
-    assert "fastest_degc_per_min = 10.0  # fastest ramp" in text
-    path.write_text(
-        text.replace("fastest_degc_per_min = 10.0  # f", "fastest_degc_per_min = 1.0 # f"), "utf-8"
-    )
-    asked = {"equipment": path}
-    with pytest.raises(UsageError, match="leaves one of the rates"):
-        plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", **asked)
-
-
-def test_every_planner_has_its_device_on_the_sample_bench():
-    """`calibkit plan` works without an equipment file."""
-    bench = equipment.read_equipment(None)
-    able = {
-        name for name in instruments.list_usable() if instruments.optional(name, "prepare_plan")
-    }
-    assert able | {"accelerometer_magnitude"} == set(bench.device)
-    assert Path(plans.__file__).with_name("planning").joinpath(equipment.SAMPLE).is_file()
-
-
 @pytest.mark.slow
 def test_predicted_uncertainty_is_the_scatter_of_campaigns(planned):
     """Of 30 campaigns with all errors of the plan: 0.93 to 1.07 beside what chance allows."""
@@ -486,31 +431,6 @@ def test_what_is_measured_counts_and_the_cheapest_addition_is_planned(planned, b
     assert found.campaign.expanded("inclination") <= 0.012
 
 
-@pytest.mark.slow
-def test_a_recipe_of_a_plan_states_the_errors_that_the_fit_has(bench, tmp_path):
-    """The drift of one log with nothing to add, and of two logs none; no error of second order
-    where that is a parameter.
-    """
-    source = recipe.find("accelerometer", (*LOW_ORDERS, "affine.second_order=true"))
-    request = {"range_degc": (-20.0, 60.0), "attitudes": "cube", "equipment": bench}
-    plans.plan(source, tmp_path / "plan", **{**request, "within_h": 9.0})
-    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
-    whole = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
-    assert inspection.check(whole, tmp_path / "logs").judgement.exit_code == 0
-    loose = {**request, "wishes": ("component<=1 g",), "have": tmp_path / "logs"}
-    plans.plan(source, tmp_path / "same", **loose)
-    tight = {**request, "wishes": ("component<=1e-9 g",), "have": tmp_path / "logs"}
-    plans.plan(source, tmp_path / "more", **tight)
-
-    def stated(folder):
-        spec = instruments.parse_recipe(recipe.find(str(tmp_path / folder / "recipe.toml")))
-        return {(one.group, one.effect) for one in spec.errors.component}
-
-    assert stated("plan") == stated("same")
-    assert stated("same") - stated("more") == {("session", "drift")}
-    assert ("sensor", "second order") not in stated("plan")
-
-
 def test_errors_that_dwells_share_are_no_noise_of_a_plan_from_their_run(planned, tmp_path):
     """Residuals hold both; the plan assumes the shared errors beside the noise."""
     plans.simulate(planned, tmp_path / "logs", 4)
@@ -578,49 +498,6 @@ def test_predicted_uncertainty_of_the_drift_is_the_scatter_of_campaigns(planned_
     assert 0.85 <= coverage <= 1.0
 
 
-def test_simulated_ramps_have_the_sizes_of_their_plan(tmp_path):
-    """Noise, turn-on biases, drift and the lag of the case are those of the equipment file; what is
-    not of the plan is named.
-    """
-    text, path = equipment.sample_text(), tmp_path / "bench.toml"
-    device = text.index("[device.fog_thermal]")
-    text = text[:device] + text[device:].replace("noise = 0.6 ", "noise = 6.0 ", 1)
-    for effect, size, changed in (("turn-on", 0.02, 5.0), ("drift", 0.4, 40.0)):
-        stated = f'effect = "{effect}", value = {size}'
-        assert stated in text[device:]
-        text = text.replace(stated, f'effect = "{effect}", value = {changed}')
-    path.write_text(text, encoding="utf-8")
-    plans.plan(recipe.find("fog_thermal"), tmp_path / "plan", within_h=7.0, equipment=path)
-    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
-    truth = json.loads((tmp_path / "logs" / "truth.json").read_text())
-    logs = {name: pd.read_csv(tmp_path / "logs" / name)["gyro_dph"] for name in truth["logs"]}
-    noise = [np.std(np.diff(log), ddof=1) / np.sqrt(2.0) for log in logs.values()]
-    assert noise == pytest.approx([6.0] * len(noise), rel=0.1)
-    turn_on = [log["turn_on_dph"] for log in truth["logs"].values()]
-    assert 2.0 < np.sqrt(np.mean(np.square(turn_on))) < 10.0
-    drift = [np.array(log["drift_dph"]) for log in truth["logs"].values()]
-    about_means = np.concatenate([log - log.mean() for log in drift])
-    assert np.sqrt(np.mean(about_means**2)) == pytest.approx(40.0, rel=0.02)
-    assert truth["gyro"]["tau_case_s"] == 300.0
-    assert "initial state" in truth["not_of_the_plan"]
-
-
-def test_simulated_runs_have_the_noise_of_their_plan(bench, tmp_path):
-    """Ten times that of the sample bench; what is not of the plan is named."""
-    text, path = bench.read_text(encoding="utf-8"), tmp_path / "bench.toml"
-    device = text.index("[device.rate_table]")
-    path.write_text(text[:device] + text[device:].replace("= 3e-4 ", "= 3e-3 ", 1), "utf-8")
-    plans.plan(recipe.find("rate_table"), tmp_path / "plan", within_h=9.0, equipment=path)
-    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
-    truth = json.loads((tmp_path / "logs" / "truth.json").read_text())
-    (gyro,) = truth["gyros"].values()
-    log = pd.read_csv(next((tmp_path / "logs").glob("run_*.csv")))
-    # in counts a second; the table turns evenly from sample to sample of a hold
-    steps = np.diff(log["gyro_x_lsb"] - gyro["K"] * log["table_rate_dps"])
-    assert np.median(np.abs(steps)) / 0.6745 / np.sqrt(2.0) == pytest.approx(30.0, rel=0.1)
-    assert "response" in truth["not_of_the_plan"]
-
-
 def test_ramps_are_held_against_the_schedule(planned_ramps, tmp_path):
     """Another rate and another end are named."""
     plan = document.load_plan(planned_ramps)
@@ -669,14 +546,6 @@ def test_angles_over_three_axes_are_predicted_with_their_mountings(tmp_path):
     u = {one.name: one.standard_uncertainty for one in figures}
     for name, size in predicted.items():
         assert u[name] == pytest.approx(size, rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_dividing_head_is_remounted(bench, tmp_path):
-    """In one mounting gravity never leaves a plane; what rounding leaves does not count."""
-    request = {"range_degc": (-20.0, 60.0), "attitudes": "dividing-head", "equipment": bench}
-    found = plans.plan(recipe.find("accelerometer", LOW_ORDERS), tmp_path / "plan", **request)
-    assert "remount" in {one.action for one in found.proposal.campaign.schedule.actions}
 
 
 def run_cli(*arguments):
@@ -757,16 +626,6 @@ def test_ramps_that_are_measured_count(tmp_path):
         plans.simulate(tmp_path / "enough", tmp_path / "simulated", 1)
 
 
-def test_a_plan_of_runs_adds_the_temperature_that_is_missing(tmp_path):
-    """At −40, 0 and 25 °C runs are measured, at 60 °C none."""
-    names = ["at_-40.csv", "at_0.csv", "room_1.csv"]
-    logs = copy_logs(names, "rate_table", tmp_path / "logs")
-    asked = {"have": logs}
-    found = plans.plan(recipe.find("rate_table"), tmp_path / "plan", **asked).proposal
-    fitted = [one for one in found.campaign.schedule.recorded("rate") if "withheld" not in one.log]
-    assert {one.set_degc for one in fitted} == {60.0}
-
-
 def test_a_triad_is_completed_about_each_axis(tmp_path):
     """Each temperature needs a run about each axis: of y one is missing, of z all are."""
     names = [f"about_x_{degc}.csv" for degc in (-40, 0, 25, 60)]
@@ -789,45 +648,6 @@ def test_hours_that_are_too_few_are_not_met(tmp_path):
     done = run_cli("plan", "fog_thermal", "--within", "0.1h", "--out", tmp_path / "plan")
     assert done.return_value == 1, done.output
     assert "cannot be met: chamber time " in done.output
-
-
-def test_the_shortest_plan_of_ramps_is_fitted(tmp_path):
-    """Two ramps are no campaign, whatever they tell: each direction has one to leave out."""
-    plans.plan(recipe.find("fog_thermal"), tmp_path / "plan")
-    plans.simulate(tmp_path / "plan", tmp_path / "logs", 3)
-    source = recipe.find(str(tmp_path / "plan" / "recipe.toml"))
-    judged = inspection.check(source, tmp_path / "logs").judgement
-    assert judged.exit_code == 0
-    assert judged.exports
-    two = copy_logs(["ramp_heating_10.csv", "ramp_cooling_10.csv"], "fog_thermal", tmp_path / "two")
-    lacks = inspection.check(recipe.find("fog_thermal"), two).judgement.lacks
-    assert "--have" in lacks[-1]
-    added = plans.plan(recipe.find("fog_thermal"), tmp_path / "added", have=two)
-    assert added.proposal.campaign.hours > 0.0
-
-
-def test_a_temperature_beyond_the_order_is_not_beside_another(planned):
-    """A lack of fit shows only between temperatures that lie apart."""
-    plan = document.load_plan(planned)
-    degc = sorted({one.set_degc for one in plan.schedule.actions if one.action == "soak"})
-    assert min(np.diff(degc)) >= 0.5 * (degc[-1] - degc[0]) / (len(degc) - 1)
-
-
-def test_check_judges_a_campaign_as_a_plan_does(planned, tmp_path):
-    """Predicted U over the range of the plan beside what it wanted; half a campaign lacks it."""
-    logs, path = tmp_path / "logs", planned / "recipe.toml"
-    plans.simulate(planned, logs, 4)
-    beside, source = document.beside(path), recipe.find(str(path))
-    whole = inspection.check(source, logs, planned=beside).judgement
-    first = whole.predicted[0]
-    assert (first.name, first.wanted, first.range_degc) == ("inclination", 0.012, (-20.0, 60.0))
-    planned_u = json.loads((planned / "plan.json").read_text())["results"][0]
-    assert first.expanded_uncertainty == pytest.approx(planned_u["expanded_uncertainty"], rel=0.4)
-    assert any(line.strip().startswith("U of inclination") for line in whole.lines())
-    results = [{**one, "wanted": 0.001} for one in beside.document["results"][:1]]
-    tight = replace(beside, document={**beside.document, "results": results})
-    lacks = inspection.check(source, logs, planned=tight).judgement.lacks
-    assert any("wanted at most 0.001" in lack and "--have" in lack for lack in lacks)
 
 
 @pytest.mark.parametrize("procedure", ["accelerometer", "inclinometer"])

@@ -26,17 +26,6 @@ def moved(design, before, after):
     return np.max(np.abs(after.coefficients - before.coefficients) / uncertainty_of(design))
 
 
-@pytest.mark.parametrize("size", [3.0, 5.0, 8.0, 30.0, 1e3, 1e9])
-def test_one_indication_far_off_in_a_hundred_moves_nothing(size):
-    """However large or small the fault, no coefficient moves by its standard uncertainty."""
-    for seed in range(6):
-        design, _, indication = problem(seed)
-        spoilt = indication.copy()
-        outliers = np.random.default_rng(seed).integers(0, 150, 1)
-        spoilt[outliers] += size
-        assert moved(design, robust.linear(design, indication), robust.linear(design, spoilt)) < 1.0
-
-
 @pytest.mark.parametrize("reach", [3.0, 30.0, 1e3, 1e6])
 def test_one_outlier_of_high_leverage_in_a_hundred_moves_nothing(reach):
     """A row whose regressors are far off drags plain least squares along and leaves the robust fit
@@ -82,15 +71,6 @@ def test_clean_rows_are_fitted_as_well_as_by_least_squares():
         accused += int(np.sum(found.row_weights == 0.0))
     assert 0.95 < np.std(tough) / np.std(plain) < 1.1
     assert accused <= 6
-
-
-def test_residuals_are_those_of_all_rows():
-    """An outlier of a million is where it was."""
-    design, _, indication = problem(4)
-    indication[11] += 1e6
-    result = robust.linear(design, indication)
-    assert result.residuals.size == 150
-    assert result.residuals[11] == pytest.approx(1e6, rel=1e-3)
 
 
 def test_exact_data_stay_exact_with_an_outlier_among_them():

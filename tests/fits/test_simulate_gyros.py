@@ -68,17 +68,6 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     assert intercept == pytest.approx(gyro.K * (vertical + gyro.bias_dps), rel=1e-6)
 
 
-def test_the_response_is_no_polynomial_the_fit_knows():
-    """Ripple leaves residuals about the line and about a septic of at least a third of its
-    amplitude.
-    """
-    gyro = gyros.RateGyro.draw(np.random.default_rng(2))
-    rates = np.linspace(-100.0, 100.0, 401)
-    shape = gyro.indicate(rates, 25.0)
-    residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)
-    assert residual.std() > 0.3 * gyro.K * gyro.ripple_dps
-
-
 def test_the_truth_of_a_pair_is_the_angle_of_its_axes():
     """γ is the cosine of α, and the ratio of the lines to 5 ppm; N is the ratio of the own
     lines.

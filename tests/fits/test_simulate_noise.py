@@ -58,14 +58,6 @@ def test_rate_random_walk_rises_with_the_root_of_tau(tau_s):
     assert pooled == pytest.approx(0.5 * np.sqrt(tau_s / 3600.0 / 3.0), rel=0.06)
 
 
-def test_rate_random_walk_does_not_depend_on_the_sampling_interval():
-    """After one hour the rate has walked by K, sampled at 1 s or at 10 s."""
-    ends = [
-        noise.rate_random_walk(0.5, 360, stream(seed), interval_s=10.0)[-1] for seed in range(2000)
-    ]
-    assert np.std(ends) == pytest.approx(0.5, rel=0.06)
-
-
 def test_pulses_lose_no_angle():
     """The summed pulses are never off the summed rate by a whole pulse, for rates of either
     sign.
@@ -84,12 +76,3 @@ def test_pulses_have_the_allan_deviation_of_quantisation(tau_s):
     assert allan_deviation(added, tau_s) == pytest.approx(
         np.sqrt(3.0) * 0.05 / np.sqrt(12.0) / tau_s, rel=0.03
     )
-
-
-def test_a_reading_is_the_nearest_step_of_its_resolution():
-    """A noiseless thermometer of 0.0625 °C is off by at most half a step, and uses every step."""
-    degc = np.linspace(-1.0, 1.0, 5001)
-    steps = noise.reading(degc, 0.0625, 0.0, stream(7)) / 0.0625
-    assert steps == pytest.approx(np.round(steps), abs=1e-12)
-    assert np.abs(steps - degc / 0.0625).max() <= 0.5 + 1e-9
-    assert len(np.unique(steps)) == 33

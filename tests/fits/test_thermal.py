@@ -15,7 +15,7 @@ import calibkit
 from calibkit.instruments.bias import power_ons, simulate
 from calibkit.instruments.bias.numeric import choice
 from calibkit.numeric import gum, intervals
-from calibkit.numeric.thermal import coil, evaluate, pooled_fit
+from calibkit.numeric.thermal import evaluate, pooled_fit
 from calibkit.records import store
 from calibkit.results.evaluation import RunResults, answer
 from calibkit.simulate import noise
@@ -257,24 +257,6 @@ def test_the_clock_that_begins_anew_is_a_power_on(tmp_path, fit):
         assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
 
 
-def test_logs_whose_clock_goes_on_are_one_power_on(tmp_path, fit):
-    """Six logs of one session share one turn-on bias, and the lags run through: the model is that
-    of the whole log.
-    """
-    time, case, gyro = sweep()
-    write_log(tmp_path / "logs" / "a.csv", time, case, gyro_x_dph=gyro)
-    assert fit().code == 0
-    (tmp_path / "logs" / "a.csv").unlink()
-    for k, rows in enumerate(np.array_split(np.arange(time.size), 6)):
-        write_log(tmp_path / "logs" / f"{k}.csv", time[rows], case[rows], gyro_x_dph=gyro[rows])
-    assert fit().code == 0
-    whole, parts = (model_of(tmp_path, revision) for revision in (1, 2))
-    assert whole.components == parts.components == ()
-    at = [np.array([c.value for c in model.coefficients]) for model in (whole, parts)]
-    u = np.array([c.standard_uncertainty for c in whole.coefficients])
-    assert np.all(np.abs(at[0] - at[1]) <= 0.3 * u + 1e-12)
-
-
 def test_sessions_and_power_ons_can_be_stated(tmp_path, fit):
     """Logs whose clocks do not tell are of one power-on where the recipe states it; within a log it
     states where the instrument was switched on again.
@@ -422,20 +404,6 @@ def test_firmware_follows_every_channel(tmp_path, calibkit):
     assert calibkit("certify", run, "--out", tmp_path / "cert.pdf").code == 0
 
 
-def test_a_log_that_starts_on_a_ramp_takes_its_lags_as_steady():
-    """The second half of a steady ramp gives the lagged temperatures of the whole one."""
-    time = 10.0 * np.arange(400.0)
-    case = 20.0 + time / 60.0
-    whole = coil.path([(time, case)]).drivers(300.0, 200.0)
-    rate = power_ons._starting_rate(time[200:] - time[200], case[200:])
-    assert rate == pytest.approx(1.0)
-    half = coil.path_of_spans([(time[200:], case[200:], ((0, rate),))]).drivers(300.0, 200.0)
-    assert half.temperature == pytest.approx(whole.temperature[200:], abs=0.02)
-    assert half.gradient == pytest.approx(whole.gradient[200:], abs=0.02)
-    warm_up = 40.0 - 15.0 * np.exp(-time / 600.0)
-    assert power_ons._starting_rate(time, warm_up) == 0.0
-
-
 @pytest.mark.parametrize(
     ("change", "text", "code", "words"),
     [
@@ -459,18 +427,6 @@ def test_ordinary_bad_input_is_told_in_one_line(tmp_path, fit, change, text, cod
     assert (outcome.code, words in outcome.err) == (code, True), outcome.err
     assert "Traceback" not in outcome.err
     assert not (tmp_path / "runs" / "I-1").exists()
-
-
-def test_a_time_in_minutes_is_named(calibkit, tmp_path):
-    """A case that seems to warm at 90 °C/min is named with the unit of its time to state."""
-    for name, content in simulate.campaign(1).files().items():
-        header, *rows = content.decode().splitlines()
-        if header.startswith("time_s,"):
-            cells = (row.split(",", 1) for row in rows)
-            rows = [f"{float(time) / 60.0:.6f},{rest}" for time, rest in cells]
-            (tmp_path / name).write_text("\n".join([header, *rows]), encoding="utf-8")
-    outcome = calibkit("check", "thermal", "--data", tmp_path)
-    assert "time looks like minutes or hours: state it, [columns.time_s]" in outcome.out
 
 
 def evaluated_at_25(power_ons, seed, tmp_path, **errors):

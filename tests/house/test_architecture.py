@@ -2,12 +2,10 @@
 
 import re
 
-from calibkit import instruments
 from conftest import ROOT, load_script
 
 PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 PATHS = sorted(set(re.findall(r"`((?:calibkit|tests|recipes|datasets|docs)/[\w./<>]*)`", PAGE)))
-FOLDERS = sorted(path.parent for path in (ROOT / "calibkit" / "instruments").glob("*/recipe.py"))
 
 
 def test_the_drawn_house_is_the_one_that_is_checked():
@@ -21,11 +19,3 @@ def test_the_paths_that_the_page_names_are_there():
     found = {path: any(ROOT.glob(path.replace("<instrument>", "*").rstrip("/"))) for path in PATHS}
     assert found
     assert [path for path, is_there in found.items() if not is_there] == []
-
-
-def test_every_instrument_has_a_folder_and_every_folder_an_instrument():
-    """The registry names modules of these folders and of no other."""
-    assert FOLDERS
-    assert {module.split(".")[0] for module in instruments.SHIPPED.values()} == {
-        folder.name for folder in FOLDERS
-    }

@@ -7,8 +7,6 @@ import pytest
 
 from conftest import ROOT
 
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
-
 
 def follow(path, folder, monkeypatch, start="."):
     """Names that the cells of a notebook leave, run in a folder beside the sample logs, or in one
@@ -23,19 +21,6 @@ def follow(path, folder, monkeypatch, start="."):
         if cell["cell_type"] == "code":
             exec(compile("".join(cell["source"]), path.name, "exec"), names)  # noqa: S102 (the notebook's own code)
     return names
-
-
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_is_one_and_holds_no_output(path):
-    """Format 4 with an id per cell; outputs would be stale, and of another machine."""
-    book = json.loads(path.read_text(encoding="utf-8"))
-    assert (book["nbformat"], book["nbformat_minor"]) == (4, 5)
-    assert len({cell["id"] for cell in book["cells"]}) == len(book["cells"])
-    assert [
-        cell for cell in book["cells"] if cell.get("outputs") or cell.get("execution_count")
-    ] == []
-    text = "".join(page.read_text(encoding="utf-8") for page in (ROOT / "docs").rglob("*.md"))
-    assert f"notebooks/{path.name}" in text
 
 
 @pytest.mark.parametrize("start", [".", "docs/notebooks"])

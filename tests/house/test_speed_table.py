@@ -80,23 +80,6 @@ def test_calibkits_side_of_every_row_runs():
         assert all(np.isfinite(np.asarray(values)).all() for values in found.values())
 
 
-def test_numbers_that_differ_are_no_success():
-    """A difference in the sixth digit is told as such, and so are another shape, a NaN and another
-    digest.
-    """
-    from speed.pairs import agreeing_digits
-
-    truth = np.array([1.0, -2.0, 0.5])
-    assert agreeing_digits({"a": truth}, {"a": truth.copy()}) == 17.0
-    assert agreeing_digits({"a": truth}, {"a": truth + 2e-6}) == pytest.approx(6.0, abs=1e-6)
-    assert agreeing_digits(
-        {"a": truth, "b": truth}, {"a": truth, "b": truth + 0.02}
-    ) == pytest.approx(2.0, abs=0.01)
-    assert agreeing_digits({"a": truth}, {"a": truth[:2]}) == 0.0
-    assert agreeing_digits({"a": truth}, {"a": np.array([1.0, np.nan, 0.5])}) == 0.0
-    assert agreeing_digits({"a": np.arange(3)}, {"a": np.arange(1, 4)}) == 0.0
-
-
 def test_a_missed_target_or_a_wrong_number_fails_the_run():
     """At the target's rows the median counts; digits count at all rows; other rows have no
     target.

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit.check import magnitude
 from calibkit.errors import MissingColumnError
 from calibkit.records.frame import require
 from conftest import ROOT, write_log
@@ -121,46 +120,6 @@ def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rat
     wrong = calibkit("check", "rate_table", data=held(tmp_path / "c", 2.0, lambda rate: 1.5 * rate))
     assert wrong.code == 3
     assert "it turns 1.5 times as fast" in wrong.out
-
-
-def test_a_table_angle_of_the_other_sign_is_advised_to_be_turned(tmp_path, calibkit):
-    """The ratio is −1: state sign = -1."""
-    outcome = calibkit("check", "rate_table", data=held(tmp_path / "a", 0.5, lambda rate: -rate))
-    assert outcome.code == 3
-    assert "the other sign: state sign = -1 in [columns.table_angle_deg]" in outcome.out
-
-
-def test_a_gain_below_nought_is_a_sign_and_no_compensation():
-    """A log that goes against the drift about to be taken off it, or against the other logs: sign =
-    -1 is the advice.
-    """
-    drift = np.linspace(0.0, 10.0, 2000)
-    noise = np.random.default_rng(1).normal(0.0, 0.1, drift.size)
-    (said,) = magnitude.flag_missing_drift("a.csv", drift, 5.0 - drift + noise)
-    assert "state sign = -1 in [columns.gyro_dph]" in said
-    (said,) = magnitude.flag_missing_drift("a.csv", drift, noise)
-    assert "sign = -1" not in said
-    assert "compensated before" in said
-    slopes = {f"{k}.csv": 0.1 for k in range(4)}
-    (found,) = magnitude.find_compensated_logs(slopes | {"x.csv": -0.1})
-    assert "sign = -1 in [columns.gyro_dph]" in found[1].advice
-    (found,) = magnitude.find_compensated_logs(slopes | {"x.csv": 0.0})
-    assert "sign" not in found[1].advice
-
-
-def test_all_missing_columns_are_named_at_once():
-    """The first with its likely name, the others behind it, each once; a mapped one by its
-    canonical name.
-    """
-    with pytest.raises(
-        MissingColumnError, match=r"column 'a' is missing \(and so are 'b', 'c'\), found x"
-    ) as raised:
-        require("f.csv", ["x"], ["a", "b", "a", "c"])
-    assert raised.value.columns == ("a", "b", "c")
-    with pytest.raises(MissingColumnError, match="column 'gyro out' is missing, found x") as raised:
-        require("f.csv", ["x"], ["gyro out"], of="gyro_dph")
-    assert raised.value.columns == ("gyro_dph",)
-    assert "[columns.gyro_dph]" in raised.value.hint
 
 
 def test_the_column_that_may_be_meant_is_the_one_that_the_hint_maps():

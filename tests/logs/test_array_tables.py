@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 import scipy.io
 
-from calibkit import instruments, recipe
-from calibkit.errors import LogFormatError, RecipeError
-from calibkit.logs import log_files
+from calibkit.errors import LogFormatError
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
 
@@ -65,23 +63,3 @@ def test_tables_are_several_different_ones(tables):
     """One table is `table`, and none comes twice."""
     with pytest.raises(ValueError, match="two or more, each once"):
         Logs(files=("*",), tables=tables)
-
-
-def test_stations_that_a_person_left_out_are_left_out(tmp_path):
-    """[[exclude]] by stations: their rows are gone."""
-    rows = [(s, p, 0.1, 0.2, 3.0, 4.0) for s in (1, 2, 3) for p in (0, 90, 180, 270)]
-    head = "station,position_deg,accel_x_g,accel_y_g,gyro_x_dph,gyro_y_dph\n"
-    lines = "".join(",".join(map(str, row)) + "\n" for row in rows)
-    (tmp_path / "stations.csv").write_text(head + lines, encoding="utf-8")
-    left = 'exclude=[{log="stations",stations=[2],reason="moved",person="p"}]'
-    spec = instruments.parse_recipe(recipe.find("inclinometer", (left,)))
-    assert log_files.find_logs(spec, tmp_path) == ["stations.csv"]
-    log = instruments.find(spec.procedure).read(spec, tmp_path, "stations.csv")
-    assert log.frame["station"].unique().tolist() == [1.0, 3.0]
-
-
-def test_a_procedure_that_takes_no_drift_off_refuses_to_write_it():
-    """One line that names the key."""
-    with pytest.raises(RecipeError, match="output") as refused:
-        instruments.parse_recipe(recipe.find("gyro_noise", ("output.drift=true",)))
-    assert len(str(refused.value).splitlines()) == 1

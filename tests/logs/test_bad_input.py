@@ -211,18 +211,6 @@ def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer
     assert sorted(path.name for path in tmp_path.iterdir()) == ["logs"]
 
 
-def test_the_same_log_under_two_names_is_refused(tmp_path, calibkit, log_writer):
-    """A copy of a log would vouch for the original when that is left out."""
-    for name in ("a.csv", "b.csv"):
-        log_writer(tmp_path / "logs" / name, **healthy())
-    outcome = calibkit(
-        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
-    )
-    assert outcome.code == 3
-    assert "b.csv: the same bytes as a.csv" in outcome.err
-    assert not (tmp_path / "runs").exists()
-
-
 @pytest.mark.parametrize("written", ["line_ends", "a_row_less", "other_digits"])
 def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(
     tmp_path, calibkit, log_writer, written
@@ -246,38 +234,6 @@ def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(
         assert outcome.code == 3
         assert "the same values as a.csv" in outcome.out + outcome.err
     assert not (tmp_path / "runs").exists()
-
-
-def test_a_column_that_is_needed_itself_is_not_proposed_for_another(tmp_path, calibkit, log_writer):
-    """Without the chamber air the case is not offered in its place: one column would be both."""
-    columns = {name: column for name, column in healthy().items() if name != "temp_env_degc"}
-    log_writer(tmp_path / "logs" / "a.csv", **columns)
-    outcome = calibkit(
-        "fit", "fog_thermal", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
-    )
-    assert outcome.code == 3
-    assert "'temp_env_degc' is missing" in outcome.err
-    assert "did you mean" not in outcome.err
-
-
-def test_check_refuses_what_a_fit_would_refuse(tmp_path, calibkit, log_writer):
-    """A log without a ramp is refused by `check` too."""
-    columns = healthy()
-    columns["temp_env_degc"] = 20.0 + 0.1 * np.sin(columns["time_s"])
-    log_writer(tmp_path / "logs" / "a.csv", **columns)
-    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
-    assert said.code == 3
-    assert "no ramp found" in said.out
-
-
-def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
-    """A single sample a thousand times off is flagged with its line."""
-    columns = healthy()
-    columns["gyro_dph"] = columns["gyro_dph"] + np.random.default_rng(1).normal(0.0, 0.5, ROWS)
-    columns["gyro_dph"][500] = 5e4
-    log_writer(tmp_path / "logs" / "a.csv", **columns)
-    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
-    assert "flagged a.csv:502: column 'gyro_dph': a spike: 50000 deg/h" in said.out
 
 
 @pytest.mark.parametrize(
@@ -314,34 +270,6 @@ def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(
         line = int(said.err.split("r.toml:")[1].split(":")[0])
         assert first <= line < first + table.count("\n") + 1
     assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    ("setting", "words"),
-    [
-        ("logs.files='*.csv'", "found '*.csv', expected a list in brackets"),
-        ("logs.files=[]", "expected at least 1 entries in the list"),
-        ("title=3", "found 3, expected text in quotes"),
-        ("site=3", "found 3, expected a table"),
-        ("denoise.enabled='yes'", "found 'yes', expected true or false"),
-    ],
-)
-def test_recipe_faults_are_told_in_words_of_toml(setting, words, tmp_path, calibkit, log_writer):
-    """No word of the validator's own reaches the user."""
-    log_writer(tmp_path / "a.csv", **healthy())
-    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", setting)
-    assert outcome.code == 2
-    assert words in outcome.err
-    assert not any(word in outcome.err for word in ("tuple", "Tuple", "instance", "valid "))
-
-
-def test_a_gap_that_an_exclude_made_is_called_that(tmp_path, calibkit, log_writer):
-    """Leaving out 200 s in mid-ramp is a gap that the message ascribes to the [[exclude]] table."""
-    log_writer(tmp_path / "a.csv", **healthy())
-    exclude = "exclude=[{log='a', from_s=300.0, to_s=500.0, reason='r', person='p'}]"
-    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", exclude)
-    assert outcome.code == 3
-    assert "a gap of 202 s at 299 s, made by [[exclude]], which leaves out 201 rows" in outcome.out
 
 
 def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
@@ -414,14 +342,6 @@ def test_an_output_whose_name_deceives_is_refused(tmp_path, calibkit, name, faul
         assert f"the name {fault}" in outcome.err
     outcome = calibkit("simulate", "rate_table", "--dry-run", out=tmp_path / "отчёт_A1", seed=1)
     assert outcome.code == 0
-
-
-def test_a_prefix_that_no_file_on_windows_can_have_is_refused(calibkit, tmp_path):
-    """`con` would make con.h."""
-    run = ROOT / "tests" / "golden" / "0.2" / "inclinometer" / "G-1" / "r001"
-    outcome = calibkit("export", run, "--target", "c", "--prefix", "con", "--out", tmp_path / "o")
-    assert outcome.code == 2
-    assert "--prefix 'con' is a device's name on Windows" in outcome.err
 
 
 @pytest.mark.parametrize(

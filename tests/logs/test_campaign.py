@@ -60,13 +60,6 @@ def test_every_procedure_is_judged(procedure):
     assert judged.lines()[-1] == "  fit would export this: accepted"
 
 
-def test_what_one_run_does_not_hold_is_named(tmp_path):
-    """One run of a rate table: no repeatability, nothing over temperature."""
-    shutil.copy(DATA / "rate_table" / "room_1.csv", tmp_path)
-    lacks = inspection.check(recipe.find("rate_table"), tmp_path).judgement.lacks
-    assert [lack.split(":")[0] for lack in lacks] == ["K and F0 over temperature", "repeatability"]
-
-
 def test_a_refused_log_is_no_campaign(tmp_path, calibkit):
     """With a log that fit refuses, the last paragraph says that it would stop."""
     shutil.copytree(DATA / "rate_table", tmp_path / "logs")

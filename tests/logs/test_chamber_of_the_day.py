@@ -30,11 +30,6 @@ provides = ["temp_env_degc"]
 time_s = { from = "Time" }
 temp_env_degc = { from = "PV", unit = "degC" }
 """
-POLYNOMIALS = """
-[polynomials]
-abscissa = "temp_env_degc"
-bias = [{ indication = "gyro_dph", order = 2 }]
-"""
 SAME = 'clock = "same"'
 ESTIMATE = (
     'clock = "estimate"\nshared = "temp_env_degc"\nlog_column = { from = "air probe", unit ='
@@ -119,19 +114,6 @@ def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calib
     assert "files overlap 2026-03-05 14:00:00–15:30:00; clock of chamber.csv" in outcome.out
 
 
-def test_fit_prints_where_two_files_overlap(tmp_path, ramps, calibkit):
-    """As check does: the hours of each run, and a chamber's clock that is 37 s behind."""
-    write(tmp_path / "logs", ramps, head=600.0, behind=37.0)
-    table = 'clock = "stated"\noffset_s = 37.0\nstandard_uncertainty_s = 0.5'
-    text = (RECIPE % table).replace("fog_thermal", "bias_temperature") + POLYNOMIALS
-    text = text.replace('[drift]\nmodel = "gradient_rate"\norder = 0\n', "")
-    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
-    call = ("fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S-1", "--json")
-    outcome = calibkit(*call, "--out", tmp_path / "runs")
-    assert "ramp_heating_05.csv: files overlap 2026-03-05 08:00:00–09:30:00" in outcome.err
-    assert "clock of chamber.csv 37 s behind (stated)" in outcome.err
-
-
 def test_clocks_that_differ_are_estimated_from_a_file_of_the_whole_day(tmp_path, ramps):
     """37 s behind, ten minutes earlier: found within 3 u from the hours of the run alone."""
     write(tmp_path, ramps, head=600.0, behind=37.0)
@@ -202,31 +184,3 @@ def test_files_of_two_days_are_refused_with_both_spans(tmp_path, ramps):
     (tmp_path / "b" / "chamber.csv").replace(tmp_path / "a" / "chamber.csv")
     with pytest.raises(FrameError, match="goes from 2026-03-05 08:00:00–09:30:00, that file from"):
         joined(tmp_path / "a", "ramp_heating_05")
-
-
-def test_numbers_are_compared_as_they_stand(tmp_path, ramps):
-    """A clock of seconds that both loggers share needs no first row in common."""
-    write(tmp_path, ramps, own="seconds", chamber="seconds", head=600.0)
-    log = joined(tmp_path, "ramp_cooling_05")
-    assert off(log, {log.name: shifted(ramps, log.name)}) < 0.12
-    assert "files overlap 21600 s–27000 s" in log.reading[0]
-
-
-def shifted(ramps, name):
-    """Return the columns of a run on the clock of the day."""
-    return ramps[name] | {"time_s": ramps[name]["time_s"] + BEGINS[name]}
-
-
-def test_the_first_line_of_a_check_judges_the_campaign(tmp_path, ramps, calibkit):
-    """Which log is refused, and for what, before all else."""
-    write(tmp_path / "logs", ramps)
-    path = tmp_path / "logs" / "ramp_heating_05.csv"
-    rows = path.read_text(encoding="utf-8").split("\n")
-    path.write_text("\n".join([*rows[:2000], *rows[2138:]]), encoding="utf-8")
-    (tmp_path / "r.toml").write_text(RECIPE % SAME, encoding="utf-8")
-    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
-    assert outcome.code == 3
-    first = outcome.out.split("\n")[0]
-    assert first.startswith("1 of 2 logs ok, 1 refused: ramp_heating_05.csv (")
-    assert "gap" in first
-    assert "139 s" in first

@@ -68,13 +68,6 @@ def cut(start, stop):
     }
 
 
-def renamed(old, new):
-    """Return a fault that calls a column by another name."""
-    return lambda columns: {
-        (new if name == old else name): values for name, values in columns.items()
-    }
-
-
 def opened(rows, depth):
     """Return a fault that cools case and air on their way up, and lets them come back."""
 
@@ -211,21 +204,3 @@ def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, heal
     assert log["facts"]["rows"] == 5401
     assert [held["kind"] for held in log["held"]] == ["soak", "ramp", "soak"]
     assert sum(part["share"] for part in log["facts"]["occupancy"]) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_what_check_warns_of_a_fit_flags(tmp_path, calibkit, campaign):
-    """A spike that check points out stands among the flags of the fit."""
-    for path in campaign.glob("ramp_*.csv"):
-        (tmp_path / "logs").mkdir(exist_ok=True)
-        (tmp_path / "logs" / path.name).write_bytes(path.read_bytes())
-    target = tmp_path / "logs" / "ramp_heating_05.csv"
-    lines = target.read_text(encoding="utf-8").split("\n")
-    fields = lines[2501].split(",")
-    lines[2501] = ",".join([*fields[:3], str(float(fields[3]) + 20.0)])
-    target.write_text("\n".join(lines), encoding="utf-8")
-    made = calibkit(
-        "fit", "fog_thermal", "--json", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
-    )
-    assert any(
-        "ramp_heating_05.csv:2502" in flag and "spike" in flag for flag in made.json["flags"]
-    )

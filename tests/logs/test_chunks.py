@@ -19,28 +19,12 @@ def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
     assert np.array_equal(found, np.median(rows, axis=1))
 
 
-def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:
-    """A last span with fewer rows than the others keeps its place."""
-    rows = np.random.default_rng(3).normal(size=(1000, 301))
-    found = dispersion.run_medians(rows.ravel(), 301 * np.arange(1000))
-    assert np.array_equal(found, np.median(rows, axis=1))
-
-
 @pytest.mark.parametrize("size", [1, 2, 9, 10, 200_000, 200_001])
 def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
     """Of even and odd numbers of values; ties change nothing."""
     rng = np.random.default_rng(size)
     for values in (rng.normal(size=size), rng.integers(0, 3, size).astype(np.float64)):
         assert dispersion.median(values) == np.median(values)
-
-
-def test_a_missing_value_makes_both_extremes_missing() -> None:
-    """It is not passed over, and of no values there are none."""
-    values = np.random.default_rng(1).normal(size=100)
-    assert chunks.extremes(values) == (values.min(), values.max())
-    values[7] = np.nan
-    assert np.isnan(chunks.extremes(values)).all()
-    assert np.isnan(chunks.extremes(values[:0])).all()
 
 
 @pytest.mark.parametrize("size", [2, 5, 200_000])
@@ -65,11 +49,6 @@ def test_runs_of_a_mask_are_those_of_a_loop(chosen):
             expected.append([start, row])
             start = None
     assert chunks.find_runs(np.array(chosen, dtype=bool)).tolist() == expected
-
-
-def test_the_median_with_a_missing_value_is_missing() -> None:
-    """Nothing that is not a number passes for a large value."""
-    assert np.isnan(dispersion.median(np.array([1.0, np.nan, 2.0])))
 
 
 def test_an_interval_that_is_known_changes_no_model_interval() -> None:

@@ -112,21 +112,6 @@ def test_logs_of_different_things_are_refused_or_unusable():
         clocks.estimate_clock(time, rng.normal(size=1000), time, rng.normal(size=1000))
 
 
-def test_an_offset_beyond_the_search_is_refused():
-    """An offset of 25 s is not found within ±10 s, and nothing else is claimed in its place."""
-    logs, (offset, _, _) = two_logs(3)
-    with pytest.raises(FitError, match=r"end of the search|alike"):
-        clocks.estimate_clock(*logs, near_s=offset + 100.0, search_s=10.0)
-
-
-def test_nothing_is_interpolated_across_a_gap():
-    """Between neighbours the value is linear; in a gap and beyond the ends there is none."""
-    time = np.array([0.0, 1.0, 2.0, 3.0, 10.0, 11.0])
-    at = np.array([-0.5, 0.0, 0.5, 2.0, 5.0, 10.0, 10.5, 12.0])
-    found = clocks.resample(time, 2.0 * time, at)
-    np.testing.assert_array_equal(found, [np.nan, 0.0, 1.0, 4.0, np.nan, 20.0, 21.0, np.nan])
-
-
 def test_a_faster_log_is_averaged_about_each_time():
     """Means over the interval about each time, as a loop finds them; none where half of the rows
     are missing.

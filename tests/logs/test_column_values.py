@@ -7,7 +7,6 @@ from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
 from calibkit.logs import log_files
 from calibkit.readers import parts
-from calibkit.readers.table import Guess
 
 
 def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
@@ -63,17 +62,6 @@ def test_a_value_comes_out_in_the_unit_of_its_column(
     np.testing.assert_allclose(column(log, name), expected, rtol=1e-14)
 
 
-def test_a_recipe_that_contradicts_the_header_is_refused(tmp_path):
-    """deg/h in the recipe and deg/s in the log are a factor of 3600 apart: one of them is wrong."""
-    mapping = 'gyro_dph = { from = "w", unit = "deg/h" }'
-    with pytest.raises(
-        FrameError, match=r"log.csv: column 'w \(deg/s\)': the log states deg/s, .* says deg/h"
-    ):
-        read(tmp_path, "x,w (deg/s)\n0,1\n", mapping, ("gyro_dph",))
-    ignored = mapping.replace("}", ', header_unit = "ignored" }')
-    assert column(read(tmp_path, "x,w (deg/s)\n0,1\n", ignored, ("gyro_dph",)), "gyro_dph") == [1.0]
-
-
 @pytest.mark.parametrize(
     ("header", "unit"),
     [
@@ -91,17 +79,6 @@ def test_a_unit_that_nobody_knows_is_refused_until_the_recipe_states_it(tmp_path
     name = source.split()[0]
     pinned = f'[columns.{name}]\nfrom = "{source}"\nunit = "{"s" if name == "time_s" else "deg/h"}"'
     log = read(tmp_path, content, pinned, ("time_s", "gyro_dph"))
-    np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
-
-
-@pytest.mark.parametrize("below", ["s,mrad/min,°C", "[s],[mrad/min],[°C]"])
-def test_an_unknown_unit_in_a_line_of_units_is_refused(tmp_path, below):
-    """A line of units below the names states them as brackets do; one dash states none."""
-    content = f"time_s,gyro_dph,T\n{below}\n0,1,20\n1,2,20\n"
-    with pytest.raises(FrameError, match="states the unit 'mrad/min'"):
-        read(tmp_path, content, "", ("time_s", "gyro_dph"))
-    none = content.replace("mrad/min", "-")
-    log = read(tmp_path, none, "", ("time_s", "gyro_dph"))
     np.testing.assert_array_equal(column(log, "gyro_dph"), [1.0, 2.0])
 
 
@@ -181,13 +158,6 @@ def test_accumulated_pulses_become_rates_across_a_wrap(tmp_path):
     assert (log.rows, log.place(0)) == (4, "log.csv:3")
 
 
-def test_a_counter_that_runs_backwards_wraps_backwards(tmp_path):
-    """Signed pulses pass the end of the counter in both directions."""
-    mapping = 'accel_x_lsb = { from = "n", wraps_at = 100.0 }'
-    log = read(tmp_path, "x,n\n0,10\n0,95\n0,5\n0,20\n", mapping, ("accel_x_lsb",))
-    assert column(log, "accel_x_lsb") == [10.0, -5.0, 5.0, 20.0]
-
-
 @pytest.mark.parametrize(
     "word", ["9.9E+37", "-9.90000000E+37", "+9.0E+9", "-1.0E+9", "OVLD", "LLLL", "", "NaN", "----"]
 )
@@ -208,20 +178,6 @@ def test_a_value_that_is_none_is_missing_said_and_placed(tmp_path, word):
         "1 rows removed (1 without temp_case_degc), lines 3" in note for note in dropped.notes
     )
     assert dropped.place(1) == "log.csv:4"
-
-
-def test_a_laboratory_names_its_own_sentinels(tmp_path):
-    """9999 and a word of the laboratory are values until the recipe says otherwise."""
-    content = "time_s,accel_x_lsb\n0,1\n1,9999\n2,defekt\n"
-    needed = ("time_s", "accel_x_lsb")
-    with pytest.raises(LogFormatError, match=r"log.csv:4: column 'accel_x_lsb': found 'defekt'"):
-        read(tmp_path, content, "", needed)
-    log = read(
-        tmp_path, content, "", needed, logs='format = "text"\nsentinels = [9999.0, "defekt"]'
-    )
-    assert np.isnan(column(log, "accel_x_lsb")).tolist() == [False, True, True]
-    counts = read(tmp_path, "time_s,accel_x_lsb\n0,1000000000\n1,9999\n", "", needed)
-    assert column(counts, "accel_x_lsb") == [1e9, 9999.0]
 
 
 def test_a_needed_column_that_stands_twice_is_refused(tmp_path):
@@ -259,30 +215,6 @@ def test_a_time_that_could_be_two_is_refused(tmp_path, stamps, fragment):
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, content, 'time_s = { from = "t" }', ("time_s", "temp_case_degc"))
     assert fragment in str(refused.value)
-
-
-def test_an_order_of_day_and_month_that_was_guessed_is_a_guess(tmp_path):
-    """The commands print it as one, with the name of the column."""
-    content = "t;temp_case_degc\n31/01/2026 10:00:00;1,5\n01/02/2026 10:00:00;1,5\n"
-    log = read(tmp_path, content, 'time_s = { from = "t" }', ("time_s", "temp_case_degc"))
-    assert [guess for guess in log.reading if isinstance(guess, Guess)][-1] == (
-        "column 't': dates read day first (time_format guessed)"
-    )
-
-
-def test_a_pinned_time_format_decides(tmp_path):
-    """The recipe says that the day comes first."""
-    content = "t;temp_case_degc\n05/06/2009 10:00:00;1,5\n05/07/2009 10:00:00;1,5\n"
-    mapping = 'time_s = {{ from = "t", time_format = "{}" }}'
-    months = read(tmp_path, content, mapping.format("%d/%m/%Y %H:%M:%S"), ("time_s",))
-    days = read(tmp_path, content, mapping.format("%m/%d/%Y %H:%M:%S"), ("time_s",))
-    assert (column(months, "time_s")[1], column(days, "time_s")[1]) == (30 * 86400.0, 86400.0)
-
-
-def test_a_log_without_time_and_rate_is_refused(tmp_path):
-    """Without rate_hz there is no time to make."""
-    with pytest.raises(FrameError, match="column 'time_s' is missing"):
-        read(tmp_path, "x,temp_case_degc\n0,1\n", "", ("time_s", "temp_case_degc"))
 
 
 def test_parts_of_a_split_log_are_one_log(tmp_path):

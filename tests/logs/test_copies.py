@@ -13,7 +13,6 @@ from hypothesis import given, settings, strategies as st
 
 import calibkit as api
 from calibkit.check import copies, find_copied_rows
-from calibkit.errors import FrameError
 from calibkit.records import sealed, store
 from calibkit.records.frame import COMPARED_ROWS, KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from conftest import ROOT
@@ -68,14 +67,6 @@ def test_a_quarter_of_a_log_is_told_from_its_fingerprint():
     assert copies._find_fitted_copy(frozenset(measured[300:550]), [entry(measured)]) == "x.csv"
 
 
-def test_a_fingerprint_is_small_and_does_not_know_the_order():
-    """64 rows of 12 digits at most; the same for rows in any order; nothing of nothing."""
-    measured = rows(2, 500)
-    assert len(fingerprint(measured)) == KEPT_ROWS * KEPT_DIGITS
-    assert fingerprint(measured) == fingerprint(measured[::-1])
-    assert fingerprint([]) == ""
-
-
 def test_without_a_fingerprint_only_the_bytes_tell():
     """Two runs of before: the same digest is the same log, another may be anything; both are said
     to be untold.
@@ -113,18 +104,6 @@ def test_validation_leaves_out_a_fitted_log_that_was_saved_again(name, tmp_path,
     assert not (tmp_path / "v.json").exists()
 
 
-def test_validation_leaves_out_a_fitted_log_of_another_time(tmp_path):
-    """5000 s later and without its first sixth it is no unseen measurement either."""
-    logs = sample_logs("rate_table")
-    run = api.fit("rate_table", logs=logs, serial="S")
-    copied = {
-        name: frame.assign(time_s=frame["time_s"] + 5000.0).iloc[len(frame) // 6 :]
-        for name, frame in logs.items()
-    }
-    with pytest.raises(FrameError, match="which this run was fitted to"):
-        run.validate(copied)
-
-
 def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibkit, log_writer):
     """900 rows left out of the first 1000 when it was fitted: the copy is read as it was fitted,
     too.
@@ -155,23 +134,6 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
     assert "holds the values of a.csv" in outcome.err
 
 
-def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
-    """What tells a copy is taken from the log that is validated, not from another reading of it."""
-    from calibkit.logs import log_files, mapping
-
-    read, kept = [], mapping.read_file
-
-    def counted(recipe, path, file, needed, optional=()):
-        read.append(file)
-        return kept(recipe, path, file, needed, optional)
-
-    monkeypatch.setattr(log_files, "read_file", counted)
-    withheld = DATA / "inclinometer" / "withheld"
-    outcome = calibkit("validate", fitted / "S" / "r001", data=withheld, out=tmp_path / "v.json")
-    assert outcome.code in (0, 1)
-    assert sorted(read) == sorted(path.name for path in withheld.glob("*.csv"))
-
-
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
     """Folder of runs with the sample inclinometer in it, twice: the second from the same log with
@@ -197,28 +159,6 @@ def test_histories_and_differences_know_that_the_log_is_the_same(fitted, calibki
     )
 
 
-def test_a_run_of_before_loads_and_says_what_it_cannot_tell(fitted, tmp_path, calibkit):
-    """Without fingerprints a copy would pass, and the validation says so; with them it has nothing
-    to say.
-    """
-    run = tmp_path / "runs" / "S" / "r001"
-    shutil.copytree(fitted / "S" / "r001", run)
-    document = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    for one in document["inputs"]:
-        del one["fingerprint"]
-    del document["sha256"]
-    (run / "run.json").write_text(sealed.seal(document), encoding="utf-8")
-    for folder, told in ((run, True), (fitted / "S" / "r001", False)):
-        out = tmp_path / f"{told}.json"
-        outcome = calibkit("validate", folder, data=DATA / "inclinometer" / "withheld", out=out)
-        assert outcome.code in (0, 1)
-        assert ("keeps no fingerprint of stations.csv" in outcome.err + outcome.out) == told
-        assert (
-            any("keeps no fingerprint" in flag for flag in json.loads(out.read_text())["flags"])
-            == told
-        )
-
-
 @pytest.mark.parametrize("mark", ["", "12", "zz" * 6, 7])
 def test_a_fingerprint_that_is_none_is_refused(fitted, tmp_path, calibkit, mark):
     """run.json with a right digest and a fingerprint of another shape: exit 4."""
@@ -229,23 +169,6 @@ def test_a_fingerprint_that_is_none_is_refused(fitted, tmp_path, calibkit, mark)
     del document["sha256"]
     (run / "run.json").write_text(sealed.seal(document), encoding="utf-8")
     assert calibkit("verify", run).code == 4
-
-
-@pytest.mark.parametrize("name", ["fog_thermal", "rate_table", "gyro_triad"])
-def test_a_copy_is_refused_before_the_logs_behind_it_are_read(name, tmp_path, calibkit):
-    """The second log is the first with other line ends, the third is no log: the copy is what is
-    named, nothing was fitted.
-    """
-    # a triad wants a log about each axis before any is read
-    pattern = "about_?_0.csv" if name == "gyro_triad" else "*.csv"
-    logs = sorted((DATA / name).glob(pattern))[:3]
-    for path in logs:
-        shutil.copy(path, tmp_path / path.name)
-    (tmp_path / logs[1].name).write_bytes(logs[0].read_bytes().replace(b"\n", b"\r\n"))
-    (tmp_path / logs[2].name).write_text("no log\n", encoding="utf-8")
-    outcome = calibkit("fit", name, "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs")
-    assert outcome.code == 3
-    assert f"{logs[1].name}: the same values as {logs[0].name}" in outcome.err
 
 
 COPIES = {
@@ -277,26 +200,6 @@ def test_a_copy_of_another_time_or_of_later_rows_is_refused(name):
     recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
     recipe["logs"]["files"] = sorted({*recipe["logs"]["files"], file, COPIES[name]})
     with pytest.raises(api.CalibkitError, match=f"the same values as {file}"):
-        api.fit(recipe, logs=logs | {COPIES[name]: copy}, runs=None, date="2026-11-21")
-
-
-@pytest.mark.parametrize("name", COPIES)
-def test_a_copy_with_rounded_digits_is_refused(name):
-    """A log under a second name, later, with the last digit of what the instrument indicates
-    rounded away.
-    """
-    logs = sample_logs(name)
-    file, log = next(iter(logs.items()))
-    copy = log.copy()
-    for column in log.columns:
-        if column.startswith(("gyro_", "accel_")):
-            copy[column] = copy[column].round(decimals(log[column]) - 1)
-    if "time_s" in copy:
-        copy["time_s"] += 5000.0
-    assert not copy.equals(log)
-    recipe = tomllib.loads((ROOT / "recipes" / f"{name}.toml").read_text(encoding="utf-8"))
-    recipe["logs"]["files"] = sorted({*recipe["logs"]["files"], file, COPIES[name]})
-    with pytest.raises(api.CalibkitError, match=f"the same values as {file} with fewer digits"):
         api.fit(recipe, logs=logs | {COPIES[name]: copy}, runs=None, date="2026-11-21")
 
 
@@ -358,14 +261,6 @@ def test_a_copy_with_fewer_digits_is_found_and_a_repeat_is_none(lost):
     for logs in ((run, copy), (copy, run)):
         assert [file for file, _ in find_copies(*logs)] == ["1.csv"]
     assert find_copies(run, second.round(decimals).round(fewer)) == []
-
-
-@pytest.mark.parametrize("noise_lsb", [0.0, 0.3, 3.0])
-def test_a_repeat_in_whole_counts_is_no_copy_of_one_in_tenths(noise_lsb):
-    """A logger that is set to a coarser resolution between two runs makes no copies."""
-    tenths = table_run(1, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]
-    whole = (table_run(2, 10.0 * noise_lsb) / [1.0, 1.0, 10.0]).round({"gyro_x_lsb": 0})
-    assert find_copies(tenths, whole) == []
 
 
 TABLES = {

@@ -271,23 +271,6 @@ def test_the_undamaged_log_is_read(name, tmp_path):
     accounts(found, name, BYTES[name])
 
 
-def test_a_guess_never_loses_a_row(tmp_path):
-    """Rows above a header, of whatever dialect, are refused rather than taken for a preamble."""
-    for name, dialect in WRITTEN.items():
-        if (
-            dialect.suffix in CONTAINERS
-            or dialect.logs
-            or ".lvm" in dialect.suffix
-            or name in {"Graphtec", "BenchLink"}
-        ):
-            continue
-        lines = BYTES[name].split(b"\n")
-        row = [line for line in lines if re.search(rb"\d", line)][-1]
-        data = b"\n".join([row, *lines]) if b"\0" not in BYTES[name] else b""
-        if data:
-            assert isinstance(outcome(name, data, tmp_path), CalibkitError), name
-
-
 def test_the_guess_prints_and_pins(tmp_path):
     """A guess turned into a recipe table and read back is the same dialect, nothing guessed."""
     path = tmp_path / "log.csv"

@@ -1,13 +1,9 @@
 """Comma-separated logs with texts or faults: read whole or not at all."""
 
-import hashlib
-
-import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, registry
+from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
 
 
@@ -49,52 +45,8 @@ def test_a_log_that_cannot_be_read_whole_is_refused_with_its_place(tmp_path, con
     assert message in str(refused.value)
 
 
-def test_a_missing_value_becomes_nan(tmp_path):
-    """An empty field and the word nan are missing values, for the checks to judge."""
-    frame = read(tmp_path, b"a,b\n1,\nnan,2\n").frame
-    assert np.isnan(frame.to_numpy()).tolist() == [[False, True], [True, False]]
-
-
-def test_byte_order_mark_and_crlf_change_nothing_but_the_digest(tmp_path):
-    """A byte-order mark and Windows line ends read as the same numbers; the digest is of the bytes
-    as they are.
-    """
-    content = b"\xef\xbb\xbfa,b\r\n1,2\r\n"
-    table = read(tmp_path, content)
-    assert table.frame.to_numpy().tolist() == [[1.0, 2.0]]
-    assert table.sha256 == hashlib.sha256(content).hexdigest()
-
-
-def test_text_is_allowed_where_nobody_needs_numbers(tmp_path):
-    """A remark column does not stop a log from being read."""
-    frame = read(tmp_path, b"a,remark,b\n1,door open,2\n3,,4\n").frame
-    assert frame["b"].tolist() == [2.0, 4.0]
-
-
 def test_a_last_line_without_end_is_kept_and_said(tmp_path):
     """A last line without a line end is kept when nothing shows that it is cut, and noted."""
     table = read(tmp_path, b"a,b\n1,2\n3,4")
     assert table.frame["b"].tolist() == [2.0, 4.0]
     assert "no line end" in table.notes[0]
-
-
-def test_rows_are_counted_across_blocks(tmp_path, monkeypatch):
-    """A short row is found whatever block of bytes it falls into."""
-    monkeypatch.setattr(delimited, "_BLOCK", 7)
-    for bad in range(2, 30):
-        lines = [b"a,b"] + [b"%d,%d" % (k, k) for k in range(40)]
-        lines[bad] = b"5"
-        with pytest.raises(LogFormatError, match=f"x.csv:{bad + 1}: 1 fields"):
-            read(tmp_path, b"\n".join(lines) + b"\n")
-    good = b"\n".join([b"a,b"] + [b"%d,%d" % (k, k) for k in range(40)])
-    assert len(read(tmp_path, good).frame) == 40
-
-
-@settings(max_examples=50, deadline=None)
-@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=20))
-def test_numbers_read_back_to_the_same_float(tmp_path_factory, values):
-    """A number written with repr reads back bit for bit."""
-    folder = tmp_path_factory.mktemp("floats")
-    content = "a,b\n" + "".join(f"{value!r},{-value!r}\n" for value in values)
-    frame = read(folder, content.encode()).frame
-    assert frame["a"].tolist() == values

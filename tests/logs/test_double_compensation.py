@@ -93,9 +93,3 @@ def test_a_column_that_says_it_was_corrected_is_told(name, campaign, tmp_path, c
     )
     assert said.code == 0
     assert "must not be compensated twice" in said.out
-
-
-@pytest.mark.parametrize("name", ["compass", "component rate", "gyro"])
-def test_names_that_only_begin_alike_are_not(name):
-    """Compass, component and computer are no corrections."""
-    assert not magnitude.COMPENSATED.search(name)

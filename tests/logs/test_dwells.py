@@ -29,14 +29,6 @@ def test_holds_are_found_and_their_ends_left_out():
         assert stop - 12 <= end <= stop
 
 
-def test_unit_and_offset_of_the_indications_do_not_matter():
-    """Counts about 32768 give the same intervals as g."""
-    log = handled()
-    np.testing.assert_array_equal(
-        dwells.find_dwells(log, 20), dwells.find_dwells(32768.0 + 415.0 * log, 20)
-    )
-
-
 def test_windowed_noise_is_the_loop_over_windows():
     """The running sums equal the standard deviation of every window, offset and all."""
     log = handled(rows=1700)[:200] + 3e4
@@ -44,12 +36,6 @@ def test_windowed_noise_is_the_loop_over_windows():
     np.testing.assert_allclose(
         dwells._windowed_noise(log, 16, np.median(log, axis=0)), twin, rtol=1e-8
     )
-
-
-def test_short_pauses_are_no_dwells():
-    """A pause below the shortest length is dropped, a stated threshold is used as it is."""
-    assert len(dwells.find_dwells(handled(), 20, shortest=300)) == 2
-    assert len(dwells.find_dwells(handled(), 20, threshold=0.03)) == 4
 
 
 def test_a_log_that_stands_still_to_the_last_bit_is_one_dwell():
@@ -107,19 +93,6 @@ def test_noise_that_does_not_average_out_is_not_averaged_away():
     truth = np.std([mean[0, 0] for mean, _ in found])
     assert stated == pytest.approx(truth, rel=0.25)
     assert independent < 0.2 * truth
-
-
-def test_sweeps_are_cut_into_pieces():
-    """Pieces have the stated rows; a rest of at least half stays, a shorter one goes."""
-    cut = dwells.cut_dwells(np.array([[0, 250], [300, 449], [500, 540]]), 100)
-    assert cut.tolist() == [[0, 100], [100, 200], [200, 250], [300, 400]]
-    assert dwells.cut_dwells(np.array([[0, 249]]), 100).tolist() == [[0, 100], [100, 200]]
-
-
-def test_a_dwell_of_one_row_is_refused():
-    """One row has no noise."""
-    with pytest.raises(FitError, match="fewer than two rows"):
-        dwells.average_dwells(np.zeros((5, 1)), np.array([[0, 3], [3, 4]]))
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.01])

@@ -80,25 +80,6 @@ def test_a_counter_that_passes_a_whole_number_of_pulses_is_not_stuck():
         assert names(counted(2.5 * np.sin(ROW / 2000.0), seed, sigma)) == set()
 
 
-def test_a_dithered_gyro_is_not_stuck_at_the_turn_of_its_beat():
-    """Dither sampled near a multiple of its frequency turns slowly, and repeats values there."""
-    for seed in range(5):
-        assert names(dithered(-1e-4, 2000.0, seed)) == set()
-        assert names(dithered(3e-3, 50.0, seed)) == set()
-
-
-def test_ring_laser_counts_that_turn_at_a_whole_number_are_not_stuck():
-    """A rate whose slow swing ends at a whole number of pulses per row repeats it, and noise of a
-    tenth of a pulse beside it: a parabola through the rows beside passes the run.
-    """
-    for seed, (pulses, swing, turns) in enumerate(
-        ((31.0, 12.0, 5), (22.0, 9.0, 4), (30.0, 14.0, 6), (40.0, 20.0, 4))
-    ):
-        for sigma in (0.0, 0.03, 0.1):
-            rate = pulses - swing + swing * np.cos(2.0 * np.pi * turns * ROW / ROWS)
-            assert names(counted(rate, seed, sigma)) == set(), (pulses, sigma)
-
-
 def test_a_counter_that_stands_still_is_stuck():
     """Sixty equal values among values that change from row to row, whatever the column."""
     for data in (counted(np.linspace(-3.0, 3.0, ROWS), 0, 0.5), dithered(0.137, 50.0, 1), noise(2)):

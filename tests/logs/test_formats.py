@@ -18,7 +18,7 @@ from calibkit.errors import CalibkitError, LogFormatError, RecipeError, UsageErr
 from calibkit.logs import log_files
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
-from logs.dialects import DIALECTS, Clean, Dialect
+from logs.dialects import DIALECTS, Clean
 
 DOCS = Path(__file__).resolve().parents[2] / "docs" / "logs.md"
 CLEAN = Clean([[str(k), f"{20 + k}.5", f"{19 + k}.0", f"9.{k:03d}"] for k in range(12)])
@@ -92,31 +92,6 @@ def test_degree_signs_are_not_taken_for_chinese(tmp_path, text, encoding):
     assert list(table.frame.columns) == text.split(";")
 
 
-def test_footer_and_comments_are_pinned_and_counted(tmp_path):
-    """Lines below the rows are left out where the recipe counts them."""
-    spec = recipe.logs.TextSpec(footer_lines=2)
-    table = read(tmp_path, b"a;b\n1;2\n3;4\nsum;4\nend\n", format="text", text=spec)
-    assert table.frame["a"].tolist() == [1.0, 3.0]
-    assert "2 lines of footer (from the recipe)" in table.reading
-
-
-def test_a_log_that_is_all_footer_is_refused(tmp_path):
-    """A recipe that leaves out every line: one line of error, no internal one."""
-    spec = recipe.logs.TextSpec(footer_lines=3)
-    with pytest.raises(LogFormatError, match="no rows of numbers found"):
-        read(tmp_path, b"a;b\n1;2\n", format="text", text=spec)
-
-
-def test_a_log_that_begins_overloaded_begins_with_its_first_row(tmp_path):
-    """Rows in which most sensors are still open are rows, not preamble."""
-    content = "t;a;b;c\n0;OVLD;OVLD;OVLD\n1;OVLD;OVLD;7\n" + "".join(
-        f"{k};1;2;3\n" for k in range(2, 9)
-    )
-    table = read(tmp_path, content.encode(), format="text", needed=("t", "a", "b", "c"))
-    assert table.frame["t"].tolist() == [float(k) for k in range(9)]
-    assert table.frame["c"].isna().sum() == 1
-
-
 def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
     """A row above the header, of which too little is measured to be the first, is named rather than
     skipped.
@@ -124,16 +99,6 @@ def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
     content = "0;x;x;1;x\nt;a;b;c;d\n" + "".join(f"{k};1;2;3;4\n" for k in range(2, 9))
     with pytest.raises(LogFormatError, match=r"log.dat:1: a row of numbers above the header"):
         read(tmp_path, content.encode(), format="text", needed=("t", "a"))
-
-
-def test_numbers_above_the_header_are_skipped_where_the_recipe_says_so(tmp_path):
-    """Pinned lines above the header may hold what they like: the refusal advises to pin them."""
-    content = "5,6,7\nt,a,b\n" + "".join(f"{k},1,2\n" for k in range(9))
-    with pytest.raises(LogFormatError):
-        read(tmp_path, content.encode(), format="text", needed=("t", "a"))
-    spec = recipe.logs.TextSpec(skip_lines=1)
-    table = read(tmp_path, content.encode(), format="text", needed=("t", "a"), text=spec)
-    assert table.frame["t"].tolist() == [float(k) for k in range(9)]
 
 
 def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
@@ -163,16 +128,6 @@ def test_elements_of_a_matlab_file_must_nest(tmp_path, place):
     data[place] ^= 0x60
     with pytest.raises(LogFormatError, match=r"x.mat: not a whole MATLAB file: "):
         read(tmp_path, bytes(data), "x.mat", format="matlab", table="log")
-
-
-def test_days_that_no_calendar_has_are_no_times(tmp_path):
-    """A damaged spreadsheet day is missing rather than some other day."""
-    from calibkit.readers import times
-
-    seconds = times.spreadsheet_to_seconds(
-        np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0])
-    ).seconds
-    np.testing.assert_array_equal(seconds, [0.0, 43200.0, np.nan, np.nan, 86400.0])
 
 
 def test_a_recording_that_was_cut_off_is_refused(tmp_path):
@@ -290,37 +245,6 @@ def test_a_labview_file_that_is_not_whole_is_refused(tmp_path, change, fragment)
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, change(LVM).encode("cp1252"), "log.lvm", format="lvm")
     assert fragment in str(refused.value)
-
-
-def test_packets_below_one_header_need_their_times(tmp_path):
-    """Twice as many rows as samples are two packets; without X values the time between them is not
-    known.
-    """
-    text = (
-        DIALECTS["LVM"]
-        .write(Clean([[str(k), "1.5", "2.5", "3.5"] for k in range(24)]))
-        .decode("cp1252")
-    )
-    packets = text.replace("Samples\t24\t24\t24", "Samples\t12\t12\t12")
-    assert len(read(tmp_path, packets.encode("cp1252"), "log.lvm", format="lvm").frame) == 24
-    timeless = re.sub(r"(?m)^\d+\t", "\t", packets)
-    with pytest.raises(LogFormatError, match="no single X0 and Delta_X for all rows"):
-        read(tmp_path, timeless.encode("cp1252"), "log.lvm", format="lvm")
-    with pytest.raises(LogFormatError, match="header says 24 samples"):
-        read(
-            tmp_path, text.rsplit("\r\n", 2)[0].encode("cp1252") + b"\r\n", "log.lvm", format="lvm"
-        )
-
-
-def test_segments_of_a_labview_file_follow_each_other(tmp_path):
-    """Two segments of the same channels are one log, each row in its own line."""
-    head, marker, body = LVM.partition("Channels\t3")
-    second = re.sub(r"(?m)^(\d+)\t", lambda m: f"{int(m[1]) + 12}\t", body)
-    text = head + marker + body + "\r\n" + marker + second
-    table = read(tmp_path, text.encode("cp1252"), "log.lvm", format="lvm")
-    assert table.frame["X_Value"].tolist() == [float(k) for k in range(24)]
-    lines = text.split("\r\n")
-    assert all(lines[index + 1].startswith(f"{k}\t") for k, index in enumerate(table.frame.index))
 
 
 def test_channels_of_a_labview_file_with_x_columns_of_their_own_share_one_time(tmp_path):
@@ -491,20 +415,6 @@ def test_instants_of_a_parquet_file_are_seconds_with_and_without_a_zone(tmp_path
         read(tmp_path, stored(twice), "x.parquet")
 
 
-def test_columns_of_several_rates_are_not_put_side_by_side(tmp_path):
-    """Needed channels of different lengths are refused with their lengths."""
-    from scipy import io as scipy_io
-
-    stream = io.BytesIO()
-    scipy_io.savemat(stream, {"a": np.arange(5.0), "b": np.arange(7.0), "c": np.arange(5.0)})
-    with pytest.raises(LogFormatError, match="columns of several lengths: a 5, b 7"):
-        read(tmp_path, stream.getvalue(), "x.mat")
-    assert list(read(tmp_path, stream.getvalue(), "x.mat", needed=("a",)).frame.columns) == [
-        "a",
-        "c",
-    ]
-
-
 def test_what_netcdf_packed_is_unpacked_and_units_may_be_arrays(tmp_path):
     """scale_factor, add_offset and _FillValue of a variable, `Units` as an array of bytes, and a
     unit that nobody knows as it is written.
@@ -523,27 +433,6 @@ def test_what_netcdf_packed_is_unpacked_and_units_may_be_arrays(tmp_path):
     table = read(tmp_path, stream.getvalue(), "x.h5")
     assert table.units == {"a": "degC", "b": "mrad/min", "t": "s"}
     np.testing.assert_array_equal(table.frame["a"], [25.0, np.nan, 35.0])
-
-
-def test_units_travel_with_the_channels_of_containers(tmp_path):
-    """unit_string, units and field metadata are the log's own statement."""
-    import h5py
-    import pyarrow as pa
-    from pyarrow import parquet as pq
-
-    tdms = read(tmp_path, DIALECTS["TDMS"].write(CLEAN), "x.tdms")
-    assert tdms.units == {"temp_case_degc": "degC", "temp_env_degc": "degC", "gyro_dph": "deg/h"}
-    stream = io.BytesIO()
-    with h5py.File(stream, "w") as made:
-        made["a"] = np.arange(3.0)
-        made["a"].attrs["units"] = "rad/s"
-    assert read(tmp_path, stream.getvalue(), "x.h5").units == {"a": "rad/s"}
-    stream = io.BytesIO()
-    schema = pa.schema([pa.field("a", pa.int32(), metadata={"unit": "°/h"})])
-    pq.write_table(pa.table({"a": pa.array([1, None, 3], pa.int32())}, schema=schema), stream)
-    parquet = read(tmp_path, stream.getvalue(), "x.parquet")
-    assert parquet.units == {"a": "deg/h"}
-    assert np.isnan(parquet.frame["a"].to_numpy()).tolist() == [False, True, False]
 
 
 @pytest.mark.parametrize(
@@ -705,11 +594,3 @@ def test_a_description_that_cannot_be_meant_is_refused(logs, fragment):
         )
     assert fragment in str(refused.value)
     assert "r.toml:" in str(refused.value)
-
-
-def test_clean_csv_pinned_as_such_is_nothing_else(tmp_path):
-    """Format = "csv" refuses every other dialect."""
-    for name in ("semicolons and decimal commas", "quotes", "Excel Unicode text"):
-        dialect: Dialect = DIALECTS[name]
-        with pytest.raises(LogFormatError):
-            read(tmp_path, dialect.write(CLEAN), format="csv", needed=("time_s", "gyro_dph"))

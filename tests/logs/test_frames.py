@@ -31,15 +31,6 @@ def fitted(logs, **options):
     return calibkit.fit("gyro_pair", logs=logs, runs=None, **{"date": DATE, **options})
 
 
-def test_a_report_is_whole_where_a_notebook_is_at_work(logs, run, monkeypatch, capsys):
-    """Rich would show its text in a cell, and report.txt would be empty."""
-    import rich.console
-
-    monkeypatch.setattr(rich.console, "_is_jupyter", lambda: True)
-    assert fitted(logs).outcome.files == run.outcome.files
-    assert capsys.readouterr().out == ""
-
-
 @pytest.mark.parametrize("date", ["yesterday", "2026-13-01", pd.Timestamp("2026-11-21"), 20261121])
 def test_a_date_is_refused_that_no_run_could_be_read_with(logs, date):
     """As the command refuses it, before anything is fitted."""
@@ -53,11 +44,6 @@ def test_a_column_that_the_recipe_maps_and_no_log_has_is_named(logs):
     found = calibkit.fit(source, logs=logs, runs=None, date=DATE)
     named = "no column 'Tcas', which the recipe maps: temp_case_degc is not read"
     assert any(named in flag for flag in found.document["flags"])
-
-
-def test_a_serial_may_be_a_number(logs):
-    """It is written as text."""
-    assert fitted(logs, serial=5).document["serial"] == "5"
 
 
 def test_columns_that_are_not_read_may_hold_anything(logs, run):
@@ -93,15 +79,6 @@ def test_what_is_no_number_is_named_with_its_row(logs, value, found):
     assert f"{name}.csv:{row}: column 'gyro_a_lsb': found '{found}'" in error.value.message
 
 
-def test_the_row_that_is_named_is_the_one_that_is_no_number(logs):
-    """Numbers in any spelling that converts stand before it."""
-    name, frame = next(iter(logs.items()))
-    column = frame["gyro_a_lsb"].astype(object)
-    column.iloc[3], column.iloc[7] = "1_000", "abc"
-    with pytest.raises(calibkit.CalibkitError, match=f"{name}.csv:9: .*found 'abc'"):
-        fitted(logs | {name: frame.assign(gyro_a_lsb=column)})
-
-
 class _Other:
     """A frame of another library."""
 
@@ -134,15 +111,6 @@ def test_two_names_of_one_log_are_refused(logs):
         fitted({**logs, f"{name}.csv": frame * 2.0})
 
 
-def test_units_of_attrs_are_a_mapping(logs):
-    """A unit alone says nothing of which column it is."""
-    name, frame = next(iter(logs.items()))
-    changed = frame.copy()
-    changed.attrs["units"] = "deg/s"
-    with pytest.raises(calibkit.CalibkitError, match=r"attrs\['units'\] is str"):
-        fitted(logs | {name: changed})
-
-
 def test_a_compensated_frame_states_the_units_that_its_columns_have():
     """A mapped column keeps the log's own unit, under whatever name, and can be given back."""
     folder = ROOT / "datasets" / "fog_thermal"
@@ -160,9 +128,3 @@ def test_a_compensated_frame_states_the_units_that_its_columns_have():
         assert made.attrs["units"][own] == "deg/s"
         assert np.abs(made[own].mean()) < 0.01  # deg/s
         assert run.apply(made.drop(columns="status", errors="ignore")).shape[0] == len(frame)
-
-
-def test_apply_takes_no_other_word_for_rows_that_cannot_be_corrected(logs, run):
-    """A word that it does not know is no wish for empty values."""
-    with pytest.raises(calibkit.CalibkitError, match="uncorrected = 'zero'"):
-        run.apply(next(iter(logs.values())), uncorrected="zero")

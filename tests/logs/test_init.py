@@ -116,38 +116,6 @@ def test_units_by_name_are_stated_and_findings_are_comments(tmp_path, calibkit, 
     assert spec["columns"]["time_s"]["from"] == "t_s"
 
 
-def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibkit, log_writer):
-    """Columns that are recognised by name alone: which, what they would be taken in, and the key
-    that states it.
-    """
-    time = np.arange(0.0, 3600.0, 1.0)
-    ramp = np.interp(time, [600.0, 3000.0], [-20.0, 60.0])
-    rates = np.random.default_rng(1).normal(0.0, 0.5, time.size) + 10.0
-    log_writer(tmp_path / "a.csv", Zeit=time, Kreisel=rates, Gehäuse=ramp, **{"Kammer [°C]": ramp})
-    outcome = calibkit("init", "--from", tmp_path)
-    assert outcome.code == 0
-    said = (
-        'No unit in the logs: "Zeit" in s, "Gehäuse" in degC, "Kreisel" in deg/h would be taken; '
-        'state unit = "…" in [columns.time_s], [columns.temp_case_degc], [columns.gyro_dph]'
-    )
-    assert f"? {said}\n" in outcome.err
-    assert f"# {said}\n" in outcome.out
-    assert (
-        '[columns.gyro_dph] # no unit in the log: taken in deg/h, or state unit = "…"'
-        in outcome.out
-    )
-    assert "No unit" not in calibkit("init", "--from", ROOT / "datasets" / "fog_thermal").err
-
-
-def test_logs_that_nothing_recognises_get_a_skeleton_that_names_missing_units(tmp_path, calibkit):
-    """Names that say nothing, of which some state no unit: a recipe to complete, no error."""
-    (tmp_path / "a.csv").write_text("Ch 1;Ch 2 [V]\n" + "1,5;2,5\n" * 50, encoding="utf-8")
-    text = proposed(calibkit, tmp_path)
-    assert "# No procedure was recognised" in text
-    assert "The log states no unit of Ch 1." in text
-    assert tomllib.loads(text)["logs"]["text"]["decimal"] == ","
-
-
 def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
     """No log is an error with exit code 3; names and numbers that mean nothing get a skeleton that
     shows what is there.
@@ -270,28 +238,6 @@ def test_one_log_of_accelerometers_that_stood_still_is_one_of_noise(
         assert spec["noise"]["columns"] == ["accel_x_g", "accel_y_g", "accel_z_g"]
 
 
-def test_accelerometers_that_stood_still_may_be_logged_in_si(tmp_path, calibkit, log_writer):
-    """That a log in m/s² is one of noise needs no local gravity; the recipe states the unit."""
-    rng = np.random.default_rng(4)
-    axes = {f"a{a}_mps2": rng.normal(9.81 * (a == "z"), 1e-3, 2000) for a in "xyz"}
-    log_writer(tmp_path / "a.csv", time_s=np.arange(2000.0), **axes)
-    spec = tomllib.loads(proposed(calibkit, tmp_path))
-    assert spec["procedure"] == "gyro_noise"
-    assert spec["columns"]["accel_z_g"] == {"from": "az_mps2", "unit": "m/s^2"}
-
-
-def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
-    """Where only another logger has the temperature, nothing says that the gyro stood still."""
-    time = np.arange(2000.0)
-    log_writer(
-        tmp_path / "gyro.csv",
-        time_s=time,
-        gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size),
-    )
-    log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
-    assert "# No procedure was recognised" in proposed(calibkit, tmp_path)
-
-
 def imu(rows=400):
     """Columns of a static log: time, accelerations in m/s², one rate, one temperature."""
     rng = np.random.default_rng(18)
@@ -314,25 +260,6 @@ def test_a_log_without_names_gets_names_from_its_numbers(tmp_path, calibkit):
     assert "# Procedure: bias_temperature, because the logs hold a gyro beside one temp" in text
     (tmp_path / "r.toml").write_text(text, encoding="utf-8")
     assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
-
-
-def test_a_triad_without_names_is_known_by_the_length_of_gravity(tmp_path, calibkit):
-    """Three columns whose length is g, in m/s², are the accelerometers."""
-    np.savetxt(tmp_path / "a.log", np.column_stack(imu()), fmt="%.5f", delimiter=";")
-    assert tomllib.loads(proposed(calibkit, tmp_path))["logs"]["names"] == [
-        "time_s",
-        *(f"accel {axis} [m/s^2]" for axis in "xyz"),
-        "gyro_dph",
-        "temp_case_degc",
-    ]
-
-
-def test_the_reason_and_the_runner_up_are_stated(calibkit):
-    """A recipe says what of the logs led to its procedure, and which came second."""
-    text = proposed(calibkit, ROOT / "datasets" / "rate_table")
-    assert "# Procedure: rate_table, because the logs hold a table rate beside" in text
-    text = proposed(calibkit, ROOT / "datasets" / "fog_thermal")
-    assert "Runner-up: thermal (a gyro beside one temperature)" in text
 
 
 def workbook_of(sheets):
@@ -365,18 +292,6 @@ def test_a_workbook_with_several_sheets_gets_a_recipe(tmp_path, calibkit):
     assert tomllib.loads(outcome.out)["logs"]["table"] == "Run 2"
     (tmp_path / "r.toml").write_text(outcome.out, encoding="utf-8")
     assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
-
-
-def test_a_json_log_alone_in_a_folder_gets_a_recipe(tmp_path, calibkit):
-    """JSON is a log where nothing else is; beside logs it is their truth or a coefficient file."""
-    import json
-
-    time, *_, rate, case = imu()
-    names = ("time_s", "temp_case_degc", "gyro_dph")
-    rows = [list(row) for row in zip(time, case, rate, strict=True)]
-    (tmp_path / "a.json").write_text(json.dumps({"columns": names, "data": rows}))
-    spec = tomllib.loads(proposed(calibkit, tmp_path))
-    assert (spec["procedure"], spec["logs"]["format"]) == ("bias_temperature", "json")
 
 
 HOSTILE = (
@@ -446,20 +361,6 @@ def test_a_columns_name_and_unit_write_nothing_but_themselves(tmp_path, calibkit
     assert not any(line.startswith("[site]") for line in found.splitlines())
 
 
-@pytest.mark.parametrize("name", HOSTILE)
-def test_a_mapped_columns_name_and_unit_are_values(name):
-    """They read back as they are, also in comments that state them."""
-    from calibkit.logs import recipe_text
-    from calibkit.logs.column_names import LogColumn
-    from calibkit.recipe import toml_text
-
-    column = LogColumn(name, unit=name)
-    text = "\n".join(recipe_text._map_column("gyro_dph", column, ()))
-    assert tomllib.loads(text)["columns"]["gyro_dph"]["from"] == name
-    assert set(tomllib.loads(text)) == {"columns"}
-    assert tomllib.loads(toml_text.from_tables({name: {name: name}}).text) == {name: {name: name}}
-
-
 @pytest.mark.parametrize(
     ("name", "unit"),
     [
@@ -475,21 +376,6 @@ def test_a_mapped_columns_name_and_unit_are_values(name):
 def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
     """Words apart by a blank as well as by a low line; a name of one word is a name."""
     assert LogColumn(name, "").stated == unit
-
-
-@pytest.mark.parametrize(
-    ("name", "canonical"),
-    [
-        ("加计Y(g)", "accel_y_g"),
-        ("加表z(g)", "accel_z_g"),
-        ("陀螺X(°/h)", "gyro_x_dph"),
-        ("测点", "station"),
-        ("井斜角(°)", "inclination_deg"),
-    ],
-)
-def test_a_chinese_name_has_its_axis_behind_the_sensor(name, canonical):
-    """No blank stands between the sensor and its axis."""
-    assert LogColumn(name, "").guess_canonical() == canonical
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from calibkit.errors import CoefficientError
 from calibkit.records import left_out
 from calibkit.records.left_out import LeftOut
 from conftest import ROOT
-from sample_runs import fitted, sample_run
+from sample_runs import fitted
 from written_logs import sample_logs
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-run-2.schema.json").read_text())
@@ -72,13 +72,6 @@ def test_rows_that_a_person_excludes_or_that_lack_a_value_are_counted(tmp_path):
     assert f"3 of {size} rows of room_1.csv were excluded because a value that is needed is" in (
         " ".join(rows)
     )
-
-
-def test_samples_that_a_log_lacks_are_counted(tmp_path_factory):
-    """Those of the noise record's gaps."""
-    facts, rows = stated(sample_run(tmp_path_factory, "gyro_noise"), "gyro_noise")
-    assert facts == (LeftOut("samples", 137, 21600, "missing", "static.csv"),)
-    assert rows == ["137 of 21600 samples of static.csv were not in the log."]
 
 
 @pytest.mark.parametrize("what", ["rows", "samples", "positions", "stations"])

@@ -2,8 +2,6 @@
 they state: exit code 3, one line.
 """
 
-import io
-import json
 import os
 import struct
 import sys
@@ -12,7 +10,7 @@ import zlib
 import numpy as np
 import pytest
 
-from calibkit.errors import FrameError, LogFormatError, UsageError
+from calibkit.errors import FrameError, LogFormatError
 from calibkit.readers import limited, registry
 from calibkit.recipe.logs import Logs
 
@@ -61,14 +59,6 @@ def test_a_cell_at_the_end_of_the_sheet_is_refused_in_one_line(tmp_path, calibki
     assert (outcome.code, outcome.err.count("\n")) == (3, 1)
 
 
-def test_the_next_log_is_read_after_one_that_broke_the_parser(tmp_path):
-    """A parser that ended takes no other log with it."""
-    far = workbook(tmp_path / "far.xlsx", zip(ROWS, ROWS, strict=True), "XFD1048576")
-    good = workbook(tmp_path / "good.xlsx", zip(ROWS, ROWS, strict=True))
-    refused(far)
-    assert read(good).frame["gyro_dph"].tolist() == ROWS.tolist()
-
-
 @LINUX
 def test_a_small_parquet_file_that_needs_gigabytes_is_refused(tmp_path, small):
     """Columns of one value take kilobytes on disk and gigabytes in memory."""
@@ -107,13 +97,6 @@ def test_a_parser_that_takes_too_long_is_ended(tmp_path, monkeypatch):
         limited._PROCESS.end()
         assert "MB or 0 s" in refused(path)
     assert len(read(path).frame) == 50
-
-
-def test_what_a_parser_may_take_is_a_number_of_megabytes(tmp_path, monkeypatch):
-    """Anything else in the environment variable is refused by name."""
-    monkeypatch.setenv(limited.SETTING, "lots")
-    with pytest.raises(UsageError, match="expected megabytes"):
-        read(workbook(tmp_path / "log.xlsx", [(0.0, 1.0), (1.0, 2.0)]))
 
 
 @pytest.mark.parametrize("kind", ["csv", "tsv", "parquet"])
@@ -164,32 +147,6 @@ def test_bytes_that_were_added_or_lost_are_refused(tmp_path, write, damage):
     }[damage]
     path.write_bytes(damaged)
     refused(path)
-
-
-def test_a_page_whose_checksum_is_wrong_is_refused(tmp_path):
-    """Parquet files may hold checksums of their pages: one changed bit of a value is noticed."""
-    pyarrow, parquet = (pytest.importorskip(f"pyarrow{part}") for part in ("", ".parquet"))
-    sink = io.BytesIO()
-    table = pyarrow.table({name: np.sin(ROWS) for name in NEEDED})
-    parquet.write_table(
-        table, sink, compression="none", use_dictionary=False, write_page_checksum=True
-    )
-    content = bytearray(sink.getvalue())
-    at = content.index(struct.pack("<d", np.sin(7.0)))
-    (tmp_path / "log.parquet").write_bytes(content)
-    read(tmp_path / "log.parquet")
-    content[at + 3] ^= 4
-    (tmp_path / "log.parquet").write_bytes(content)
-    assert "could not verify page integrity, CRC checksum" in refused(tmp_path / "log.parquet")
-
-
-def test_truth_among_numbers_is_no_number(tmp_path):
-    """`true` in JSON and TRUE in a workbook were read as 1."""
-    rows = [{"time_s": float(k), "gyro_dph": True if k == 5 else float(k)} for k in range(20)]
-    (tmp_path / "log.json").write_text(json.dumps(rows), encoding="utf-8")
-    assert "value 6 of 'gyro_dph': found 'true'" in refused(tmp_path / "log.json")
-    path = workbook(tmp_path / "log.xlsx", [(float(k), k == 5 or float(k)) for k in range(20)])
-    assert "log.xlsx:7: column 'gyro_dph': found 'TRUE'" in refused(path)
 
 
 @pytest.mark.parametrize("mark", [";", "1", "-"])

@@ -1,8 +1,6 @@
 """A log on disk is fitted like one in memory: the same numbers, and nothing left behind."""
 
-import tempfile
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,10 +11,10 @@ import scratch
 from calibkit import instruments, recipe
 from calibkit.check import examination
 from calibkit.commands import pipeline
-from calibkit.errors import OutputError, RecipeError, UsageError
+from calibkit.errors import RecipeError
 from calibkit.instruments.bias import ramps
 from calibkit.logs import log_files, logs_on_disk, write_back
-from calibkit.numeric import anomalies, chunks
+from calibkit.numeric import anomalies
 from calibkit.records import store
 from calibkit.records.frame import Log
 from sample_runs import DATE, SERIAL, sample_logs, sample_run
@@ -124,19 +122,6 @@ def test_a_run_from_disk_is_that_of_logs_in_memory(
     assert files_of(tmp_path / SERIAL / "r001") == files_of(memory.folder)
 
 
-def test_dwells_do_not_depend_on_the_length_of_spans(monkeypatch, tmp_path, tmp_path_factory):
-    """Coefficients from spans of 257 rows and from one span agree to 1e-10."""
-    whole = sample_run(tmp_path_factory, "accelerometer_magnitude")
-    monkeypatch.setattr(chunks, "ROWS", 257)
-    data = sample_logs(tmp_path_factory, "accelerometer_magnitude")
-    source = recipe.find("accelerometer_magnitude")
-    cut = pipeline.fit(source, data, SERIAL, tmp_path, DATE, instruments.silent).run
-    for file, record in whole.records.items():
-        for one, other in zip(record.models, cut.records[file].models, strict=True):
-            values = [[entry.value for entry in model.coefficients] for model in (one, other)]
-            np.testing.assert_allclose(*values, rtol=1e-10, atol=1e-14)
-
-
 def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(
     calibkit, monkeypatch, tmp_path, tmp_path_factory
 ):
@@ -186,33 +171,6 @@ def test_check_tells_of_a_log_on_disk_what_it_tells_of_one_in_memory(folder, mon
         reports.append(examined.report)
     assert reports[0] == reports[1]
     assert reports[0].held
-
-
-def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_path):
-    """A clock that runs backwards in a later piece is refused with its line, and leaves no scratch
-    file.
-    """
-    lines = (folder / FILE).read_text("utf-8").splitlines()
-    lines[3000], lines[3001] = lines[3001], lines[3000]
-    (tmp_path / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
-    before = set(Path(tempfile.gettempdir()).glob("calibkit-*"))
-    outcome = calibkit("fit", "fog_thermal", data=tmp_path, serial="S", out=tmp_path / "runs")
-    assert outcome.code != 0
-    assert f"{FILE}:3002: column 'time_s': time runs backwards" in outcome.err
-    assert set(Path(tempfile.gettempdir()).glob("calibkit-*")) == before
-
-
-def test_a_full_disk_is_an_error_that_says_where(monkeypatch):
-    """More scratch than any disk has is refused before anything is written."""
-    with pytest.raises(OutputError, match="no room for"):
-        logs_on_disk._allocate_column(1 << 52)
-
-
-def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
-    """The environment variable is named."""
-    monkeypatch.setenv(logs_on_disk.SETTING, "many")
-    with pytest.raises(UsageError, match="CALIBKIT_LARGEST_LOG_MB=many"):
-        prepared(folder)
 
 
 @given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14))

@@ -60,13 +60,6 @@ def test_a_spike_stands_out_of_counts_that_hardly_change():
     assert pooled_fit.spikes(counts, held).tolist() == [77]
 
 
-def test_blocks_of_two_samples_show_no_spike():
-    """Of two samples none can be told to be the wild one."""
-    values = np.zeros(40)
-    values[5] = 100.0
-    assert not pooled_fit.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).size
-
-
 def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     """With gaps and jitter each interval that holds a sample has its mean, in order."""
     time = np.sort(RNG.choice(3000, 1200, replace=False)).astype(np.float64)
@@ -83,11 +76,3 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     ]
     assert means == pytest.approx([float(np.mean(block)) for block in expected], abs=1e-12)
     assert np.all(np.diff(middle) > 0.0)
-
-
-def test_a_block_of_spikes_alone_keeps_its_mean():
-    """A block of which nothing would be kept is not lost."""
-    means = pooled_fit.means_without_spikes(
-        np.arange(30.0), blocks_of(10, 3), excluded=np.arange(10, 20)
-    )
-    assert means == pytest.approx([4.5, 14.5, 24.5])

@@ -2,7 +2,6 @@
 log, or is refused with what it is.
 """
 
-import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
@@ -186,29 +185,6 @@ def test_what_is_left_out_is_counted_and_listed(tmp_path):
     assert (log.line(5), log.line(6)) == (7, 11)
 
 
-def test_a_torn_line_keeps_its_place_where_rows_count_the_time(tmp_path):
-    """A log with rate_hz and no time column: rows behind a torn line are one sample later."""
-    rows = [row.split(",", 1)[1] for row in BODY]
-    rows[6] = "-0.3-0.31"
-    content = text("temp_case_degc,gyro_dph", *rows)
-    spec, names = read(Odd(content, f"rate_hz = 0.5\n{DROP}"), tmp_path)
-    log = log_files.read_log(spec, tmp_path / names[0], names[0], ("time_s", "temp_case_degc"))
-    np.testing.assert_array_equal(log.frame["time_s"][4:8], [8.0, 10.0, 14.0, 16.0])
-
-
-def test_lines_of_a_part_of_a_split_log_are_left_out(tmp_path):
-    """An exclusion of lines may name a file of a split log; those of the other files stay."""
-    for k, rows in ((1, BODY[:40]), (2, [*BODY[40:45], "-0.3-0.31", *BODY[45:]])):
-        (tmp_path / f"a{k}.csv").write_text(text(HEADER, *rows), encoding="utf-8")
-    head = 'exclude = [{ log = "a2.csv", lines = [7], reason = "r", person = "p" }]'
-    words = RECIPE.format(head=head, suffix="*.csv", logs="split = true", tables="")
-    spec = instruments.parse_recipe(recipe.Source("r.toml", words))
-    (name,) = log_files.find_logs(spec, tmp_path)
-    log = instruments.find(spec.procedure).read(spec, tmp_path, name)
-    assert (len(log.frame), log.excluded_rows) == (len(BODY), 1)
-    assert log.place(45) == "a2.csv:8"
-
-
 @pytest.mark.parametrize(
     ("factor", "rows", "words", "key"),
     [
@@ -234,27 +210,6 @@ def test_stamps_that_are_no_seconds_are_questioned(factor, rows, words, key, tmp
     assert log.frame["time_s"].iloc[1] == 2.0 * factor
 
 
-@pytest.mark.parametrize(("step", "count"), [(1000.0, 1), (899.0, 0)])
-def test_stamps_that_could_be_seconds_are_noted(step, count, tmp_path):
-    """A row every quarter of an hour can be one of seconds: it is read, with a question."""
-    spec, names = read(Odd(text(HEADER, *clocked(lambda s: s / 2.0 * step))), tmp_path)
-    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
-    assert sum("milliseconds or microseconds?" in note for note in log.notes) == count
-
-
-def test_messages_on_a_clock_that_starts_late_keep_its_digits(tmp_path):
-    """The time of a gap, and of an exclusion without rows, has every digit of the log."""
-    rows = clocked(lambda s: f"{256551300.5 + s:.2f}")
-    spec, names = read(Odd(text(HEADER, *rows[:40], *rows[80:])), tmp_path)
-    instrument = instruments.find(spec.procedure)
-    with pytest.raises(CalibkitError, match=r"a gap of 82 s at 256551378\.5 s"):
-        instrument.fit(spec, tmp_path, names, instruments.silent)
-    ends = exclude("from_s = 256551379.25, to_s = 256551380.125")
-    assert "no row between 256551379.25 s and 256551380.125 s" in refusal(
-        Odd(text(HEADER, *rows[:40], *rows[80:]), head=ends), tmp_path
-    )
-
-
 def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, calibkit):
     """What `check` advises, given to --set, is an exclusion of those rows."""
     rows = [*BODY[:30], *(row.rsplit(",", 1)[0] + "," for row in BODY[30:33]), *BODY[33:]]
@@ -268,37 +223,7 @@ def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, c
     assert calibkit(*arguments, "--set", advised.replace("exclude = ", "exclude=")).code == 0
 
 
-def test_cells_that_were_filled_down_are_a_notice(tmp_path):
-    """Merged cells that are filled down are counted and located, those of a heading are not."""
-    spec, names = read(ODD["a workbook with merged temperature cells"], tmp_path)
-    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
-    (note,) = [note for note in log.notes if "filled down" in note]
-    assert note.startswith("40 merged cell(s) filled down: rows 2-4 of column 2, rows 5-7")
-    assert note.endswith("and 32 more")
-    spec, names = read(ODD["a workbook with title, units row and merged heading"], tmp_path)
-    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
-    assert not any("filled down" in note for note in log.notes)
-
-
 def test_footer_of_a_workbook_is_named(tmp_path):
     """A word below the rows of a workbook is refused as a footer."""
     footed = Odd(workbook(NUMBERS, above=[NAMES], below=[("Mean", 15.7, 9.1)]), suffix=".xlsx")
     assert "a footer? Set footer_lines = 1 in [logs.text]" in refusal(footed, tmp_path)
-
-
-def test_keys_that_a_recognised_format_says_itself_are_refused(tmp_path):
-    """A decimal mark stated for a LabVIEW file, whose header states its own, is not passed over."""
-    odd = Odd(TABLES["a LabVIEW file with a footer"].content, 'text = { decimal = "," }')
-    words = refusal(odd, tmp_path)
-    assert "a.csv: [logs.text] states decimal, the file is of format 'lvm'" in words
-
-
-def test_what_was_expected_is_said_once(tmp_path, calibkit):
-    """The finding of a log that cannot be read repeats no expectation of its error."""
-    odd = Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]))
-    (tmp_path / "a.csv").write_bytes(odd.data)
-    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
-    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
-    said = calibkit("check", tmp_path / "r.toml", "--data", tmp_path).out
-    (line,) = (line for line in said.splitlines() if "REFUSED" in line)
-    assert line.count("expected") == 1

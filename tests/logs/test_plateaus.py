@@ -76,34 +76,6 @@ def test_no_sample_of_an_acceleration_is_used():
         assert np.abs(rate[first - 1 : stop] / level - 1.0).max() <= 1e-3
 
 
-def test_the_intervals_beside_an_acceleration_are_not_used():
-    """Without settling time the rows before the first and after the last used one still have the
-    held rate.
-    """
-    time, rate = staircase([10.0, 20.0])
-    spans = find(time, rate, rules=PlateauSpec(settle_s=0.0))
-    for (first, stop), level in zip(spans, (10.0, 20.0), strict=True):
-        assert (rate[[first - 1, stop]] == level).all() or stop == rate.size - 1
-        assert rate[first - 1] == level
-
-
-def test_settling_time_is_dropped_after_each_change():
-    """With 2 s of settling the first used row is more than 2 s after the rate was reached."""
-    time, rate = staircase([10.0], held=200)
-    first, _ = find(time, rate, rules=PlateauSpec(settle_s=2.0))[0]
-    reached = np.flatnonzero(rate == 10.0)[0]
-    assert time[first] - time[reached] > 2.0
-    assert time[first] - time[reached] < 2.3
-
-
-def test_noise_of_the_rate_does_not_hide_plateaus():
-    """A tachometer noise of 0.01 °/s leaves three plateaus of 30 s at 1, 2 and 5 °/s."""
-    time, rate = staircase([1.0, 2.0, 5.0], held=300)
-    noisy = rate + np.random.default_rng(0).normal(0.0, 0.01, rate.size)
-    spans = find(time, noisy)
-    assert [round(float(noisy[a:b].mean()), 2) for a, b in spans] == [1.0, 2.0, 5.0]
-
-
 def test_a_flickering_resolution_does_not_hide_plateaus():
     """A rate logged to 0.01 °/s that flickers by one or two digits at 0.305 °/s leaves two
     plateaus; steps stay steps.
@@ -123,14 +95,6 @@ def test_a_slow_creep_into_a_rate_is_cut_off():
     first, stop = find(time, rate)[-1]
     assert np.abs(rate[first:stop] - 10.0).max() <= 0.0101
     assert stop - first > 550
-
-
-def test_a_gap_in_the_log_ends_a_plateau():
-    """Five seconds without samples make two plateaus of one held rate."""
-    time, rate = staircase([10.0], held=200)
-    later = np.where(np.arange(time.size) > 100, time + 5.0, time)
-    assert len(find(time, rate)) == 1
-    assert len(find(later, rate)) == 2
 
 
 def test_the_angle_shows_an_acceleration_that_the_commanded_rate_hides():
@@ -201,14 +165,6 @@ def test_the_correction_of_a_partial_turn_is_in_its_uncertainty():
     assert np.mean(stated) > 5.0 * 3.0 / np.sqrt(2000)
 
 
-def test_the_tables_own_unevenness_is_no_noise_of_the_gyro():
-    """A table uneven by 2e-5, 20 counts at 100 °/s, leaves the stated noise of 3 counts a sample to
-    20 %.
-    """
-    found = averaged(table_log((50.0, 100.0, -100.0), unevenness=2e-5))
-    assert found.standard_uncertainty[:, 0] == pytest.approx(3.0 / np.sqrt(samples(found)), rel=0.2)
-
-
 def test_less_than_a_revolution_is_corrected_where_the_angle_is_logged():
     """Plateaus of a quarter turn have the horizontal earth rate taken out to 4 of their standard
     uncertainties.
@@ -251,14 +207,6 @@ def test_plateaus_at_rest_without_an_angle_are_left_out():
     without = averaged(still, angle=False)
     assert np.abs(without.rate_dps).min() > 1.0
     assert any("at rest left out" in flag for flag in without.flags)
-
-
-def test_a_table_that_turns_faster_than_half_a_revolution_a_sample_is_unwrapped():
-    """At 400 °/s and 2 Hz the angle advances 200° a sample; its rate agrees with the table's to 1
-    ppm.
-    """
-    found = averaged(table_log((400.0, -400.0)))
-    assert found.angle_rate_dps == pytest.approx(found.rate_dps, rel=1e-6)
 
 
 def test_the_stated_noise_of_the_means_covers_their_errors():
@@ -314,14 +262,6 @@ def test_each_gyro_of_a_log_has_the_noise_of_its_own_column():
     assert u[:, 1] == pytest.approx(2.0 * u[:, 0], rel=1e-6)
 
 
-def test_temperature_is_averaged_over_the_same_samples():
-    """A temperature that rises with time has each plateau's mean, to rounding."""
-    log = table_log((20.0, 50.0))
-    found = means(log["time_s"], log["table_rate_dps"], log["gyro_x_lsb"], temp_degc=log["time_s"])
-    for (first, stop), mean in zip(found.span, found.temp_degc, strict=True):
-        assert log["time_s"][first] < mean < log["time_s"][stop - 1]
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -345,21 +285,3 @@ def test_what_cannot_be_averaged_is_refused(change, words):
             log["gyro_x_lsb"],
             angle=log["table_angle_deg"],
         )
-
-
-def test_plateaus_too_short_are_refused_and_never_joined():
-    """Plateaus of three samples at 22 rates are no held rate; two rates are never averaged into
-    one.
-    """
-    rate = np.repeat(simulate.both_ways(), 3)
-    with pytest.raises(FitError, match="no held rate"):
-        find(np.arange(rate.size) * 2.0, rate)
-
-
-def test_rules_decide_how_short_a_plateau_may_be():
-    """Plateaus of 1.5 s are found when allowed, and refused by default."""
-    time, rate = staircase([10.0, 20.0], held=15)
-    rules = PlateauSpec(shortest_s=1.0, settle_s=0.2)
-    assert len(find(time, rate, rules=rules)) == 2
-    with pytest.raises(FitError, match="no held rate of 2 s"):
-        find(time, rate)

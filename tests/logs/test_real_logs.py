@@ -2,8 +2,6 @@
 else.
 """
 
-import json
-
 import numpy as np
 import pytest
 
@@ -124,21 +122,6 @@ gyro_y_dph = { from = "gy_dps", unit = "deg/s" }
 gyro_z_dph = { from = "gz_dps", unit = "deg/s" }
 """
 
-CAVE = """
-procedure = "accelerometer"
-[logs]
-files = ["SAP6_??.json"]
-format = "json"
-table = "grav"
-names = ["x", "y", "z"]
-[site]
-gravity_mps2 = 9.81
-[columns]
-accel_x_g = { from = "x", unit = "m/s^2" }
-accel_y_g = { from = "y", unit = "m/s^2" }
-accel_z_g = { from = "z", unit = "m/s^2" }
-"""
-
 
 def logs(text, folder, needed):
     """Return the logs that a recipe finds in a folder, by their names, as arrays [n, columns]."""
@@ -215,16 +198,6 @@ def test_binary_records_see_the_earth_as_their_csv_does(real):
     up, down = (binary[f"x_LN100_{way}"][:, 1].mean() for way in ("up", "down"))
     assert round(float(up - down) / 2.0, 2) == 11.73
     assert round(float(up + down) / 2.0, 2) == -0.25
-
-
-def test_arrays_in_json_are_columns(real):
-    """Cave inclinometers: 24 readings of three axes of one member."""
-    folder = real / "cave_inclinometer"
-    found = logs(CAVE, folder, ACCEL)
-    assert sorted(found) == ["SAP6_BB", "SAP6_CF", "SAP6_HC"]
-    for name, columns in found.items():
-        raw = np.array(json.loads((folder / f"{name}.json").read_text(encoding="utf-8"))["grav"])
-        np.testing.assert_allclose(columns, raw / GRAVITY, rtol=1e-15)
 
 
 def test_a_warm_up_goes_in_by_the_shipped_recipe(real):

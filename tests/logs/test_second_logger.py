@@ -10,7 +10,6 @@ import pytest
 
 import calibkit as calibkit_api
 from calibkit import instruments, recipe
-from calibkit.fleet import device
 from calibkit.instruments.bias import simulate_fog as simulate
 from calibkit.records import coefficients
 
@@ -141,24 +140,6 @@ def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
     assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])
 
 
-def test_a_fleet_fits_again_when_a_chamber_log_has_changed(tmp_path, columns, log_writer):
-    """A run stands for the second logger's file that its run.json names by digest, not for
-    another of the same name.
-    """
-    write(tmp_path / "units" / "S", columns, log_writer)
-    source = recipe.Source("r.toml", text(ESTIMATE))
-    (tmp_path / "runs").mkdir()
-    plan = device.DeviceTask(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
-    assert device.fit_device(plan, "S").before is False
-    assert device.fit_device(plan, "S").before is True
-    (tmp_path / "units" / "S" / f"chamber_{LOG}.csv").unlink()
-    write(tmp_path / "again", columns, log_writer, keep=slice(None, None, 10))
-    (tmp_path / "again" / f"chamber_{LOG}.csv").rename(
-        tmp_path / "units" / "S" / f"chamber_{LOG}.csv"
-    )
-    assert device.fit_device(plan, "S").run == "r002"
-
-
 def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
     """Rows of the log in a gap of the chamber log are left out and counted, never interpolated."""
     rows = np.r_[0:2000:5, 2100 : columns["time_s"].size : 5]
@@ -172,15 +153,6 @@ def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
         finding.name == "gap" and finding.refused
         for finding in procedure.faults(spec, log).findings
     )
-
-
-def test_a_stated_clock_is_used_as_it_is(tmp_path, columns, log_writer):
-    """Stated offset and uncertainty need no shared quantity."""
-    write(tmp_path, columns, log_writer, probe=False)
-    table = f'clock = "stated"\noffset_s = {OFFSET_S}\nstandard_uncertainty_s = 0.5'
-    log = joined(tmp_path, table)
-    true = np.interp(log.frame["time_s"], columns["time_s"], columns["temp_env_degc"])
-    assert np.sqrt(np.mean((log.frame["temp_env_degc"] - true) ** 2)) < 0.12  # °C
 
 
 @pytest.mark.parametrize(
@@ -211,13 +183,3 @@ def test_a_case_thermometer_is_not_taken_for_the_air(tmp_path, columns, log_writ
         "the best clock offset lies at the end of the search" in outcome.out
         or "do not show one quantity" in outcome.out
     )
-
-
-def test_a_missing_chamber_file_is_named(tmp_path, columns, log_writer, calibkit):
-    """No file of the pattern: exit 3 with the pattern's advice."""
-    write(tmp_path / "logs", columns, log_writer)
-    (tmp_path / "logs" / f"chamber_{LOG}.csv").unlink()
-    (tmp_path / "r.toml").write_text(text(ESTIMATE), encoding="utf-8")
-    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs")
-    assert outcome.code == 3
-    assert "{log}" in outcome.out

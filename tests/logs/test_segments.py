@@ -89,25 +89,6 @@ def test_a_log_is_cut_into_soak_ramp_soak_that_cover_every_row():
     assert abs(time[cut[1].start] - 600.0) < 40.0
 
 
-def test_a_short_swing_is_no_ramp():
-    """An overshoot of 2 °C is part of the soak."""
-    time = np.arange(1200.0)
-    air = 20.0 + 2.0 * np.exp(-(((time - 600.0) / 60.0) ** 2))
-    slope = segments.causal_slope(time, air, 60.0)
-    cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
-    assert [piece.kind for piece in cut] == ["soak"]
-
-
-def test_a_ramp_that_pauses_briefly_is_one_ramp():
-    """Half a minute of standstill does not make two ramps; ten minutes do."""
-    for pause, expected in ((30, 1), (600, 2)):
-        steps = np.concatenate([np.full(300, 5 / 60), np.zeros(pause), np.full(300, 5 / 60)])
-        air = np.cumsum(steps)
-        slope = segments.causal_slope(np.arange(air.size, dtype=float), air, 60.0)
-        cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
-        assert sum(piece.kind == "ramp" for piece in cut) == expected
-
-
 def coarse_ramp(rate, step, phase=0.0):
     """Time [s], air of one ramp of 60 °C between soaks with a compressor's cycling, read in coarse
     steps, and where it ends.
@@ -139,37 +120,3 @@ def test_a_thermometer_of_one_degree_gives_the_rate_of_a_ramp(rate, step, phase)
     assert ramp.rate == pytest.approx(rate, rel=0.01 if slow else 0.05)
     assert 500.0 < ramp.start < 950.0
     assert ramp.stop < end + 300.0
-
-
-def test_the_plain_window_biases_the_rate_of_a_coarse_thermometer():
-    """What the longer windows are for: over a minute, steps of 1 °C make 14 % too much of 1
-    °C/min.
-    """
-    time, air, _ = coarse_ramp(1.0, 1.0, 0.3)
-    plain = segments.causal_slope(time, air, 60.0)[1000:4000]
-    assert np.median(plain) > 1.1
-    assert np.median(segments.measured_slope(time, air, 60.0)[1000:4000]) == pytest.approx(
-        1.0, abs=0.01
-    )
-
-
-def test_a_fine_thermometer_is_left_to_its_window():
-    """In steps of 0.1 °C nothing changes, bit by bit."""
-    time, air, _ = coarse_ramp(3.0, 0.1)
-    assert segments.quantum(air) == pytest.approx(0.1, abs=1e-9)
-    assert np.array_equal(
-        segments.measured_slope(time, air, 60.0), segments.causal_slope(time, air, 60.0)
-    )
-
-
-def test_the_slope_of_a_coarse_thermometer_does_not_look_ahead():
-    """Two logs that are equal up to an instant have equal slopes there, as long as both read in the
-    same steps.
-    """
-    time, air, _ = coarse_ramp(1.0, 1.0)
-    changed = air.copy()
-    changed[2000:] += 7.0
-    before, after = (
-        segments.measured_slope(time, values, 60.0)[:2000] for values in (air, changed)
-    )
-    assert after == pytest.approx(before, abs=1e-9)

@@ -93,18 +93,3 @@ def test_a_chamber_that_is_logged_once_a_minute_makes_no_step():
     case = np.clip(10.0 * (time - 36000.0) / 60.0, -30.0, 60.0)
     log = SimpleNamespace(frame=pd.DataFrame({"time_s": time, "temp_case_degc": case}))
     assert thermometers.check_steps(log, "temp_case_degc") == []
-
-
-def test_a_unit_in_the_header_that_the_columns_name_contradicts_is_named(bias):
-    """`temp_case_degc (degF)` says two things; what was taken is printed, to be pinned."""
-    log = bias.logs["log_0.csv"]
-    names = ("time_s", "temp_case_degc (degF)", "gyro_dph")
-    found, _, said = bias.outcome("log_0.csv", silent.Text(names, log.rows).format().encode())
-    assert found == "found"
-    assert "degF, as the log states, though its name says degC" in said
-
-
-def test_whole_logs_give_no_finding(inclinometer, bias):
-    """The damages are what is found: without them nothing is said of the thermometers."""
-    assert not [text for text in inclinometer.spoken | bias.spoken if "thermometer" in text]
-    assert np.isfinite([u for _, u in (inclinometer.usual | bias.usual).values()]).all()

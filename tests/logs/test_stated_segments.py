@@ -31,16 +31,6 @@ def test_a_pinned_ramp_has_the_rate_measured_in_it(tmp_path):
     assert all(part.pinned for part in found.held)
 
 
-def test_pinned_rates_are_the_plateaus(tmp_path):
-    """Three pinned stretches of a table run are its held rates, and nothing else is."""
-    spans = [(20.0, 80.0), (120.0, 180.0), (380.0, 500.0)]
-    found = examined(
-        "rate_table", "room_1.csv", [("room_1.csv", "rate", *span) for span in spans], tmp_path
-    )
-    assert [part.kind for part in found.held] == ["rate"] * len(found.held)
-    assert {part.start for part in found.held} <= {19, 119, 379}
-
-
 def test_a_segment_of_the_wrong_kind_or_place_is_refused(tmp_path):
     """A dwell in a chamber log, a segment behind the log's end: named with what was expected."""
     found = examined(

@@ -2,7 +2,6 @@
 accepts after what only a person can know.
 """
 
-import re
 import tomllib
 
 import pytest
@@ -94,28 +93,3 @@ def test_what_a_person_must_state_is_refused_until_it_is_stated(proposed):
         folder, text = proposed[name]
         for edit in (("", ""), *EDITS[name][:-1]):
             assert not accepts(folder, text.replace(*edit, 1)), (name, edit)
-
-
-def test_two_loggers_are_joined(proposed):
-    """[chamber] of a monitor of the day and of recorded replies: by the stamps of both."""
-    for name, file in (
-        ("German table of a gyro, and the chamber's monitor of the day", "Klimaschrank.csv"),
-        ("gyro table and recorded replies of a Vötsch chamber", "chamber.txt"),
-    ):
-        table = tomllib.loads(proposed[name][1])["chamber"]
-        assert (table["files"], table["clock"]) == ([file], "same")
-        assert table["provides"] == ["temp_env_degc"]
-
-
-def test_what_was_found_in_a_log_is_pinned(proposed):
-    """A torn line, a footer, tables behind each other or side by side, and units by the numbers."""
-    pinned = {
-        "serial capture with a torn line and no header": 'torn_lines = "drop"',
-        "stations of a tool, typed row by row": "footer_lines = 1",
-        "MATLAB sweeps, one row per held rate, ± apart": 'tables = ["cw", "ccw"]',
-        "static IMU swept over a chamber's range in one HDF5 file": 'table = "*"',
-        "JSON of a calibrator, two tables": 'table = "grav"',
-        "flight controller's export, a topic a file, microseconds": 'unit = "us" # by its spacing',
-    }
-    for name, words in pinned.items():
-        assert re.search(f"(?m)^{re.escape(words)}", proposed[name][1]), name

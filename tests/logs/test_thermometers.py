@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-import bench_physics as bench
 from calibkit import recipe
 from calibkit.check import thermometers
 from calibkit.instruments.bias import simulate_fog as simulate
@@ -120,30 +119,6 @@ def test_a_case_that_short_soaks_do_not_settle_is_not_told_as_degf(rate, lag, he
         assert [finding.name for finding in found] == expected
 
 
-@pytest.mark.parametrize("soak", [60.0, 300.0])
-@pytest.mark.parametrize("rate", [3.0, 5.0, 10.0])
-@pytest.mark.parametrize("offset", [0.0, 3.0])
-def test_a_case_behind_several_lags_is_not_told_as_degf(soak, rate, offset, tmp_path):
-    """Three layers behind each other, soaks of 60 s: one lag fits better in °F than in °C, and
-    proves nothing; found in 8 of these 12 logs before.
-    """
-    time = np.arange(0.0, 2.0 * soak + 6000.0 / rate, 2.0)
-    air = bench.lagged(np.clip(-40.0 + rate * (time - soak) / 60.0, -40.0, 60.0), time, 30.0)
-    case = air
-    for lag in (60.0, 200.0, 600.0):
-        case = bench.lagged(case, time, lag)
-    write_log(
-        tmp_path / "a.csv",
-        time_s=time,
-        temp_case_degc=case + offset,
-        temp_env_degc=air,
-        gyro_dph=np.zeros_like(time),
-    )
-    spec = recipe.find("fog_thermal").table(FogThermalRecipe)
-    log = log_files.read_log(spec, tmp_path / "a.csv", "a.csv", COLUMNS)
-    assert thermometers.check_pair(log, "temp_case_degc", "temp_env_degc") == []
-
-
 def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, calibkit):
     """From the middle of a ramp into its soak: the case comes nearer to the air as the ramp ends,
     and leads it nowhere.
@@ -164,19 +139,6 @@ def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, c
     outcome = calibkit("check", "fog_thermal", "--data", data)
     assert outcome.out.startswith("1 of 1 log ok"), outcome.out
     assert "swapped" not in outcome.out
-
-
-def test_swapped_columns_are_told_without_a_soak_after_the_ramp(ramps, tmp_path, calibkit):
-    """From rest into the ramp's first quarter: only the lead that the case gains tells it."""
-    name = "ramp_heating_10.csv"
-    air = ramps[name]["temp_env_degc"]
-    begun = int(np.flatnonzero(air > air[0] + 2.0)[0])
-    part = {column: rows[begun - 80 : begun + 150] for column, rows in ramps[name].items()}
-    outcome = calibkit(
-        "check", "fog_thermal", data=logs({name: part}, tmp_path / "logs", exchanged)
-    )
-    assert outcome.code == 3
-    assert "the case gains" in outcome.out
 
 
 def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, calibkit):
@@ -236,22 +198,6 @@ def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_p
         assert words in outcome.out
 
 
-def test_a_clock_in_minutes_is_not_told_as_swapped_columns(ramps, tmp_path, calibkit):
-    """Times in minutes or milliseconds: the time is named, first of all where the fit is refused;
-    the columns are not.
-    """
-    for factor, unit in ((1.0 / 60.0, "min"), (1000.0, "ms")):
-        data = logs(
-            ramps, tmp_path / unit, lambda c, factor=factor: c | {"time_s": c["time_s"] * factor}
-        )
-        outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
-        assert "swapped" not in outcome.out
-        assert outcome.out.count(f'[columns.time_s] unit = "{unit}"') >= len(ramps)
-        fitted = calibkit("fit", "fog_thermal", data=data, serial="S", out=tmp_path / "runs")
-        assert fitted.code == 3
-        assert f'[columns.time_s] unit = "{unit}"' in fitted.err
-
-
 def test_a_name_that_ends_in_another_unit_needs_its_unit_stated(ramps, tmp_path, calibkit):
     """temp_case_degf mapped without a unit was taken in °C: refused with the line to write; with
     the unit it is read.
@@ -295,7 +241,6 @@ def in_degf(measured, *names):
 
 SETS = levels(T_m40=-39.2, T_0=0.7, T_25=26.1, T_60=61.3)
 RAMPS = levels(a=(-38.1, 61.8), b=(-40.2, 60.4), c=(-38.4, 62.0), d=(-39.0, 61.0))
-PARTIAL = levels(full=(-40.0, 70.0), cold=(-40.0, 21.0), warm=(20.0, 71.0))
 DATED = levels(
     d24_T20=20.3, d24_T60=61.0, d25_T20=20.4, d25_T60=60.8, d25_T40=41.0, room_1=25.0, room_33=25.1
 )
@@ -321,32 +266,6 @@ def test_logs_in_degf_are_told_by_their_names_or_the_ends_of_others(measured, na
     assert {(file.removesuffix(".csv"), found.severity) for file, found in told} == {
         (name, "refuse") for name in names
     }
-
-
-@pytest.mark.parametrize(
-    "measured",
-    [
-        PARTIAL,
-        levels(run_1=35.0, run_2=35.6, run_3=37.4, run_4=39.2),
-        levels(ramp_1=(-40.0, 60.0), ramp_15=(-40.0, 60.0), ramp_30=(-40.0, 60.0)),
-        levels(a=10.0, b=50.0, c=-10.0, d=32.0, e=0.0),
-    ],
-)
-def test_numbers_and_ranges_that_are_no_set_points_are_not_told_as_degf(measured):
-    """Counted runs near 35 °C, rates, parts of a range, levels of which some are 1.8 x + 32 of
-    others: nothing is refused.
-    """
-    assert not [f for _, f in thermometers.find_other_units(measured) if f.severity == "refuse"]
-
-
-def test_a_thermometer_that_belies_its_name_is_told_where_the_others_do_not():
-    """25 °C in the log of −40 beside three that show what they are named after: flagged with its
-    level; where two show something else nobody can say what numbers mean.
-    """
-    ((file, found),) = thermometers.find_other_units(SETS | levels(T_40=25.2))
-    assert (file, found.severity) == ("T_40.csv", "warn")
-    assert "its name says 40" in found.found
-    assert thermometers.find_other_units(SETS | levels(T_40=22.0, T_50=22.0)) == []
 
 
 def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
@@ -382,26 +301,3 @@ def test_a_thermometer_late_in_one_ramp_is_told_beside_the_ramp_alike(ramps, tmp
         assert re.search(told.replace(" ", r"\s+"), outcome.out), outcome.out
     sound = calibkit("check", "fog_thermal", "--data", logs(some, tmp_path / "sound", dict))
     assert "later" not in sound.out
-
-
-def test_ramps_alike_of_sound_thermometers_are_not_told():
-    """Heating and cooling of 20 gyros behind one to three lags, between soaks alike and not."""
-    rng = np.random.default_rng(11)
-    for _ in range(20):
-        rate = float(rng.choice([1.0, 3.0, 5.0, 10.0]))
-        lags = rng.uniform(60.0, 500.0, rng.integers(1, 4))
-        driven = {}
-        for sign in (1.0, -1.0):
-            _, time, case, air = lagged_twice(sign * rate, lags, rng.choice([900.0, 2400.0]), rng)
-            driven[f"{sign}"] = (sign * rate, time[-1], thermometers.measure_lag(time, case, air))
-        assert thermometers.find_late(driven) == []
-
-
-def lagged_twice(rate, lags, soak, rng):
-    """Seconds, case and air of a ramp of a case behind several lags [s]."""
-    low, high = (-40.0, 60.0) if rate > 0.0 else (60.0, -40.0)
-    time, air = bench.chamber((low, high), (abs(rate),), 4.0, soak, rng)
-    case = air
-    for lag in lags:
-        case = bench.lagged(case, time, lag)
-    return rate, time, case + 2.0, air

@@ -72,14 +72,6 @@ def test_seconds_of_any_length_keep_their_last_digit():
     assert np.isnan(seconds("", "", form=times.DECIMAL).seconds).all()
 
 
-def test_each_midnight_adds_a_day_and_is_said():
-    """Three days of a clock without a date."""
-    hours = [f"{hour % 24:02d}:00:00" for hour in range(60)]
-    found = seconds(*hours)
-    assert np.array_equal(found.seconds, 3600.0 * np.arange(60))
-    assert found.notes == ("midnight passed 2 times",)
-
-
 @pytest.mark.parametrize(
     ("fields", "order", "expected"),
     [
@@ -96,13 +88,6 @@ def test_day_and_month_are_those_that_the_log_allows(fields, order, expected):
     found = seconds(*fields)
     assert found.seconds.tolist() == [0.0, expected]
     assert found.notes == (f"dates read {order} (time_format guessed)",)
-
-
-def test_an_order_that_does_not_matter_is_not_asked_for():
-    """Within one day the seconds are the same."""
-    found = seconds("03/04/2026 10:00:00", "03/04/2026 10:00:01")
-    assert found.seconds.tolist() == [0.0, 1.0]
-    assert "day and month could be either" in found.notes[0]
 
 
 @pytest.mark.parametrize(
