@@ -1,18 +1,15 @@
 """What calibkit 0.2.0 wrote (tests/golden/0.2), and how each of it is used again.
 
-`python tests/outputs/release_0_2.py` wrote the folder, with 0.2.0 at commit 949e426; it refuses to
-write it again. `use` gives the numbers of every command that reads a run of one recipe: the freezer
-kept them in `numbers.json`, the test compares them.
+0.2.0 at commit 949e426 wrote the folder. `use` gives the numbers of every command that reads a run
+of one recipe; those of 0.2.0 stand in `numbers.json`, and the test compares them.
 """
 
 import csv
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -242,69 +239,3 @@ def command_line(*arguments, codes=(0, 1)):
         message = f"{' '.join(command)}: exit code {ended.returncode}: {ended.stderr}"
         raise RuntimeError(message)
     return ended.stdout
-
-
-def freeze(recipe, folder):
-    """Write the files of a recipe, with logs that are made below a folder."""
-    sample, kept = SAMPLES[recipe], FOLDER / recipe
-    kept.mkdir(parents=True)
-    settings = [word for override in sample.overrides for word in ("--set", override)]
-    for revision in range(1, sample.runs + 1):
-        data = folder / f"{recipe}-{revision}"
-        data.mkdir()
-        for number, path in enumerate(sorted((ROOT / "datasets" / sample.logs).glob("*.csv"))):
-            text = path.read_text(encoding="utf-8")
-            (data / path.name).write_text(noisier(text, 10 * revision + number), encoding="utf-8")
-        if not sample.logs:
-            for seed in (2 * revision, 2 * revision + 1):
-                (data / f"warm_up_{seed}.csv").write_text(warm_up(seed), encoding="utf-8")
-        stated = ("--serial", SERIAL, "--out", kept, "--date", f"202{3 + revision}-11-24")
-        command_line("fit", recipe, "--data", data, *stated, *settings)
-    newest = kept / SERIAL / f"r{sample.runs:03}"
-    if not sample.logs:
-        unseen = kept / "unseen"
-        unseen.mkdir()
-        (unseen / "warm_up_9.csv").write_text(warm_up(9), encoding="utf-8")
-    if sample.field:
-        logs = ROOT / "datasets" / sample.logs if sample.logs else kept / "unseen"
-        lines = (logs / sample.field).read_text(encoding="utf-8").splitlines(keepends=True)
-        (kept / "field.csv").write_text("".join(lines[:65]), encoding="utf-8")
-    unseen = unseen_logs(recipe)
-    command_line("validate", newest, "--data", unseen, "--out", kept / "validation.json")
-    if sample.planned:
-        within = ("--within", "60h", "--restarts", "1")
-        command_line("plan", recipe, *within, "--out", kept / "plan")
-    for target in targets(recipe):
-        command_line(
-            "export", newest, "--target", target, "--out", kept / target, "--allow-rejected"
-        )
-    profile = ROOT / "reports" / "profiles" / f"{recipe}.toml"
-    key = ("--sign", sign_with(folder)) if recipe == PAIR else ()
-    stated = ("--profile", profile, "--out", folder / f"{recipe}.pdf", "--date", DATE)
-    command_line("certify", newest, *stated, *key)
-    shutil.copy(folder / f"{recipe}.xml", kept / "certificate.xml")
-    if recipe == PAIR:
-        shutil.copy(folder / f"{recipe}.pdf", kept / "certificate.pdf")
-    out = folder / f"{recipe}-used"
-    out.mkdir()
-    numbers = json.dumps(use(recipe, command_line, out), indent=0)
-    (kept / "numbers.json").write_text(numbers + "\n", encoding="utf-8")
-
-
-def sign_with(folder):
-    """Key file of a laboratory; the certificate of its authority is kept."""
-    from outputs import authority
-
-    issuer = authority.Authority()
-    issuer.write(FOLDER / PAIR / "authority.pem")
-    issuer.issue(folder / "laboratory.p12")
-    return folder / "laboratory.p12"
-
-
-if __name__ == "__main__":
-    if FOLDER.exists():
-        sys.exit(f"{FOLDER} was written by 0.2.0 and stays as it is")
-    with tempfile.TemporaryDirectory() as made:
-        for name in SAMPLES:
-            freeze(name, Path(made))
-            print(name)  # noqa: T201

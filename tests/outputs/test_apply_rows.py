@@ -10,7 +10,6 @@ import pandas as pd
 import pytest
 
 import calibkit as api
-from calibkit.logs import write_back
 
 DATA = Path(__file__).resolve().parents[2] / "datasets" / "fog_thermal"
 LOG = "ramp_heating_05"
@@ -201,27 +200,6 @@ def test_a_text_log_becomes_clean_csv(delimiter, decimal, encoding, end, apply, 
     corrected = made["status"].isna()
     assert np.allclose(rate[corrected], before[corrected, 3].astype(float), atol=1e-9)
     assert apply("CASE", out, *MAPPED, out="again.csv")[0].code in {0, 3}
-
-
-def test_cells_without_a_value_are_empty_fields():
-    """A missing text, number or instant of any type of column; numbers and instants as they read
-    back.
-    """
-    columns = [
-        pd.Series(["a", None, "b,c"]),
-        pd.Series([1.0, np.nan, 0.1]),
-        pd.Series([1, pd.NA, 3], dtype="Int64"),
-        pd.to_datetime(pd.Series(["2026-01-02", None, "2026-01-03"])),
-        pd.Series(["1,5", "", "x"]),
-    ]
-    fields = [write_back._format_column(column, ",") for column in columns]
-    assert fields == [
-        ["a", "", "b,c"],
-        ["1", "", "0.1"],
-        ["1", "", "3"],
-        ["2026-01-02 00:00:00", "", "2026-01-03 00:00:00"],
-        ["1.5", "", "x"],
-    ]
 
 
 @pytest.fixture(scope="module")

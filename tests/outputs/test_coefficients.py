@@ -85,14 +85,6 @@ def test_degrees_of_freedom_and_shared_errors_survive_the_file():
     assert model.components[0].name == "soak-to-soak zero"
 
 
-def test_what_is_absent_has_no_key():
-    """A file without shared errors states neither null nor an empty list of them."""
-    text = RECORD.dumps()
-    assert "effective_dof" not in text
-    assert "components" not in text
-    assert '"parameters"' in text
-
-
 @pytest.mark.parametrize("dof", ["0", "-1", '"3"'])
 def test_degrees_of_freedom_are_a_number_above_zero(dof):
     """Text, zero and less are refused, also where the digest is made to fit."""
@@ -147,12 +139,6 @@ def test_any_changed_value_is_noticed():
             coefficients.loads(text.replace(old, new), "x")
 
 
-def test_white_space_does_not_matter_to_the_digest():
-    """A file that was only re-indented is still the same document."""
-    text = RECORD.dumps()
-    assert coefficients.loads(json.dumps(json.loads(text)), "x") == RECORD
-
-
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -185,17 +171,6 @@ def test_a_number_that_is_not_finite_is_never_written():
     broken = replace(RECORD.models[0], coefficients=(coefficient,), covariance=())
     with pytest.raises(CoefficientError, match="K0 is nan"):
         replace(RECORD, models=(broken,)).dumps()
-
-
-def test_a_model_answers_by_name():
-    """Coefficients and parameters are found by name, and an unknown name lists what there is."""
-    model = RECORD.model("accel_x")
-    assert model.value("K1") == -8.1e-05
-    assert model.value("middle") == 52.5
-    with pytest.raises(CoefficientError, match="has no 'K9'"):
-        model.value("K9")
-    with pytest.raises(CoefficientError, match="models there: accel_x"):
-        RECORD.model("accel_y")
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from calibkit import units
-from calibkit.certificate.quantities import Point
 from calibkit.errors import RecipeError, UsageError
 from calibkit.instruments.bias import forms
 from calibkit.numeric.thermal.terms import TERMS
@@ -18,7 +17,7 @@ from calibkit.records import store
 from calibkit.results import comparison, key_values, still_good
 from calibkit.results.evaluation import RunResults
 from fits.drift_fits import RATES, on_levels
-from kept import LIMITED, RECIPES, keep, model, rate_table
+from kept import LIMITED, RECIPES, keep, rate_table
 
 
 def kept_run(tmp_path, *models, procedure="rate_table", stage="gyro_scale", limit="", **more):
@@ -122,15 +121,6 @@ def test_another_model_form_is_compared_by_its_result(tmp_path):
     assert any("another model form" in flag for flag in found.flags)
     other = replace(same, coefficients=same.coefficients * np.r_[1.0, 1.5, np.ones(7)])
     assert comparison.compare(found.before, fog(tmp_path, other)).answer == "no"
-
-
-def test_a_change_on_ramps_alone_is_seen(tmp_path):
-    """The drift at rest is the same; the term of the rate changed, and the place is a ramp."""
-    old = on_levels()
-    new = replace(old, coefficients=old.coefficients + np.r_[np.zeros(4), 0.2, np.zeros(4)])
-    found = comparison.compare(fog(tmp_path, old), fog(tmp_path, new))
-    assert found.answer == "no"
-    assert "temp_rate " in still_good.sentence(found)
 
 
 def test_what_cannot_be_compared_is_not_called_good(tmp_path):
@@ -297,32 +287,3 @@ def test_too_few_dates_or_no_limit_give_no_date(tmp_path):
     (free,), _ = key_values.follow(years(tmp_path / "b", 8.0, 2.0, limit=""))
     assert two.forecast.startswith("cannot tell: fewer than 3 dates")
     assert free.forecast == "no limit is set"
-
-
-def test_history_shows_key_values_and_draws_them(tmp_path, calibkit):
-    """One row and one panel per key value, one line of CSV per determination; nothing to show is
-    usage.
-    """
-    years(tmp_path, 8.0, 2.0)
-    figure = tmp_path / "history.png"
-    shown = calibkit("history", "S-1", "--runs", tmp_path, "--figure", figure)
-    assert shown.code == 0
-    assert "scale factor of gyro x" in shown.out
-    assert len(shown.out.splitlines()) <= 25
-    assert figure.read_bytes().startswith(b"\x89PNG")
-    document = calibkit("history", "S-1", "--runs", tmp_path, "--json").json
-    assert document["key_values"][0]["limit_reached"].startswith("about")
-    assert len(document["key_values"][0]["values"]) == 6
-    lines = calibkit("history", "S-1", "--runs", tmp_path, "--csv").out.splitlines()
-    assert lines[0] == "quantity,unit,revision,effective_from,value,expanded_uncertainty"
-    assert len(lines) == 7
-    assert calibkit("history", "S-1", "--runs", tmp_path, "--figure", figure).code == 4
-    for name in ("a.bmp", "a.pdf"):
-        keep(tmp_path / "bare", model({"K": (1.0, "1", 0.1)}))
-        bare = ("history", "S-1", "--runs", tmp_path / "bare", "--figure", tmp_path / name)
-        assert calibkit(*bare).code == 2
-
-
-def test_a_point_without_parts_has_only_its_further_uncertainty():
-    """A figure of a file: one contribution, as it stands there."""
-    assert Point(1.0).type_a() == ()

@@ -9,13 +9,13 @@ import pytest
 
 from calibkit import instruments
 from calibkit.certificate.content import Layout
-from calibkit.errors import RecipeError, UsageError
+from calibkit.errors import UsageError
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
 from calibkit.records import store
 from calibkit.results import evaluation
-from fits.drift_fits import RATES, bank_model, on_levels
+from fits.drift_fits import bank_model, on_levels
 from kept import RECIPES, keep, model
 
 T = "temp_case_degc"
@@ -152,43 +152,6 @@ def test_the_drift_is_zero_by_definition_at_the_reference(tmp_path):
     assert evaluation.flag_values(values) == ()
 
 
-@pytest.mark.parametrize(
-    ("typed", "column", "value"),
-    [
-        ("temp_case_degc=25", T, 25.0),
-        ("temp_case=298.15K", T, 25.0),
-        ("temp_case = 77 °F", T, 25.0),
-        ("temp_case=[degC]", None, None),
-        ("temp_rate=5K/min", "temp_rate_degc_min", 5.0),
-        ("temp_rate=300 K/h", "temp_rate_degc_min", 5.0),
-        ("gradient=9 degF", "gradient_degc", 5.0),
-        ("gradient_rate=-1.5e1 K/min", "gradient_rate_degc_min", -15.0),
-        ("temp_case=1e400", None, None),
-        ("temp_case=nan", None, None),
-        ("temp_case", None, None),
-        ("temperature=25", None, None),
-    ],
-)
-def test_an_input_may_be_typed_in_units_of_its_own_kind(tmp_path, typed, column, value):
-    """A difference of temperatures is no temperature; what is no finite number is refused."""
-    known = fog(tmp_path, on_levels("level")).inputs
-    if column is None:
-        with pytest.raises((UsageError, RecipeError)):
-            evaluation.parse_input(typed, known)
-    else:
-        assert evaluation.parse_input(typed, known) == (column, pytest.approx([value], abs=1e-12))
-
-
-def test_accelerations_need_the_local_gravity(tmp_path):
-    """980 mg is 0.98 g; m/s² is converted by the recipe's gravity, and refused without one."""
-    known = {"accel_x_g": evaluation.QuantityInput("accel_x_g")}
-    assert evaluation.parse_input("accel_x=980mg", known) == ("accel_x_g", pytest.approx([0.98]))
-    of_si = evaluation.parse_input("accel_x=4.9m/s^2", known, 9.8)
-    assert of_si == ("accel_x_g", pytest.approx([0.5]))
-    with pytest.raises(RecipeError, match="gravity"):
-        evaluation.parse_input("accel_x=4.9m/s^2", known)
-
-
 def test_a_range_has_both_ends_and_no_tails_of_binary_numbers(tmp_path):
     """-0.3:0.3:0.1 is seven numbers as typed; a step away from the end, or of zero, is refused."""
     known = fog(tmp_path, on_levels("level")).inputs
@@ -213,17 +176,6 @@ def test_outside_the_calibrated_range_a_value_has_no_uncertainty(tmp_path):
     assert "the coil is then at -51.5 °C" in beyond.outside
     assert "temp_rate_degc_min 20 is outside -10 … 10" in far.outside
     assert "2 of 3 values are extrapolated" in evaluation.flag_values([inside, beyond, far])[1]
-
-
-def test_increments_of_the_published_scheme_depend_on_gradient_and_rate(tmp_path):
-    """Each side by itself, in its own ranges."""
-    found = results_of(tmp_path, "fog_thermal", {"drift_rate": [forms.write_rates(RATES, 10.0)]})
-    at = {"temp_rate_degc_min": 2.0, "gradient_degc": -3.0}
-    value = one(found, "drift_rate.heating.increment", **at)
-    c = RATES.c
-    a = c[:, 0] + c[:, 1] * 2.0
-    assert value.result.value == pytest.approx(a[0] - 3.0 * a[1] + 9.0 * a[2])
-    assert value.outside == ""
 
 
 def test_the_command_writes_csv_figure_and_json(tmp_path, calibkit):

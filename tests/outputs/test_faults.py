@@ -152,25 +152,6 @@ def test_a_stdout_that_is_full_is_exit_code_4(tmp_path):
     assert b"stdout" in done.stderr
 
 
-def test_a_file_where_a_folder_should_be_is_one_message(tmp_path, calibkit):
-    """`--out` below a plain file cannot be made a folder: exit code 4, for files and for runs."""
-    (tmp_path / "file").write_bytes(b"")
-    outcome = calibkit("simulate", "rate_table", "--out", tmp_path / "file" / "logs", "--seed", 1)
-    assert outcome.code == 4
-    with pytest.raises(OutputError, match="cannot be written"):
-        keep(tmp_path / "file", model({"K": (1.0, "1", 0.1)}))
-
-
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write everywhere")
-def test_a_read_only_folder_is_one_message(tmp_path):
-    """A folder without write permission refuses a run and a file with the reason."""
-    tmp_path.chmod(0o555)
-    with pytest.raises(OutputError, match="Permission denied"):
-        keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    with pytest.raises(OutputError, match="Permission denied"):
-        new_files.write_new(tmp_path / "x.csv", b"x")
-
-
 def test_a_file_system_that_is_read_only_is_one_message(tmp_path, calibkit, monkeypatch):
     """On a read-only file system a fit, and each unit of a fleet, end with exit code 4, not as
     internal errors.
@@ -195,24 +176,6 @@ def test_a_file_system_that_is_read_only_is_one_message(tmp_path, calibkit, monk
         outcome = calibkit(*call, "--out", tmp_path / "runs")
         assert outcome.code == 4
         assert "U1: cannot be written: Read-only file system" in outcome.err
-
-
-def test_a_name_longer_than_the_file_system_allows_is_one_message(tmp_path):
-    """A file name of 300 characters cannot be written, and says so."""
-    with pytest.raises(OutputError, match="cannot be written"):
-        new_files.write_new(tmp_path / ("x" * 300), b"x")
-
-
-def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path):
-    """A dangling symbolic link has the name taken: nothing is created where it points."""
-    link = tmp_path / "out.csv"
-    try:
-        link.symlink_to(tmp_path / "elsewhere.csv")
-    except OSError:
-        pytest.skip("no symbolic links here")
-    with pytest.raises(OutputError, match="exists already"):
-        new_files.write_new(link, b"x")
-    assert not (tmp_path / "elsewhere.csv").exists()
 
 
 def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):

@@ -11,8 +11,8 @@ from dataclasses import replace
 import pytest
 
 from calibkit import instruments
-from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import blob, c_code, chain, export, facts, formats
+from calibkit.errors import CoefficientError
+from calibkit.firmware import blob, c_code, chain, export, formats
 from calibkit.recipe import tables
 from conftest import ROOT, slow_after
 from outputs import firmware_damage, page_parser
@@ -134,12 +134,6 @@ def test_a_blob_loads_and_gives_the_results_that_it_states(
     assert run(blob.render(export)) == "1 0 0"
 
 
-def test_a_loader_compiles_without_a_warning_on_another_compiler(tmp_path, tmp_path_factory):
-    """Clang, every warning an error."""
-    export = export_of("lagged", "f32", tmp_path_factory)
-    assert built(export, tmp_path, "clang")(blob.render(export)) == "1 0 0"
-
-
 def test_a_refused_load_leaves_the_good_numbers_and_says_why(tmp_path, tmp_path_factory):
     """A damaged blob, that of another device (also with a serial that is longer or shorter), an
     older revision: the numbers in use stay, another instance knows nothing of them, and a good
@@ -259,22 +253,6 @@ def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
         blob.verify("unit.bin", sealed(bytes(changed)))
     with pytest.raises(CoefficientError, match="not a blob"):
         blob.verify("unit.bin", b"x" * 300)
-
-
-def test_what_a_blob_cannot_hold_is_refused(tmp_path_factory):
-    """A serial longer than its field."""
-    from dataclasses import replace
-
-    export = export_of("scale", "f32", tmp_path_factory)
-    with pytest.raises(OutputError, match="a blob holds 32"):
-        blob.render(replace(export, identity=replace(export.identity, serial="S" * 33)))
-
-
-def test_a_loader_s_files_are_known_to_verify(tmp_path_factory):
-    """Digest checked, said to be a loader."""
-    export = export_of("scale", "f32", tmp_path_factory)
-    assert facts.verify("u.c", c_code.loader_source(export)) == "C source of a loader of blobs"
-    assert facts.verify("u.h", c_code.loader_header(export)) == "C header of a loader of blobs"
 
 
 def with_orders(this, order):

@@ -84,13 +84,6 @@ def test_sources_compile_without_a_warning_under_every_c_standard(compiler, stan
     ran(compiler, f"-std={standard}", *WARNINGS, *C_ONLY, "-fsyntax-only", "all.c", cwd=sources)
 
 
-@pytest.mark.parametrize("compiler", ["g++", "clang++"])
-def test_headers_and_sources_are_also_cpp(compiler, sources):
-    """A C++11 program may include the header, or compile the source itself."""
-    needs(compiler)
-    ran(compiler, "-x", "c++", "-std=c++11", *WARNINGS, "-fsyntax-only", "all.c", cwd=sources)
-
-
 HOSTILE = 'a*/ int stolen; /*/ "\\" ?\u003f/\n#error\n é\x01 @p_ @real */ int other; \\'
 
 
@@ -210,15 +203,6 @@ def test_contraction_to_fused_multiply_add_stays_within_the_self_tests_tolerance
     )
     assert len(found) == len(RUNS) + len(DOUBLE)
     assert all(verdict.endswith("+") for verdict in found.values())
-
-
-def test_single_precision_asks_nothing_of_double_precision(sources, tmp_path):
-    """On a core with single-precision hardware no software double arithmetic is linked."""
-    needs(ARM)
-    for name in RUNS:
-        flags = ("-mthumb", "-mcpu=cortex-m4", *CORES["cortex-m4"][1], "-O2", "-ffreestanding")
-        ran(ARM, *flags, "-c", f"{name}_f32.c", "-o", str(tmp_path / "one.o"), cwd=sources)
-        assert ran("arm-none-eabi-nm", "-u", str(tmp_path / "one.o"), cwd=tmp_path).strip() == ""
 
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])

@@ -3,7 +3,6 @@ float64 model at the true case temperature, within what the header states.
 """
 
 import re
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -227,15 +226,3 @@ def test_calls_at_another_interval_are_right_by_the_clock(name, called_s, runs):
     off = status[1:] & bits(this.chain)["INTERVAL"] != 0
     assert off.all() == (called_s != 9.5)
     assert off.mean() < 0.3 or called_s != 9.5
-
-
-def test_the_output_between_updates_has_no_steps(runs):
-    """From the output of the update before to that of the last, over one interval."""
-    this = runs("lagged")
-    quantised = this.chain.quantise(formats.Format.find("f64"))
-    case = wandering(largest_rate(this), 50, 2)
-    heard = words(quantised, {"temp_case_degc": case})
-    found = run_by_the_clock(quantised, heard, np.full(50, INTERVAL_MS))
-    for one, other in pairwise(found):
-        assert other.before["drift_dph"] == one.outputs["drift_dph"]
-    assert found[0].before["drift_dph"] == found[0].outputs["drift_dph"]

@@ -1,6 +1,5 @@
 """`calibkit export` and `verify` of exports from the command line."""
 
-import json
 import os
 import re
 import shutil
@@ -102,49 +101,6 @@ def test_a_prefix_that_c_or_cpp_forbid_is_refused(prefix, triad_run, tmp_path, c
     firmware_export._check_prefix("gyro_7")
 
 
-def test_a_plain_file_as_folder_is_named_as_such(triad_run, tmp_path, calibkit):
-    """--out on a file, or below one: it is no folder, instead of a file in it that exists
-    already.
-    """
-    (tmp_path / "afile").write_text("mine")
-    for out in (tmp_path / "afile", tmp_path / "afile" / "below"):
-        outcome = calibkit("export", triad_run, "--target", "c", "--out", out)
-        assert outcome.code == 4
-        assert f"{tmp_path / 'afile'}: is no folder" in outcome.err
-        assert "exists already" not in outcome.err
-    assert (tmp_path / "afile").read_text() == "mine"
-
-
-@pytest.mark.parametrize(("target", "number"), [("c", "f32"), ("blob", "f32"), ("csv", "f64")])
-def test_the_digests_are_the_fields_of_the_files_and_said_to_be(
-    target, number, drift_run, tmp_path, calibkit
-):
-    """Every digest is labelled as the field sha256 of its file, and is that, not the digest of the
-    file's bytes.
-    """
-    assert calibkit("export", drift_run, target=target, number=number, out=tmp_path).code == 0
-    file = tmp_path / {"c": "cal.h", "blob": "cal.bin", "csv": "cal.csv"}[target]
-    text = file.read_bytes().decode("ascii", "replace")
-    words = " ".join(text.replace("\n *", " ").split())
-    for name in ("run.json",) if target == "csv" else ("run.json", "drift_rate.json"):
-        field = json.loads((drift_run / name).read_text(encoding="utf-8"))["sha256"]
-        label = "" if target == "csv" else f"{name} content digest (field sha256) "
-        assert f"{label}{field}" in words
-        assert f"{name} sha256" not in words
-    if target == "c":
-        assert f'of drift_rate.json */ #define CAL_COEFFICIENTS_SHA256 "{field}"' in words
-
-
-def test_unknown_targets_and_numbers_name_those_there_are(triad_run, tmp_path, calibkit):
-    """Exit code 2, and the list."""
-    outcome = calibkit("export", triad_run, "--target", "cobol", "--out", tmp_path)
-    assert outcome.code == 2
-    assert "the targets are c" in outcome.err
-    outcome = calibkit("export", triad_run, "--target", "c", "--number", "q7", "--out", tmp_path)
-    assert outcome.code == 2
-    assert "f32" in outcome.err
-
-
 def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     """A run that failed a limit exits with 4; told otherwise, every file says REJECTED and the
     header's macro is 0.
@@ -188,24 +144,6 @@ def test_a_run_without_a_verdict_is_exported_and_says_so(
         assert what.endswith(mark)
         assert ("no verdict" in what, "REJECTED" in what) == (bool(mark), False)
     assert f"#define CAL_VERDICT {stated}\n" in (tmp_path / "cal.h").read_text()
-
-
-def test_a_changed_digit_fails_verification(drift_run, tmp_path, calibkit):
-    """The digest finds any change of a source, and what is no file of an export is none."""
-    assert calibkit("export", drift_run, "--target", "c", "--out", tmp_path).code == 0
-    source = tmp_path / "cal.c"
-    text = source.read_text()
-    constant = re.search(r"static const float cal_by_gradient = (-?\d\.\d+)F;", text)
-    assert constant is not None
-    wrong = text.replace(constant.group(1), f"{float(constant.group(1)) * 1.0001:.9g}", 1)
-    source.write_text(wrong)
-    outcome = calibkit("verify", source)
-    assert outcome.code == 4
-    assert "digest" in outcome.err
-    source.write_text(text[: len(text) // 2])
-    assert calibkit("verify", source).code == 4
-    (tmp_path / "cal.h").write_text("int x;\n")
-    assert calibkit("verify", tmp_path / "cal.h").code == 4
 
 
 def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused(tmp_path_factory):
@@ -301,16 +239,6 @@ def test_apply_and_firmware_hand_on_indications_beyond_what_was_fitted(
         flags = this.chain.structure.flags
         raised = {flag for k, flag in enumerate(flags) if (status & (1 << k)).any()}
         assert raised == {"ACCEL_BEYOND" if column == "accel_x_g" else "RATE_BEYOND"}
-
-
-def test_a_full_scale_of_a_name_that_no_chain_takes_is_refused(tmp_path, triad_run, calibkit):
-    """The indications of the procedure are named."""
-    log = tmp_path / "log.csv"
-    log.write_text("temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,3,0,0\n")
-    call = ("apply", triad_run, "--data", log, "--out", tmp_path / "out.csv", "--set")
-    outcome = calibkit(*call, "export.full_scale.gyro_dps=2.5")
-    assert outcome.code == 2
-    assert "expected accel_g" in outcome.err
 
 
 @pytest.mark.parametrize("number", ["q31", "q15", "f16"])

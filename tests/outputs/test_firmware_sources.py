@@ -78,31 +78,6 @@ def test_the_factor_is_what_reading_the_log_gives(tmp_path):
     np.testing.assert_allclose(read, -9000 * np.array([0.1, 0.3, -0.2]) + 1800, rtol=1e-12)
 
 
-def test_a_unit_that_only_the_log_states_is_not_made_up():
-    """Where the recipe tells no unit, no factor is stated, but the sign is."""
-    said = drift(('columns.gyro_dph={from="G",sign=-1}',))
-    assert (
-        "= -1 * column 'G', in deg/h, or in the unit that its header states (recipe: sign = -1)"
-        in said[1]
-    )
-
-
-def test_counts_per_sample_say_what_they_are_divided_by():
-    """Counts over a stated interval, and over the time since the row before."""
-    spec = instruments.parse_recipe(
-        recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",unit="1/sample",interval_s=0.5}',))
-    )
-    taken = SimpleNamespace(inputs=[SimpleNamespace(name="gyro_x_lsb", unit="1/s")], outputs=[])
-    assert "column 'N', counts per sample, / (0.5 s)" in lines(spec, taken)[0]
-    spec = instruments.parse_recipe(
-        recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",accumulated=true,sign=-1}',))
-    )
-    assert (
-        "-column 'N', its counts since the row before, / (s since the row before)"
-        in lines(spec, taken)[0]
-    )
-
-
 def test_a_column_name_cannot_leave_its_comment():
     """Ends of comments, line joins, trigraphs, marks of the generator and other alphabets are
     escaped, one to one.
@@ -150,17 +125,6 @@ def test_header_source_blob_and_table_say_it(run, words, tmp_path, tmp_path_fact
             )
             assert all(word in text for word in words), (name, text[:2000])
             assert calibkit("verify", out / name).code == 0
-
-
-def test_an_input_that_no_log_holds_says_how_it_is_made(tmp_path_factory):
-    """The rate of the air is a slope of its temperature, with its unit; no column is named."""
-    this = cached("gradient", tmp_path_factory)
-    said = sources.describe_sources(this.spec, this.chain, ())
-    (line,) = (line for line in said if "temp_env_rate_degc_min" in line)
-    assert line == (
-        "input         temp_env_rate_degc_min [degC/min] = slope of temp_env_degc by least squares"
-        " over the 60 s before the end of the interval"
-    )
 
 
 def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_path_factory):

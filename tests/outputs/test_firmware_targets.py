@@ -122,21 +122,6 @@ def test_px4_parameters_give_the_run_s_own_correction(calibkit, runs, tmp_path):
         assert np.max(np.abs(offset / unit - drift(runs, name, temperature))) < limit
 
 
-@pytest.mark.parametrize(
-    ("target", "board"), [("px4", "SENS_BOARD_ROT"), ("ardupilot", "AHRS_ORIENTATION")]
-)
-def test_a_parameter_file_says_what_it_asks_of_the_vehicle(calibkit, runs, tmp_path, target, board):
-    """Where the bias is 0, axes, signs, whose temperature, which instance, and the restart."""
-    (path,) = sorted(export(calibkit, runs, tmp_path / "p", target).iterdir())
-    said = [line[2:] for line in path.read_text("ascii").splitlines() if line.startswith("# ")]
-    stated = {line[:14].strip(): line[14:] for line in said}
-    assert "the bias is 0 at 25 degC" in stated["formula"]
-    assert f"before {board}" in stated["axes"]
-    assert "level accel z reads -1 g" in stated["signs"]
-    assert "itself measures" in stated["temperature"]
-    assert {"instances", "reboot"} <= stated.keys()
-
-
 @pytest.mark.parametrize("target", ["px4", "ardupilot"])
 def test_the_error_that_a_parameter_file_states_is_a_bound(calibkit, runs, tmp_path, target):
     """At 100,001 temperatures from TMIN to TMAX, in single precision and in two orders of

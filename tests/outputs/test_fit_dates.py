@@ -31,12 +31,6 @@ def two_years(tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize("date", ["2023-01-01", "2023-01-02", "2099-01-01"])
-def test_a_date_that_is_not_before_the_last_one_is_not_flagged(two_years, date):
-    """The same day, the next, and years later: no clock is read."""
-    assert flags(two_years, date) == ()
-
-
 @pytest.mark.parametrize("date", ["2021-05-01", "2022-05-01"])
 def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
     """Between the two dates of the flag, and there alone, the run is found by date; without a date
@@ -56,12 +50,6 @@ def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
     assert store.find(f"S-1@{date}", two_years).name == "r003"
     assert store.find(f"S-1@{until}", two_years).name == other
     assert store.find("S-1", two_years).name == "r003"
-
-
-def test_a_rejected_run_is_in_force_on_no_date(two_years):
-    """Its date says nothing."""
-    (said,) = flags(two_years, "2022-05-01", accepted=False)
-    assert "2023-01-01: rejected, r003 is in force on no date; without" in said
 
 
 def test_fit_says_it_and_keeps_it(tmp_path, calibkit):

@@ -35,11 +35,6 @@ def said(runs, serial, model, *overrides, day="2026-11-21"):
     return [flag for flag in outcome.summary.flags if flag.startswith("firmware:")]
 
 
-def test_a_refit_of_the_same_form_keeps_its_layout(runs):
-    """Nothing is said, and the flag is not in run.json."""
-    assert said(runs, "FOG-1", "lagged", TYPED) == []
-
-
 def test_a_device_that_leaves_the_layout_of_its_type_is_named(runs):
     """With the other device, both forms and what to do; a device of another type is not held
     against it.
