@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from calibkit.certificate.profile import Capability, Profile
 
-FLOOR = Words("smallest uncertainty of the accreditation (CMC)", "认可的校准和测量能力（CMC）")
+FLOOR = Words("smallest uncertainty of the accreditation (CMC)")
 """Name of the contribution that raises U to the CMC."""
 
 

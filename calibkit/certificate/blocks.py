@@ -23,13 +23,12 @@ from calibkit.certificate.stated import TEMPERATURE, Stated, range_words, residu
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.records.coefficients import Model, Record
 
-COEFFICIENTS = Words("Coefficients", "系数")
+COEFFICIENTS = Words("Coefficients")
 COEFFICIENT_NOTE = Words(
     "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the"
-    " attached file.",
-    "系数之间相关，修约后的数值不可重新组合计算；计算请使用所附文件。",
+    " attached file."
 )
-TEMPERATURE_HEAD = Words("T [°C]")
+TEMPERATURE_HEAD = Words.literal("T [°C]")
 Table = ListTable | GridTable
 
 
@@ -177,7 +176,7 @@ def plot(
 
 def name_input(column: str, unit: str) -> Words:
     """Name and unit of an input, as the head of a table or the label of an axis."""
-    return name_condition(column) + Words(f" [{unit_mark(unit) or 1}]")
+    return name_condition(column) + Words.literal(f" [{unit_mark(unit) or 1}]")
 
 
 def note_models(basis: Stated, models: Iterable[Model]) -> list[Words]:
@@ -205,17 +204,17 @@ def lay_out_models(
     for model in record.models:
         name = name_model(model.name)
         of_model = [value for value in values if value.model == model.name]
-        coefficients = name + Words(": coefficients", "：系数")
+        coefficients = name + Words(": coefficients")
         tables.append(list_coefficients(basis, record, model, coefficients, of_model))
         for value in of_model:
             if not value.inputs or any(entry.rest is None for entry in value.inputs[1:]):
                 continue
             head = name_input(value.inputs[0].column, value.inputs[0].unit)
-            table_title = name + Words(": ", "：") + value.words
+            table_title = name + Words(": ") + value.words
             table = tabulate(basis, table_title, [(value.words, value)], row_head=head)
             if table is not None:
-                unit = Words(f" [{unit_mark(value.unit) or 1}]")
-                labels = [value.words + Words(" ± U")]
+                unit = Words.literal(f" [{unit_mark(value.unit) or 1}]")
+                labels = [value.words + Words.literal(" ± U")]
                 tables.append(table)
                 figures.append(plot(table, value.words + unit, x_label=head, labels=labels))
     tabulated_keys = {result.quantity for table in tables for result in list_results(table)}
@@ -225,7 +224,7 @@ def lay_out_models(
         if not value.inputs and value.key not in tabulated_keys
     )
     if constants:
-        tables.append(ListTable(Words("Results", "结果"), constants))
+        tables.append(ListTable(Words("Results"), constants))
     return make_block(record, title, equations, tables, figures, note_models(basis, record.models))
 
 
@@ -236,7 +235,7 @@ def lay_out_records(basis: Stated, quantities: Iterable[Quantity]) -> tuple[Bloc
     all_quantities = [*quantities]
     blocks = []
     for record in basis.records.values():
-        title = Words(record.stage.replace("_", " "))
+        title = Words.literal(record.stage.replace("_", " "))
         stage_quantities = [q for q in all_quantities if q.stage == record.stage]
         blocks.append(lay_out_models(basis, record, title, (), stage_quantities))
     return tuple(blocks)

@@ -12,36 +12,36 @@ from calibkit.certificate.words import Words, character_code
 
 # where it is stated → what it is called
 FIELDS: dict[str, Words] = {
-    "certificate.number": Words("certificate number", "证书编号"),
-    "laboratory.name": Words("laboratory name", "实验室名称"),
-    "laboratory.address": Words("laboratory address", "实验室地址"),
-    "laboratory.place_of_work": Words("place of work", "校准地点"),
-    "customer.name": Words("customer", "客户名称"),
-    "customer.address": Words("customer address", "客户地址"),
-    "item.type": Words("item", "被校件名称"),
-    "item.maker": Words("maker", "制造商"),
-    "item.model": Words("model", "型号"),
-    "item.condition": Words("condition of the item", "被校件状态"),
-    "dates.performed": Words("date of calibration", "校准日期"),
-    "method.name": Words("method", "校准方法"),
-    "method.revision": Words("revision of the method", "方法版本"),
-    "method.deviations": Words("deviations from the method", "对方法的偏离"),
-    "method.external_providers": Words("parts from external providers", "外部提供的部分"),
-    "conditions.chamber": Words("chamber set points and holds", "温箱设定点与保温"),
-    "conditions.laboratory_temperature": Words("laboratory temperature", "实验室温度"),
-    "conditions.local_gravity": Words("local gravity", "当地重力加速度"),
-    "conditions.latitude": Words("latitude", "纬度"),
-    "conditions.earth_rate": Words("handling of the earth's rate", "地球自转处理"),
-    "conditions.supply": Words("supply", "供电"),
-    "conditions.warm_up": Words("warm-up", "预热"),
-    "authorised_by.name": Words("authorised by", "批准人"),
-    "authorised_by.role": Words("role", "职务"),
+    "certificate.number": Words("certificate number"),
+    "laboratory.name": Words("laboratory name"),
+    "laboratory.address": Words("laboratory address"),
+    "laboratory.place_of_work": Words("place of work"),
+    "customer.name": Words("customer"),
+    "customer.address": Words("customer address"),
+    "item.type": Words("item"),
+    "item.maker": Words("maker"),
+    "item.model": Words("model"),
+    "item.condition": Words("condition of the item"),
+    "dates.performed": Words("date of calibration"),
+    "method.name": Words("method"),
+    "method.revision": Words("revision of the method"),
+    "method.deviations": Words("deviations from the method"),
+    "method.external_providers": Words("parts from external providers"),
+    "conditions.chamber": Words("chamber set points and holds"),
+    "conditions.laboratory_temperature": Words("laboratory temperature"),
+    "conditions.local_gravity": Words("local gravity"),
+    "conditions.latitude": Words("latitude"),
+    "conditions.earth_rate": Words("handling of the earth's rate"),
+    "conditions.supply": Words("supply"),
+    "conditions.warm_up": Words("warm-up"),
+    "authorised_by.name": Words("authorised by"),
+    "authorised_by.role": Words("role"),
 }
 
 
 STATED_OF_STANDARDS = {
-    "range": Words("range", "测量范围"),
-    "expanded_uncertainty": Words("expanded uncertainty", "扩展不确定度"),
+    "range": Words("range"),
+    "expanded_uncertainty": Words("expanded uncertainty"),
 }
 """Keys of a standard that an accredited laboratory states."""
 MOST_LISTED = 4
@@ -60,10 +60,7 @@ class Missing:
 
 NO_SENSITIVITIES = Missing(
     "sensitivities",
-    Words(
-        "run.json knows no sensitivities to errors of the inputs: fit again with this calibkit",
-        "run.json 无输入误差的灵敏度：请用本版本 calibkit 重新拟合",
-    ),
+    Words("run.json knows no sensitivities to errors of the inputs: fit again with this calibkit"),
 )
 """What is missing of a run that was fitted before sensitivities were computed."""
 
@@ -113,8 +110,7 @@ def _influences(profile: Profile, results: Sequence[Result]) -> Iterator[Missing
         unlisted_count = len(kinds) - MOST_LISTED
         names += f" and {unlisted_count} more" if unlisted_count > 0 else ""
         description = Words(
-            f"type B contribution ([[type_b]]), or type_b_none.reason, of {names}",
-            f"B 类分量（[[type_b]]）或 type_b_none.reason：{names}",
+            "type B contribution ([[type_b]]), or type_b_none.reason, of {names}", names=names
         )
         yield Missing("type_b", description)
 
@@ -126,27 +122,21 @@ def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Miss
     if not profile.accreditation.number.strip():
         return
     if not profile.accreditation.body.strip():
-        yield Missing("accreditation.body", Words("accreditation body", "认可机构"))
+        yield Missing("accreditation.body", Words("accreditation body"))
     if all(result.outside_scope for result in results):
-        description = Words(
-            "a result in the scope of the accreditation ([[cmc]])", "认可范围内的结果（[[cmc]]）"
-        )
+        description = Words("a result in the scope of the accreditation ([[cmc]])")
         yield Missing("cmc", description)
     for standard in profile.standard:
         for name, words in STATED_OF_STANDARDS.items():
             if not getattr(standard, name):
-                description = words + Words(
-                    f" of the standard '{standard.name}'", f"：标准器“{standard.name}”"
-                )
+                description = words + Words(" of the standard '{name}'", name=standard.name)
                 yield Missing(f"standard.{name}", description)
 
 
 def missing_glyphs(characters: Iterable[str]) -> Missing:
     """What is missing where no font has these characters."""
     codes = " ".join(map(character_code, characters))
-    return Missing(
-        FONTS, Words(f"characters that no font has: {codes}", f"字体中没有的字符：{codes}")
-    )
+    return Missing(FONTS, Words("characters that no font has: {codes}", codes=codes))
 
 
 def _fields(profile: Profile) -> Iterator[Missing]:
@@ -161,25 +151,25 @@ def _fields(profile: Profile) -> Iterator[Missing]:
 def _traceability(profile: Profile) -> Iterator[Missing]:
     """Standards, each with certificate, date and laboratory, and valid when they were used."""
     if not profile.standard:
-        yield Missing("standard", Words("traceability: reference standards", "溯源性：标准器"))
+        yield Missing("standard", Words("traceability: reference standards"))
     used = profile.dates.performed_until or profile.dates.performed
     for standard in profile.standard:
         for name in ("certificate", "date", "laboratory"):
             if not getattr(standard, name):
-                description = Words(
-                    f"{name} of the standard '{standard.name}'", f"标准器“{standard.name}”的 {name}"
-                )
+                description = Words("{key} of the standard '{name}'", key=name, name=standard.name)
                 yield Missing(f"standard.{name}", description)
         if standard.valid_until is not None and used is not None and standard.valid_until < used:
             description = Words(
-                f"the standard '{standard.name}' was valid until {standard.valid_until}",
-                f"标准器“{standard.name}”有效期至 {standard.valid_until}",
+                "the standard '{name}' was valid until {valid_until}",
+                name=standard.name,
+                valid_until=standard.valid_until,
             )
             yield Missing("standard.valid_until", description)
         if standard.date is not None and used is not None and standard.date > used:
             description = Words(
-                f"the standard '{standard.name}' was calibrated on {standard.date}, after the work",
-                f"标准器“{standard.name}”的校准日期 {standard.date} 晚于本次工作",
+                "the standard '{name}' was calibrated on {date}, after the work",
+                name=standard.name,
+                date=standard.date,
             )
             yield Missing("standard.date", description)
 
@@ -191,17 +181,15 @@ def _consistency(profile: Profile, issued: dt.date, *, validated: bool) -> Itera
     performed = profile.dates.performed_until or profile.dates.performed
     if performed is not None and performed > issued:
         description = Words(
-            f"the work of {performed} is later than the date of issue {issued}",
-            f"校准日期 {performed} 晚于签发日期 {issued}",
+            "the work of {performed} is later than the date of issue {issued}",
+            performed=performed,
+            issued=issued,
         )
         yield Missing("dates.performed", description)
     if profile.certificate.amends and not any(
         change.strip() for change in profile.certificate.changes
     ):
-        yield Missing("certificate.changes", Words("what the amendment changes", "修改内容"))
+        yield Missing("certificate.changes", Words("what the amendment changes"))
     if not validated and not profile.adjustment.statement.strip():
-        description = Words(
-            "as-found and as-left results (--validation), or adjustment.statement",
-            "调整前后结果（--validation）或 adjustment.statement",
-        )
+        description = Words("as-found and as-left results (--validation), or adjustment.statement")
         yield Missing("adjustment.statement", description)

@@ -17,49 +17,38 @@ from calibkit.units import ALIASES
 
 Verdict = Literal["pass", "conditional pass", "conditional fail", "fail", "no statement possible"]
 VERDICTS: dict[Verdict, Words] = {
-    "pass": Words("pass", "合格"),
-    "conditional pass": Words("conditional pass", "有条件合格"),
-    "conditional fail": Words("conditional fail", "有条件不合格"),
-    "fail": Words("fail", "不合格"),
-    "no statement possible": Words("no statement possible", "无法判定"),
+    "pass": Words("pass"),
+    "conditional pass": Words("conditional pass"),
+    "conditional fail": Words("conditional fail"),
+    "fail": Words("fail"),
+    "no statement possible": Words("no statement possible"),
 }
 RULES: dict[Rule, Words] = {
     "guarded": Words(
         "guarded acceptance: pass when the value lies inside the tolerance by at least U (guard"
-        " band w = U), else fail",
-        "保护带接受：结果在允差内且余量不小于 U（保护带 w = U）时合格，否则不合格",
+        " band w = U), else fail"
     ),
     "simple": Words(
-        "simple acceptance: pass when the value lies inside the tolerance; U is not taken off",
-        "简单接受：结果在允差内即合格，不扣除 U",
+        "simple acceptance: pass when the value lies inside the tolerance; U is not taken off"
     ),
     "four_way": Words(
         "four-way: pass inside by at least U, conditional pass inside, conditional fail outside by"
-        " less than U, fail beyond",
-        "四级判定：在允差内余量不小于 U 为合格，在内为有条件合格，超出不足 U 为有条件不合格，"
-        "再超出为不合格",
+        " less than U, fail beyond"
     ),
 }
 
 
 RULE_NAMES: dict[Rule, Words] = {
-    "guarded": Words("guarded", "保护带"),
-    "simple": Words("simple", "简单"),
-    "four_way": Words("four-way", "四级"),
+    "guarded": Words("guarded"),
+    "simple": Words("simple"),
+    "four_way": Words("four-way"),
 }
 RISKS: dict[Rule, Words] = {
-    "guarded": Words(
-        "Risk: a value beyond the limit passes with a probability of at most 2.5 %.",
-        "风险：超出允差者被判合格的概率不大于 2.5 %。",
-    ),
-    "simple": Words(
-        "Risk: near the limit a decision is wrong with a probability of up to 50 %.",
-        "风险：接近限值时误判概率可达 50 %。",
-    ),
+    "guarded": Words("Risk: a value beyond the limit passes with a probability of at most 2.5 %."),
+    "simple": Words("Risk: near the limit a decision is wrong with a probability of up to 50 %."),
     "four_way": Words(
         "Risk: pass and fail are wrong with a probability of at most 2.5 %, the conditional ones of"
-        " up to 50 %.",
-        "风险：合格与不合格误判概率不大于 2.5 %，有条件判定可达 50 %。",
+        " up to 50 %."
     ),
 }
 """Probability of a wrong decision, of a normal distribution about the value (JCGM 106, ILAC G8)."""
@@ -168,7 +157,7 @@ def _judge(
     u_below, u_above = _expansion(result)
     obstacle = result.undecided
     if obstacle is None and not math.isfinite(u_above):
-        obstacle = Words("no uncertainty was determined", "未评定不确定度")
+        obstacle = Words("no uncertainty was determined")
     if obstacle is not None:
         return "no statement possible", obstacle
     low, high = (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
@@ -176,16 +165,14 @@ def _judge(
     if lower is None and result.interval is not None and result.interval[0] >= 0.0:
         tolerance = high
     if max(u_below, u_above) > tolerance:
-        return "no statement possible", Words("U exceeds the tolerance", "U 大于允差")
+        return "no statement possible", Words("U exceeds the tolerance")
     bottom, top = result.value - u_below, result.value + u_above
     inside = min(result.value - low, high - result.value) >= 0.0
     accepted = inside if rule == "simple" else min(bottom - low, high - top) >= 0.0
     if accepted:
         return "pass", Words("")
     if rule != "four_way":
-        guard_band_reason = Words(
-            "inside the tolerance, but by less than U", "在允差内但余量小于 U"
-        )
+        guard_band_reason = Words("inside the tolerance, but by less than U")
         return "fail", guard_band_reason if inside else Words("")
     if inside:
         return "conditional pass", Words("")

@@ -22,15 +22,13 @@ from calibkit.records import sensitivities
 from calibkit.records.new_files import RUN_FILE
 from calibkit.records.run_document import Verdict
 
-TITLE = Words("Calibration certificate", "校准证书")
+TITLE = Words("Calibration certificate")
 Relationship = Literal["source", "data", "alternative", "supplement"]
 JSON = "application/json"
 VERDICTS: dict[Verdict, Words] = {
-    "accepted": Words("accepted, the acceptance limits are met", "合格，满足接受限"),
-    "rejected": Words("rejected, an acceptance limit is not met", "不合格，未满足接受限"),
-    "no verdict": Words(
-        "no verdict, the recipe sets no acceptance limits", "无判定，配方未规定接受限"
-    ),
+    "accepted": Words("accepted, the acceptance limits are met"),
+    "rejected": Words("rejected, an acceptance limit is not met"),
+    "no verdict": Words("no verdict, the recipe sets no acceptance limits"),
 }
 SENSITIVITIES = "sensitivities"
 """Key of run.json that runs of before do not have."""
@@ -94,17 +92,13 @@ class Certificate:
         if self.run.verdict != "rejected":
             return Words("")
         failed = [name_criterion(c.name) for c in self.run.criteria if not c.passed]
-        english = ", ".join(name.en for name in failed) or "acceptance"
-        chinese = "，".join(name.zh or name.en for name in failed) or "acceptance"
-        return Words(
-            f"The run failed its acceptance limits: {english}",
-            f"本次处理未满足接受限：{chinese}",
-        )
+        limits = Words(", ").join(failed or [Words.literal("acceptance")])
+        return Words("The run failed its acceptance limits: {limits}", limits=limits)
 
     @property
     def verdict(self) -> Words:
         """Verdict on the acceptance limits of the run's recipe, in three values."""
-        return Words("Verdict on the run: ", "本次处理的判定：") + VERDICTS[self.run.verdict]
+        return Words("Verdict on the run: ") + VERDICTS[self.run.verdict]
 
     @property
     def without_type_b(self) -> Words:
@@ -113,10 +107,10 @@ class Certificate:
         result_names = [name_result(result) for result in checklist.fits_alone(self.results)]
         if not (reason and result_names):
             return Words("")
-        english = "; ".join(dict.fromkeys(name.of("en") for name in result_names))
-        chinese = "；".join(dict.fromkeys(name.of("zh") for name in result_names))
+        distinct_names = {name.en: name for name in result_names}.values()
+        results = Words("; ").join(distinct_names)
         return Words(
-            f"No type B contribution to {english}: {reason}", f"{chinese} 无 B 类分量：{reason}"
+            "No type B contribution to {results}: {reason}", results=results, reason=reason
         )
 
     @property
@@ -168,7 +162,7 @@ def build(
     results = [result for block in blocks for result in block.results]
     title, validated = profile.certificate.title, as_found is not None
     return Certificate(
-        title=Words(title) if title else TITLE,
+        title=Words.literal(title) if title else TITLE,
         profile=profile,
         issued=issued,
         run=run.facts(),

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 FILE = "dcc.xml"
 RELEASE = f"v{__version__}"
-CERTIFICATE = Words("calibration certificate", "校准证书")
+CERTIFICATE = Words("calibration certificate")
 DESCRIBED: tuple[str, Relationship, str] = (
     "application/xml",
     "alternative",
@@ -55,14 +55,14 @@ VERDICTS = {
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 """Places of work that the schema knows; any other text stands in a statement."""
 REF_TYPES = {
-    "calibkit_toleranceLimit": Words("limit of a specification that a result is judged by"),
-    "calibkit_acceptanceLimit": Words(
+    "calibkit_toleranceLimit": Words.literal("limit of a specification that a result is judged by"),
+    "calibkit_acceptanceLimit": Words.literal(
         "limit that the decision rule derives from a tolerance limit"
     ),
-    "calibkit_asFound": Words("result before the correction that the certificate states"),
-    "calibkit_asLeft": Words("result after the correction that the certificate states"),
-    "calibkit_expandedUncertainty": Words("largest expanded uncertainty of a standard"),
-    "calibkit_range": Words("range of a standard"),
+    "calibkit_asFound": Words.literal("result before the correction that the certificate states"),
+    "calibkit_asLeft": Words.literal("result after the correction that the certificate states"),
+    "calibkit_expandedUncertainty": Words.literal("largest expanded uncertainty of a standard"),
+    "calibkit_range": Words.literal("range of a standard"),
 }
 """Types that the published databases lack."""
 
@@ -124,10 +124,10 @@ def wording(notation: Notation) -> dict[str, Any]:
         "no_country": "ZZ",
         "no_date": "0001-01-01",
         "certificate_name": CERTIFICATE,
-        "previous_name": Words("calibration certificate before this one", "上一份校准证书"),
-        "serial_number": Words("serial number", "编号"),
-        "order_name": Words("order", "委托单号"),
-        "identification_name": Words("identification", "标识"),
+        "previous_name": Words("calibration certificate before this one"),
+        "serial_number": Words("serial number"),
+        "order_name": Words("order"),
+        "identification_name": Words("identification"),
     }
 
 
@@ -143,7 +143,7 @@ def templates() -> jinja2.Environment:
             "covariance_columns": dcc_results.covariance_columns,
             "dsi_unit": lambda unit, notation: notation.unit(unit),
             "factor": dcc_results.spell_factor,
-            "file_name": lambda a: Words(f"Coefficient file {a.name}", f"系数文件 {a.name}"),
+            "file_name": lambda a: Words("Coefficient file {name}", name=a.name),
             "label": dcc_results.spell_label,
             "model_name": dcc_results.name_model,
             "model_notes": dcc_results.model_notes,
@@ -187,28 +187,28 @@ def _list_method_facts(certificate: Certificate) -> list[Words]:
     """Facts of the laboratory's procedure."""
     method = certificate.profile.method
     facts = [
-        (Words("Revision: ", "版本："), method.revision),
-        (Words("Deviations from the method: ", "对方法的偏离："), method.deviations),
-        (Words("From external providers: ", "外部提供的部分："), method.external_providers),
+        (Words("Revision: "), method.revision),
+        (Words("Deviations from the method: "), method.deviations),
+        (Words("From external providers: "), method.external_providers),
     ]
-    return [label + Words(text) for label, text in facts if text.strip()]
+    return [label + Words.literal(text) for label, text in facts if text.strip()]
 
 
 def _describe_recipe(certificate: Certificate) -> Words:
     """Recipe of a run with its digest."""
     run = certificate.run
     return Words(
-        f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of"
-        " run.json): ",
-        f"配方 {run.recipe}，文本及 --set 修改的摘要（run.json 的 recipe.sha256 字段）：",
-    ) + Words(run.recipe_sha256)
+        "Recipe {recipe}, digest of its text and of what --set changed (field recipe.sha256"
+        " of run.json): ",
+        recipe=run.recipe,
+    ) + Words.literal(run.recipe_sha256)
 
 
 def _list_conditions(certificate: Certificate) -> list[tuple[Words, str]]:
     """Conditions of the laboratory in words; "not stated" where there are none of any kind."""
     lab_conditions = certificate.profile.conditions
     texts = [(words, str(getattr(lab_conditions, key))) for key, words in CONDITIONS]
-    texts += [(Words("Further conditions", "其他条件"), text) for text in lab_conditions.others]
+    texts += [(Words("Further conditions"), text) for text in lab_conditions.others]
     stated = [(words, text) for words, text in texts if text.strip()]
     if not stated and not certificate.run.conditions:
         return [(HEADINGS["conditions"], dcc_xml.NOT_STATED)]
@@ -219,45 +219,45 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
     """Statements on the whole certificate: what they are called, their texts, their refType."""
     profile, run = certificate.profile, certificate.run
     numbering = profile.certificate
-    missing = Words("DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺")
+    missing = Words("DRAFT: not a calibration certificate; missing")
     accredited = circumstances.describe_accreditation(certificate)
     remarks = circumstances.describe_remarks(len(run.flags), RUN_FILE)
     outside = any(result.outside_scope for result in certificate.results)
     return [
-        (Words("Validity", "有效范围"), [SENTENCES["only_item"]], ""),
-        (missing, [Words(f"{m.key}: ") + m.description for m in certificate.missing], ""),
+        (Words("Validity"), [SENTENCES["only_item"]], ""),
+        (missing, [Words.literal(f"{m.key}: ") + m.description for m in certificate.missing], ""),
         (
-            Words("Traceability", "溯源性"),
+            Words("Traceability"),
             [numbering.traceability or SENTENCES["traceability"]] if profile.standard else [],
             "basic_metrologicallyTraceableToSI",
         ),
         (
-            Words("Accreditation", "认可"),
+            Words("Accreditation"),
             [accredited, *([tables.OUTSIDE] if outside else [])] if accredited.en else [],
             "basic_isInCMC",
         ),
         (
-            Words("Reproduction", "复制"),
+            Words("Reproduction"),
             [numbering.reproduction or SENTENCES["reproduction"]],
             "",
         ),
-        (Words("Place of work", "校准地点"), [profile.laboratory.place_of_work], ""),
-        (Words("Adjustment", "调整"), [profile.adjustment.statement], ""),
-        (Words("Amendment", "修改说明"), numbering.changes, "basic_revision"),
-        (Words("Remarks", "备注"), profile.remarks, ""),
+        (Words("Place of work"), [profile.laboratory.place_of_work], ""),
+        (Words("Adjustment"), [profile.adjustment.statement], ""),
+        (Words("Amendment"), numbering.changes, "basic_revision"),
+        (Words("Remarks"), profile.remarks, ""),
         (
-            Words("Left out", "剔除数据"),
+            Words("Left out"),
             [
                 *(f"{item}: {reason} ({person})" for item, reason, person in run.excluded),
                 *map(circumstances.describe_left_out, run.left_out),
             ],
             "",
         ),
-        (Words("Remarks of the evaluation", "数据处理备注"), [remarks], ""),
+        (Words("Remarks of the evaluation"), [remarks], ""),
     ]
 
 
 def _state_verdict(statement: ConformityStatement) -> Words:
     """Verdict of a statement of conformity, with its reason."""
-    verdict = Words(statement.verdict)
-    return verdict + Words(": ") + statement.reason if statement.reason.en else verdict
+    verdict = Words.literal(statement.verdict)
+    return verdict + Words.literal(": ") + statement.reason if statement.reason.en else verdict

@@ -28,13 +28,9 @@ REGION = 0.95
 """Coverage probability of the region that the covariance of parameters spans."""
 PARAMETERS = Words(
     "All parameters of the model with their covariance: type A, from the fit alone. Type B"
-    " contributions are in the expanded uncertainties of the other results.",
-    "模型全部参数及其协方差（仅含拟合的 A 类分量）；B 类分量计入其他结果的扩展不确定度。",
+    " contributions are in the expanded uncertainties of the other results."
 )
-RATIO = Words(
-    "Accelerations are ratios to the local gravity, which was not stated.",
-    "加速度以当地重力加速度的比值给出（未说明当地重力值）。",
-)
+RATIO = Words("Accelerations are ratios to the local gravity, which was not stated.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,25 +128,26 @@ def table_notes(
 
 def name_result(result: Result) -> Words:
     """Name of a result, with the standard whose definition is meant."""
-    name = result.name if result.name.en else Words(result.symbol or result.key)
-    return name + Words(f" ({result.standard})") if result.standard else name
+    name = result.name if result.name.en else Words.literal(result.symbol or result.key)
+    return name + Words.literal(f" ({result.standard})") if result.standard else name
 
 
 def name_model(model: Model) -> Words:
     """Title of the parameters of a model."""
-    return Words(f"{model.name}: parameters ({model.form})", f"{model.name}：参数（{model.form}）")
+    return Words("{name}: parameters ({form})", name=model.name, form=model.form)
 
 
 def model_notes(model: Model) -> list[Words]:
     """What the covariance of a model holds, how it fits, and its ranges."""
     rms = f"{model.residual_rms:.6g} {unit_mark(model.residual_unit)}"
     spread = Words(
-        f"Residual rms of the fit {rms}, {model.dof} degrees of freedom: a descriptor, not an"
+        "Residual rms of the fit {rms}, {dof} degrees of freedom: a descriptor, not an"
         " uncertainty.",
-        f"拟合残差均方根 {rms}，自由度 {model.dof}（仅为描述量）。",
+        rms=rms,
+        dof=model.dof,
     )
     ranges = [f"{column}: {low!r} … {high!r}" for column, (low, high) in model.valid.items()]
-    return [PARAMETERS, spread, Words("; ".join(ranges))]
+    return [PARAMETERS, spread, Words.literal("; ".join(ranges))]
 
 
 def parameter_key(coefficient: Coefficient, stage: str, model: Model) -> str:
@@ -202,7 +199,7 @@ def split_states(validation: AsFoundAsLeft | None) -> list[tuple[Words, str, _Va
 
 def name_row(row: BeforeAfter) -> Words:
     """Name of a value of a validation, behind its log."""
-    return (Words(f"{row.log}: ") if row.log else Words("")) + row.quantity
+    return (Words.literal(f"{row.log}: ") if row.log else Words("")) + row.quantity
 
 
 def spell_number(value: float) -> str:

@@ -10,18 +10,18 @@ from calibkit.certificate.content import Certificate
 from calibkit.certificate.names import name_result
 from calibkit.certificate.words import Lang, Words, unit_mark, with_unit
 
-LIMITS = Words("limits", "允许范围")
+LIMITS = Words("limits")
 """Head of the column whose entries state the unit of a row."""
 _HEADS = (
-    Words("result", "结果"),
-    Words("specification", "技术要求"),
+    Words("result"),
+    Words("specification"),
     tables.VALUE,
     tables.U,
     tables.K,
     LIMITS,
-    Words("acceptance limits", "接受限"),
-    Words("rule", "规则"),
-    Words("decision", "结论"),
+    Words("acceptance limits"),
+    Words("rule"),
+    Words("decision"),
 )
 
 
@@ -29,18 +29,16 @@ def lay_out_conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Statements of conformity, with the decision rules that they rest on and their risks."""
     statements = certificate.statements
     if not statements:
-        text = Words("No statement of conformity was asked for.", "未要求符合性声明。")
+        text = Words("No statement of conformity was asked for.")
         return {"text": text.of(lang), "table": None, "rules": []}
-    text = Words(
-        "Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。"
-    )
+    text = Words("Compared without rounding, in the unit of the limits.")
     rows = [_statement(statement, lang) for statement in statements]
     rules = sorted({s.rule for s in statements})
     return {
         "text": text.of(lang),
         "table": tables.text_table(_HEADS, "llrrrllll", rows, lang),
         "rules": [
-            f"{(conformity.RULES[rule] + Words('. ', '。') + conformity.RISKS[rule]).of(lang)}"
+            f"{(conformity.RULES[rule] + Words('. ') + conformity.RISKS[rule]).of(lang)}"
             for rule in rules
         ],
     }

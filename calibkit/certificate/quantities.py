@@ -62,7 +62,7 @@ class Point:
         """Type A uncertainties: of each model from its covariance, and the further ones."""
         uncertainties = []
         for model, weights in self.parts:
-            name = TYPE_A if len(self.parts) == 1 else TYPE_A + Words(f", {model.name}")
+            name = TYPE_A if len(self.parts) == 1 else TYPE_A + Words.literal(f", {model.name}")
             u = float(gum.uncertainty_along(weights[None], np.array(model.covariance))[0])
             uncertainties.append((name, u, dof_along(model, weights)))
         return (*uncertainties, *self.more)

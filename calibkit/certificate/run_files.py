@@ -95,10 +95,10 @@ class RunFacts:
         found.
         """
         return Words(
-            f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the"
-            " file is another): ",
-            f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
-        ) + Words(self.sha256)
+            "Run {name}, digest of its content (field sha256 of run.json; the SHA-256 of the file"
+            " is another): ",
+            name=self.name,
+        ) + Words.literal(self.sha256)
 
 
 def _range(entry: Mapping[str, Any]) -> str:
@@ -204,15 +204,15 @@ def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Figures of one log, whatever the procedure."""
     log = str(entry["name"])
     if "drift_rms_before" in entry:
-        quantity = Words("drift rms, 100 s means", "漂移均方根（100 s 平均）")
+        quantity = Words("drift rms, 100 s means")
         yield BeforeAfter(
             log, quantity, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h"
         )
-        yield BeforeAfter(log, Words("rate gain", "速率增益"), 1.0, entry["rate_gain"], "1")
+        yield BeforeAfter(log, Words("rate gain"), 1.0, entry["rate_gain"], "1")
     for gyro in entry.get("gyros", ()):
         yield from _gyro(log, gyro)
     for channel in entry.get("channels", ()):
-        quantity = Words(f"{channel['name']}: standard deviation", f"{channel['name']}：标准差")
+        quantity = Words("{channel}: standard deviation", channel=channel["name"])
         yield BeforeAfter(log, quantity, channel["before"], channel["after"], channel["unit"])
     if isinstance(entry.get("before"), dict):
         yield from _angles(log, entry["before"], entry["after"])
@@ -222,25 +222,25 @@ def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Scale-factor error of one gyro on one run."""
     before, after = gyro["before"], gyro["after"]
     name = gyro["gyro"]
-    quantity = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
+    quantity = Words("gyro {name}: scale-factor error", name=name)
     factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
     u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
     errors = before["scale_factor_error_ppm"], after["scale_factor_error_ppm"]
     yield BeforeAfter(log, quantity, *errors, "ppm", u, factor)
-    quantity = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
+    quantity = Words("gyro {name}: rate error rms", name=name)
     yield BeforeAfter(
         log, quantity, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s"
     )
 
 
 ANGLES = (
-    ("residual_rms_g", Words("residual rms", "残差均方根"), "g"),
-    ("inclination_rms_deg", Words("inclination error, rms", "井斜角误差均方根"), "deg"),
-    ("inclination_max_deg", Words("inclination error, largest", "井斜角最大误差"), "deg"),
-    ("toolface_rms_deg", Words("toolface error, rms", "工具面角误差均方根"), "deg"),
-    ("toolface_max_deg", Words("toolface error, largest", "工具面角最大误差"), "deg"),
-    ("azimuth_rms_deg", Words("azimuth error, rms", "方位角误差均方根"), "deg"),
-    ("azimuth_max_deg", Words("azimuth error, largest", "方位角最大误差"), "deg"),
+    ("residual_rms_g", Words("residual rms"), "g"),
+    ("inclination_rms_deg", Words("inclination error, rms"), "deg"),
+    ("inclination_max_deg", Words("inclination error, largest"), "deg"),
+    ("toolface_rms_deg", Words("toolface error, rms"), "deg"),
+    ("toolface_max_deg", Words("toolface error, largest"), "deg"),
+    ("azimuth_rms_deg", Words("azimuth error, rms"), "deg"),
+    ("azimuth_max_deg", Words("azimuth error, largest"), "deg"),
 )
 
 
@@ -252,8 +252,7 @@ def _angles(log: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> It
             quantity = words
             if span and key.startswith("toolface"):
                 quantity = words + Words(
-                    f", inclination {span[0]:g}° to {span[1]:g}°",
-                    f"（井斜 {span[0]:g}° 至 {span[1]:g}°）",
+                    ", inclination {low:g}° to {high:g}°", low=span[0], high=span[1]
                 )
             yield BeforeAfter(log, quantity, before.get(key), after.get(key), unit)
 
@@ -264,9 +263,7 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
         if station.get("refused") or station.get("azimuth_error_after_deg") is None:
             continue
         u = station.get("azimuth_standard_uncertainty_deg")
-        quantity = Words(
-            f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差"
-        )
+        quantity = Words("station {station}: azimuth error", station=station["station"])
         before, after = station.get("azimuth_error_before_deg"), station["azimuth_error_after_deg"]
         expanded = () if u is None else (2.0 * u, 2.0)
         yield BeforeAfter(str(entry["name"]), quantity, before, after, "deg", *expanded)
@@ -275,9 +272,7 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
 def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """Differences of N, ε, γ, α found on other runs from those of the coefficients."""
     for entry in document.get("pair", ()):
-        quantity = Words(
-            f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差"
-        )
+        quantity = Words("{result}: difference of the new runs", result=entry["name"])
         factor = gum.coverage_factor(max(entry.get("dof", math.inf), 1.0))
         u = factor * entry["standard_uncertainty"]
         yield BeforeAfter("", quantity, None, entry["difference"], entry["unit"], u, factor)

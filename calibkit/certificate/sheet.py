@@ -81,22 +81,22 @@ def _party(party: Party, lang: Lang, order: str = "") -> Rows:
     """Name, address and contact details of a laboratory with its code and place of work, or of a
     customer with the number of the order.
     """
-    label, place = Words("Customer", "客户"), []
-    code = list_given((Words("Order", "委托单号"), order))
+    label, place = Words("Customer"), []
+    code = list_given((Words("Order"), order))
     if isinstance(party, Laboratory):
-        label = Words("Laboratory", "实验室")
-        code = list_given((Words("Laboratory code", "实验室代码"), party.code))
-        place = [(Words("Place of work", "校准地点"), party.place_of_work)]
+        label = Words("Laboratory")
+        code = list_given((Words("Laboratory code"), party.code))
+        place = [(Words("Place of work"), party.place_of_work)]
     return in_words(
         [
             (label, party.name),
             *code,
-            (Words("Address", "地址"), party.address),
-            *list_given((Words("Country", "国家"), party.country)),
+            (Words("Address"), party.address),
+            *list_given((Words("Country"), party.country)),
             *place,
             *list_given(
-                (Words("E-mail", "电子邮件"), party.email),
-                (Words("Telephone", "电话"), party.phone),
+                (Words("E-mail"), party.email),
+                (Words("Telephone"), party.phone),
             ),
         ],
         lang,
@@ -110,16 +110,16 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
     until = f" … {dates.performed_until}" if dates.performed_until else ""
     return in_words(
         [
-            (Words("Item", "名称"), item.type),
-            (Words("Maker", "制造商"), item.maker),
-            (Words("Model", "型号"), item.model),
-            (Words("Serial number", "编号"), certificate.run.serial),
-            *list_given((Words("Identification", "标识"), item.identification)),
-            (Words("Condition", "状态"), item.condition),
-            *list_given((Words("Certificate before", "上一份证书"), numbering.previous)),
-            *list_given((Words("Received", "接收日期"), str(dates.received or ""))),
-            (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
-            (Words("Issued", "签发日期"), str(certificate.issued)),
+            (Words("Item"), item.type),
+            (Words("Maker"), item.maker),
+            (Words("Model"), item.model),
+            (Words("Serial number"), certificate.run.serial),
+            *list_given((Words("Identification"), item.identification)),
+            (Words("Condition"), item.condition),
+            *list_given((Words("Certificate before"), numbering.previous)),
+            *list_given((Words("Received"), str(dates.received or ""))),
+            (Words("Calibrated"), f"{dates.performed or ''}{until}"),
+            (Words("Issued"), str(certificate.issued)),
         ],
         lang,
     )
@@ -130,20 +130,20 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
     method, run = certificate.profile.method, certificate.run
     return in_words(
         [
-            (Words("Method", "方法"), method.name),
-            (Words("Revision", "版本"), method.revision),
+            (Words("Method"), method.name),
+            (Words("Revision"), method.revision),
             (
-                Words("Evaluation", "数据处理"),
+                Words("Evaluation"),
                 f"{run.software}, {run.recipe} ({run.procedure}), {run.name}",
             ),
-            (Words("Deviations from the method", "对方法的偏离"), method.deviations),
-            (Words("From external providers", "外部提供的部分"), method.external_providers),
+            (Words("Deviations from the method"), method.deviations),
+            (Words("From external providers"), method.external_providers),
             *(
-                (Words("Left out", "剔除数据"), f"{item}: {reason} ({person})")
+                (Words("Left out"), f"{item}: {reason} ({person})")
                 for item, reason, person in run.excluded
             ),
             *(
-                (Words("Left out", "剔除数据"), circumstances.describe_left_out(fact).of(lang))
+                (Words("Left out"), circumstances.describe_left_out(fact).of(lang))
                 for fact in run.left_out
             ),
         ],
@@ -184,8 +184,7 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     notes = [
         Words(
             "As found: without the coefficients of this certificate (raw, or with those before). As"
-            " left: with them. The logs are other data than those the coefficients were fitted to.",
-            "调整前：未使用本证书系数；调整后：使用本证书系数。所用数据与拟合数据不同。",
+            " left: with them. The logs are other data than those the coefficients were fitted to."
         )
     ]
     notes += map(_criterion, validation.criteria)
@@ -194,13 +193,13 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     validation_tables = [
         _before_after(
             validation.rows,
-            Words("Validation on logs that were not fitted", "未参与拟合数据的验证"),
+            Words("Validation on logs that were not fitted"),
             lang,
         )
     ]
     if validation.check_points:
         validation_tables.append(
-            _before_after(validation.check_points, Words("Check points", "检验点"), lang)
+            _before_after(validation.check_points, Words("Check points"), lang)
         )
     return {
         "statement": statement,
@@ -212,18 +211,22 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = names.name_criterion(criterion.name), criterion.passed
-    limit_source, value_text, limit = Words("Limit of the recipe", "配方限值"), "", ""
+    limit_source, value_text, limit = Words("Limit of the recipe"), "", ""
     if criterion.set_by == "recipe":
         value_text = tables.format_beside(criterion.value, criterion.limit)
         limit = tables.format_exact(criterion.limit)
     else:
-        limit_source = Words("Limit of the evaluation", "数据处理限值")
+        limit_source = Words("Limit of the evaluation")
         value_text, limit = tables.format_pair(criterion.value, criterion.limit)
     bound = with_unit(limit, unit_mark(criterion.unit))
-    verdict = Words("met", "满足") if passed else Words("NOT met", "不满足")
+    verdict = Words("met") if passed else Words("NOT met")
     return Words(
-        f"{limit_source.en}: {name.en} {value_text} against {bound}: {verdict.en}.",
-        f"{limit_source.zh}：{name.zh or name.en} {value_text}，限值 {bound}：{verdict.zh}。",
+        "{limit_source}: {name} {value_text} against {bound}: {verdict}.",
+        limit_source=limit_source,
+        name=name,
+        value_text=value_text,
+        bound=bound,
+        verdict=verdict,
     )
 
 
@@ -245,10 +248,7 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     expanded = [tables.U, tables.K] if certain else []
     heads = [Words(""), Words(""), AS_FOUND, AS_LEFT, *expanded, tables.UNIT]
     align = "llrrrrl" if certain else "llrrl"
-    note = Words(
-        "U = k·u of the as-left results, coverage probability about 95 %.",
-        "U = k·u（调整后结果），包含概率约 95 %。",
-    )
+    note = Words("U = k·u of the as-left results, coverage probability about 95 %.")
     return tables.text_table(
         heads, align, table_rows, lang, title=title, notes=[note] if certain else []
     )
@@ -266,17 +266,17 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         term_names = ", ".join(certificate.unused_terms)
         notes.append(
             Words(
-                f"Type B terms that enter no result of this certificate: {term_names}.",
-                f"未用于本证书结果的 B 类分量：{term_names}。",
+                "Type B terms that enter no result of this certificate: {term_names}.",
+                term_names=term_names,
             ).of(lang)
         )
     if reason := certificate.without_type_b.of(lang):
         notes.append(reason)
     return {
         "heads": [
-            Words("contribution", "分量").of(lang),
-            Words("type", "类").of(lang),
-            Words("distribution", "分布").of(lang),
+            Words("contribution").of(lang),
+            Words("type").of(lang),
+            Words("distribution").of(lang),
             "u(x)",
             "c",
             "|c|·u(x)",
@@ -297,20 +297,20 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     files = [[a.name, names.name_file(a.name).of(lang), a.sha256] for a in certificate.attachments]
     logs = [[log.name, str(log.rows), log.sha256] for log in run.inputs]
     if certificate.as_found is not None:
-        word = Words("validation", "验证").of(lang)
+        word = Words("validation").of(lang)
         logs += [
             [f"{log.name} ({word})", str(log.rows), log.sha256] for log in certificate.as_found.logs
         ]
     notes = [
         run.content_digest.of(lang),
-        (Words("Coefficients hold from ", "系数生效日期 ") + Words(run.effective_from)).of(lang),
+        (Words("Coefficients hold from ") + Words.literal(run.effective_from)).of(lang),
     ]
     notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]
     if remarks := circumstances.describe_remarks(len(run.flags), RUN_FILE).of(lang):
         notes.append(remarks)
-    heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
-    log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
+    heads = [Words("file"), Words("content"), Words.literal("SHA-256")]
+    log_heads = [Words("log"), Words("rows"), Words.literal("SHA-256")]
     return {
         "heads": [h.of(lang) for h in heads],
         "files": files,
@@ -327,9 +327,9 @@ def _amendment(profile: Profile, lang: Lang) -> dict[str, Any] | None:
         return None
     issued = f" ({numbering.amends_issued})" if numbering.amends_issued else ""
     text = Words(
-        f"This certificate replaces certificate {numbering.amends}{issued},"
-        " which is no longer valid.",
-        f"本证书替代证书 {numbering.amends}{issued}，原证书作废。",
+        "This certificate replaces certificate {amends}{issued}, which is no longer valid.",
+        amends=numbering.amends,
+        issued=issued,
     )
     return {
         "text": text.of(lang),

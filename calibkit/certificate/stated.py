@@ -103,9 +103,11 @@ class Stated:
         temperatures = ", ".join(outside)
         return (
             Words(
-                f"Nothing is stated at {temperatures}: outside the calibrated range,"
-                f" {low:.1f} °C to {high:.1f} °C.",
-                f"{temperatures} 超出校准范围（{low:.1f} °C 至 {high:.1f} °C），不给出结果。",
+                "Nothing is stated at {temperatures}: outside the calibrated range, {low:.1f} °C to"
+                " {high:.1f} °C.",
+                temperatures=temperatures,
+                low=low,
+                high=high,
             ),
         )
 
@@ -134,11 +136,9 @@ def range_words(model: Model) -> Words:
     for column, ends in model.valid.items():
         low, high = (f"{end:.4g}".replace("-", "−") for end in ends)
         unit = unit_mark(input_unit(column))
-        parts.append(name_condition(column) + Words(f" {low} … {high} {unit}".rstrip()))
-    return Words(
-        f"Model {name.en} holds for {'; '.join(part.en for part in parts)}.",
-        f"模型 {name.zh or name.en} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
-    )
+        parts.append(name_condition(column) + Words.literal(f" {low} … {high} {unit}".rstrip()))
+    ranges = Words("; ").join(parts)
+    return Words("Model {name} holds for {ranges}.", name=name, ranges=ranges)
 
 
 def residual_words(model: Model) -> Words:
@@ -146,10 +146,11 @@ def residual_words(model: Model) -> Words:
     rms = f"{model.residual_rms:.2g} {unit_mark(model.residual_unit)}".strip()
     name = name_model(model.name)
     return Words(
-        f"Model {name.en}: residual rms of the fit {rms}, {model.dof}"
-        " degrees of freedom (a descriptor, not an uncertainty).",
-        f"模型 {name.zh or name.en}：拟合残差均方根 {rms}，自由度 {model.dof}（仅为描述量，"
-        "并非不确定度）。",
+        "Model {name}: residual rms of the fit {rms}, {dof} degrees of freedom (a descriptor,"
+        " not an uncertainty).",
+        name=name,
+        rms=rms,
+        dof=model.dof,
     )
 
 

@@ -30,12 +30,10 @@ ENDS = 0.01
 """Distance of an end of an interval from its value, relative to U, below which it tells nothing."""
 FEWEST, MOST_DIGITS = 4, 17
 """Significant digits of a number without an uncertainty, and those that hold any float64."""
-VALUE, U, K, UNIT = Words("value", "值"), Words("U"), Words("k"), Words("unit", "单位")
+VALUE, U, K, UNIT = Words("value"), Words.literal("U"), Words.literal("k"), Words("unit")
 
-OUTSIDE = Words(
-    "Results marked * are outside the scope of the accreditation.", "标 * 的结果不在认可范围内。"
-)
-UNIT_OF_BOTH = Words("unit of value and U", "值与 U 的单位")
+OUTSIDE = Words("Results marked * are outside the scope of the accreditation.")
+UNIT_OF_BOTH = Words("unit of value and U")
 
 
 def format_number(text: str, exponent: int = 0) -> str:
@@ -45,11 +43,11 @@ def format_number(text: str, exponent: int = 0) -> str:
 
 
 DISTRIBUTIONS = {
-    "normal": Words("normal", "正态"),
-    "rectangular": Words("rectangular", "均匀"),
-    "triangular": Words("triangular", "三角"),
-    "arcsine": Words("arcsine", "反正弦"),
-    "t": Words("t"),
+    "normal": Words("normal"),
+    "rectangular": Words("rectangular"),
+    "triangular": Words("triangular"),
+    "arcsine": Words("arcsine"),
+    "t": Words.literal("t"),
 }
 
 
@@ -247,7 +245,7 @@ def _part(table: GridTable, column_slice: slice, lang: Lang, *, last: bool) -> d
     for k, (head, width) in enumerate(zip(table.heads[column_slice], widths, strict=True)):
         unit = "" if table.by_row else f" [{unit_mark(table.units[column_slice][k]) or 1}]"
         groups.append([head.of(lang), width])
-        heads += (VALUE + Words(unit), U + Words(unit), K)[:width]
+        heads += (VALUE + Words.literal(unit), U + Words.literal(unit), K)[:width]
         align += "r" * width
     rows = [
         [_label(label, lang)]
@@ -303,8 +301,7 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
     """What U is in a table, and the degrees of freedom where they are few."""
     brackets = Words(
         "Brackets hold the coverage interval of a quantity that cannot be negative: Monte Carlo, of"
-        " a deviation chi-square.",
-        "方括号内为非负量的包含区间（蒙特卡洛法；偏差采用卡方分布）。",
+        " a deviation chi-square."
     )
     bracketed = any(r.interval is not None for r in results)
     uncertainties = [
@@ -314,11 +311,8 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         return brackets if bracketed else None
     dofs = [uncertainty.effective_dof for uncertainty in uncertainties]
     few_dof = _few([dof for dof in dofs if dof < gum.FEW_DOF])
-    words = Words(
-        f"U = k·u, coverage probability about 95 %{few_dof.en}.",
-        f"U = k·u，包含概率约 95 %{few_dof.zh}。",
-    )
-    return words + Words(f" {brackets.en}", brackets.zh) if bracketed else words
+    words = Words("U = k·u, coverage probability about 95 %{few_dof}.", few_dof=few_dof)
+    return words + Words(" {sentence}", sentence=brackets) if bracketed else words
 
 
 def _outside_words(results: Iterable[Result]) -> Words | None:
@@ -329,10 +323,10 @@ def _outside_words(results: Iterable[Result]) -> Words | None:
 def _few(dof: Sequence[float]) -> Words:
     """Fewest effective degrees of freedom, where Student's distribution gives k."""
     if not dof:
-        return Words("", "")
+        return Words("")
     low, high = math.floor(min(dof)), math.floor(max(dof))
     span = f"{low}" if low == high else f"{low} … {high}"
-    return Words(f"; k of Student with ν_eff = {span}", f"；k 按 t 分布，ν_eff = {span}")
+    return Words("; k of Student with ν_eff = {span}", span=span)
 
 
 def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:

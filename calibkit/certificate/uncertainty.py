@@ -16,7 +16,7 @@ from calibkit.records.sensitivities import Kind
 
 Influences = Mapping[tuple[str, Kind], float]
 """Input and kind of its error → derivative of a result by it."""
-TYPE_A = Words("fit to the logs", "对数据的拟合")
+TYPE_A = Words("fit to the logs")
 """Name of the type A contribution: the fit's covariance."""
 
 
@@ -147,7 +147,7 @@ def _apply(
                 standard_uncertainty=part.standard_uncertainty / share,
                 sensitivity=part.sensitivity * share,
             ),
-            Words(part.name),
+            Words.literal(part.name),
             term.quantity,
             unit_of_part,
         )

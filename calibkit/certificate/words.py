@@ -5,104 +5,151 @@ printed.
 from __future__ import annotations
 
 import re
+import tomllib
 from dataclasses import dataclass
-from typing import Literal
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 from calibkit.units import ANGLE_MARKS
 
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
 Lang = Literal["en", "zh", "both"]
+CATALOGUE = Path(__file__).with_name("words.zh.toml")
 
 
-@dataclass(frozen=True, slots=True)
+@cache
+def catalogue() -> dict[str, str]:
+    """English sentence → the same in Chinese, with the same values in braces."""
+    return tomllib.loads(CATALOGUE.read_text(encoding="utf-8"))
+
+
+@dataclass(init=False, unsafe_hash=True)
 class Words:
-    """The same words in English and in Chinese; symbols and names that are the same in both are
-    given once.
+    """Words on a certificate: in English here, in Chinese in the catalogue.
+
+    Values stand in braces as `str.format` has them; a value may be words itself. Behind a `|`
+    stands a note for the translator, which tells two uses of the same words apart and is never
+    printed.
     """
 
-    en: str
-    zh: str = ""
+    english: str
+    values: tuple[tuple[str, object], ...]
+
+    def __init__(self, english: str, /, **values: object) -> None:
+        self.english, self.values = english, tuple(values.items())
+
+    @classmethod
+    def literal(cls, text: str) -> Words:
+        """A symbol, a name or a user's own text, which is the same in both languages."""
+        return cls("{text}", text=text)
+
+    @classmethod
+    def known(cls, text: str) -> Words:
+        """A text that is put together elsewhere, in Chinese where the catalogue has it."""
+        return cls(text) if text in catalogue() else cls.literal(text)
+
+    @property
+    def en(self) -> str:
+        """The words in English."""
+        values = {k: v.en if isinstance(v, Words) else v for k, v in self.values}
+        return self.english.partition("|")[0].format(**values)
+
+    @property
+    def zh(self) -> str:
+        """The words in Chinese, what has none among them in English; empty where the catalogue
+        lacks them.
+        """
+        values = {k: v.zh or v.en if isinstance(v, Words) else v for k, v in self.values}
+        return catalogue().get(self.english, "").format(**values)
 
     def of(self, lang: Lang) -> str:
         """The words in one language, or one beside the other."""
-        if lang == "en" or not self.zh or self.zh == self.en:
-            return self.en
-        return self.zh if lang == "zh" else f"{self.en} {self.zh}"
+        english = self.en
+        chinese = "" if lang == "en" else self.zh
+        if not chinese or chinese == english:
+            return english
+        return chinese if lang == "zh" else f"{english} {chinese}"
+
+    def fill(self, **values: object) -> Words:
+        """The same words with their values."""
+        return Words(self.english, **values)
 
     def __add__(self, other: Words) -> Words:
-        return Words(self.en + other.en, (self.zh or self.en) + (other.zh or other.en))
+        return Words("{first}{second}", first=self, second=other)
+
+    def join(self, parts: Iterable[Words]) -> Words:
+        """Parts with these words between them; no words for none."""
+        joined, *further = [*parts] or [Words("")]
+        for part in further:
+            joined = joined + self + part
+        return joined
 
 
 HEADINGS = {
-    "parties": Words("Laboratory and customer", "实验室与客户"),
-    "item": Words("Item calibrated", "被校件"),
-    "method": Words("Method", "校准方法"),
-    "conditions": Words("Conditions", "校准条件"),
-    "traceability": Words("Traceability", "溯源性"),
-    "results": Words("Results", "校准结果"),
-    "as_found": Words("As found and as left", "调整前与调整后"),
-    "conformity": Words("Conformity", "符合性声明"),
-    "budget": Words("Uncertainty budget", "不确定度评定"),
-    "data": Words("Data and digests", "数据与摘要"),
-    "authorisation": Words("Authorisation", "批准"),
-    "amendment": Words("Amendment", "修改说明"),
-    "principal": Words("Principal results", "主要结果"),
-    "missing": Words("Missing for a certificate", "尚缺内容"),
-    "remarks": Words("Remarks", "备注"),
+    "parties": Words("Laboratory and customer"),
+    "item": Words("Item calibrated"),
+    "method": Words("Method|heading"),
+    "conditions": Words("Conditions"),
+    "traceability": Words("Traceability"),
+    "results": Words("Results|heading"),
+    "as_found": Words("As found and as left"),
+    "conformity": Words("Conformity"),
+    "budget": Words("Uncertainty budget"),
+    "data": Words("Data and digests"),
+    "authorisation": Words("Authorisation"),
+    "amendment": Words("Amendment"),
+    "principal": Words("Principal results"),
+    "missing": Words("Missing for a certificate"),
+    "remarks": Words("Remarks"),
 }
 SENTENCES = {
-    "draft": Words("DRAFT", "草稿"),
-    "draft_line": Words("DRAFT: not a calibration certificate", "草稿：非正式校准证书"),
-    "number": Words("Certificate number", "证书编号"),
-    "page": Words("Page {n} of {N}", "第 {n} 页，共 {N} 页"),
-    "end": Words("End of certificate", "证书结束"),
-    "signature": Words("Signature", "签名"),
+    "draft": Words("DRAFT"),
+    "draft_line": Words("DRAFT: not a calibration certificate"),
+    "number": Words("Certificate number"),
+    "page": Words("Page {n} of {N}", n="{n}", N="{N}"),
+    "end": Words("End of certificate"),
+    "signature": Words("Signature"),
     "signed": Words(
-        "Signed electronically: the signature is in this file; calibkit verify checks it.",
-        "电子签名：签名含于本文件中，可用 calibkit verify 核验。",
+        "Signed electronically: the signature is in this file; calibkit verify checks it."
     ),
     "only_item": Words(
-        "The results relate only to the item calibrated, as it was when it was calibrated.",
-        "结果仅与被校件及其校准时的状态有关。",
+        "The results relate only to the item calibrated, as it was when it was calibrated."
     ),
     "uncertainty": Words(
         "The expanded uncertainty U is the combined standard uncertainty times the coverage factor"
         " k beside each value, for a coverage probability of about 95 %. It combines the"
         " uncertainty of the fit (type A, from its covariance) with what is known of the equipment"
         " (type B). It holds at the time and under the conditions of the calibration; the item's"
-        " long-term stability is not in it.",
-        "扩展不确定度 U 为合成标准不确定度乘以各值旁所列包含因子 k，包含概率约 95 %。"
-        "其中包括拟合不确定度（A 类，来自协方差）"
-        "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
+        " long-term stability is not in it."
     ),
     "traceability": Words(
-        "The results are traceable through the certificates of the standards below.",
-        "量值通过下列标准器的证书溯源。",
+        "The results are traceable through the certificates of the standards below."
     ),
     "reproduction": Words(
         "This certificate may be reproduced only in full, except with the laboratory's written"
-        " approval.",
-        "未经实验室书面批准，不得部分复制本证书。",
+        " approval."
     ),
     "principal": Words(
         "All results, with the models and conditions that they hold for, stand on the pages that"
-        " follow.",
-        "全部结果及其模型与适用条件见后续各页。",
+        " follow."
     ),
     "attached": Words(
         "The files below are attached to this PDF. The coefficients in them have all their digits"
-        " and their covariance.",
-        "以下文件附于本 PDF 中，其中的系数含全部有效数字及协方差。",
+        " and their covariance."
     ),
 }
-AS_FOUND, AS_LEFT = Words("as found", "调整前"), Words("as left", "调整后")
+AS_FOUND, AS_LEFT = Words("as found"), Words("as left")
 CONDITIONS = (
-    ("chamber", Words("Chamber set points and holds", "温箱设定点与保温")),
-    ("laboratory_temperature", Words("Laboratory temperature", "实验室温度")),
-    ("local_gravity", Words("Local gravity", "当地重力加速度")),
-    ("latitude", Words("Latitude", "纬度")),
-    ("earth_rate", Words("Earth's rate", "地球自转")),
-    ("supply", Words("Supply", "供电")),
-    ("warm_up", Words("Warm-up", "预热")),
+    ("chamber", Words("Chamber set points and holds")),
+    ("laboratory_temperature", Words("Laboratory temperature")),
+    ("local_gravity", Words("Local gravity")),
+    ("latitude", Words("Latitude")),
+    ("earth_rate", Words("Earth's rate")),
+    ("supply", Words("Supply")),
+    ("warm_up", Words("Warm-up")),
 )
 """Key of [conditions] in the profile, and what it is called."""
 

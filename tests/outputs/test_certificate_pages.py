@@ -222,21 +222,21 @@ def test_degrees_of_angle_stand_without_a_space(certificate_of, name, lang):
     [
         (
             "gyro_scale.nonlinearity_full_scale.GJB 2426A.a_about_a",
-            Words("nonlinearity, of full scale", "非线性度（满量程）"),
+            Words("nonlinearity, of full scale"),
             "nonlinearity, of full scale, gyro a about axis a",
             "非线性度（满量程），a 陀螺绕 a 轴",
         ),
         (
             "accel_q.triad.Q1",
-            Words("Non-orthogonality", "非正交角"),
+            Words("Non-orthogonality"),
             "Non-orthogonality",
             "非正交角",
         ),
         (
             "gyro_orthogonality.angle_deg.x_y",
-            Words("angle", "夹角"),
-            "angle, x to y",
-            "夹角，x 与 y",
+            Words("angles between the input axes"),
+            "angles between the input axes, x to y",
+            "输入轴夹角，x 与 y",
         ),
     ],
 )

@@ -29,9 +29,7 @@ K_EQUATION = Equation(
     r" K_9 G_z",
     Words(
         "G indications [g], G' corrected [g], t case temperature [°C], g local gravity; K₈ and K₉"
-        " are of y and z for x, of z and x for y, of x and y for z.",
-        "G 为示值 [g]，G' 为修正值 [g]，t 为壳温 [°C]，g 为当地重力；K₈、K₉ 对 x 轴取 y、z，对 y"
-        " 轴取 z、x，对 z 轴取 x、y。",
+        " are of y and z for x, of z and x for y, of x and y for z."
     ),
 )
 AFFINE_EQUATION = Equation(
@@ -40,8 +38,7 @@ AFFINE_EQUATION = Equation(
     r"M_{ij}(t) = \sum_k m_{ijk} t^k, \quad b_i(t) = \sum_k b_{ik} t^k",
     Words(
         "G indications [g], G' corrected [g], t case temperature [°C], g local gravity; n multiply"
-        " products of indications.",
-        "G 为示值 [g]，G' 为修正值 [g]，t 为壳温 [°C]，g 为当地重力；n 与示值之积相乘。",
+        " products of indications."
     ),
 )
 TRIAD_EQUATION = Equation(
@@ -50,44 +47,37 @@ TRIAD_EQUATION = Equation(
     r"G_i' = a_i - \sum_{j \neq i} (c_{ij} + d_{ij} t) a_j",
     Words(
         "G indications [g], G' corrected [g], t case temperature [°C], g local gravity; n multiply"
-        " products of a.",
-        "G 为示值 [g]，G' 为修正值 [g]，t 为壳温 [°C]，g 为当地重力；n 与 a 之积相乘。",
+        " products of a."
     ),
 )
 Q_EQUATION = Equation(
     forms.Q.name,
     r"G_x' = G_x, \quad G_y' = Q_3 G_x + G_y, \quad G_z' = Q_2 G_x + Q_1 G_y + G_z",
-    Words("G after scale factor and zero offset [g].", "G 为经标度因数与零位修正后的值 [g]。"),
+    Words("G after scale factor and zero offset [g]."),
 )
 BLOCKS = {
     forms.K.name: (
-        Words(
-            "K-factor: scale factor, zero offset and cross terms",
-            "K 系数：标度因数、零位与交叉耦合项",
-        ),
+        Words("K-factor: scale factor, zero offset and cross terms"),
         K_EQUATION,
     ),
     forms.AFFINE.name: (
-        Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏"),
+        Words("Affine triad: matrix and bias"),
         AFFINE_EQUATION,
     ),
     forms.TRIAD.name: (
-        Words(
-            "Triad: scale factor, zero offset and cross terms",
-            "三轴模型：标度因数、零位与交叉耦合项",
-        ),
+        Words("Triad: scale factor, zero offset and cross terms"),
         TRIAD_EQUATION,
     ),
 }
 """Form → title and equation of its block."""
-OVER = Words(" over temperature", "随温度")
+OVER = Words(" over temperature")
 GRIDS = {
-    ("m", False): Words("Diagonal of M", "M 对角元"),
-    ("m", True): Words("Cross terms of M", "M 交叉元"),
-    ("k", False): Words("Scale factor", "标度因数"),
-    ("c", True): Words("Cross terms", "交叉耦合项"),
-    ("z", False): Words("Zero offset", "零位"),
-    ("b", False): Words("Bias", "零偏"),
+    ("m", False): Words("Diagonal of M"),
+    ("m", True): Words("Cross terms of M"),
+    ("k", False): Words("Scale factor"),
+    ("c", True): Words("Cross terms"),
+    ("z", False): Words("Zero offset"),
+    ("b", False): Words("Bias"),
 }
 """Kind of a quantity over temperature, and whether it is of a cross-axis term → table."""
 
@@ -110,7 +100,9 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
     curves = [curve for kinds in by_model for curve in chain.from_iterable(kinds.values())]
     grids, figures = [], []
     for kind, title in GRIDS.items():
-        columns = [(Words(c.symbol or ""), c) for kinds in by_model for c in kinds.get(kind, ())]
+        columns = [
+            (Words.literal(c.symbol or ""), c) for kinds in by_model for c in kinds.get(kind, ())
+        ]
         grid = tabulate(basis, title + OVER, columns) if columns else None
         if grid is None:
             continue
@@ -118,9 +110,9 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
         if not kind[1]:  # the change of every column from its first row
             unit = "ppm" if grid.units[0] == "1" else "µg"
             low = f"{grid.points[0]:g}".replace("-", "−")
-            change = Words(f": change from {low} °C", f"：相对 {low} °C 的变化")
+            change = Words(": change from {low} °C", low=low)
             origins = [column_results(grid, k)[0][1].value for k in range(len(grid.heads))]
-            words = Words(f"change [{unit}]", f"变化 [{unit}]")
+            words = Words("change [{unit}]", unit=unit)
             figures.append(plot(grid, words, title=grid.title + change, origins=origins, scale=1e6))
     coefficients: Table
     if models[0].form == forms.K.name:  # K0 … K9 of the three axes side by side
@@ -132,7 +124,7 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
         coefficients = GridTable(
             COEFFICIENTS,
             Words(""),
-            tuple(Words(AXES[forms.K_MODELS.index(model.name)]) for model in models),
+            tuple(Words.literal(AXES[forms.K_MODELS.index(model.name)]) for model in models),
             tuple(units.values()),
             tuple(units),
             tuple(
@@ -153,17 +145,17 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
 def _q(basis: Stated, record: Record) -> Block:
     """Block of the Q-factor at the temperature that it was found at."""
     model = record.models[0]
-    name = Words("Non-orthogonality", "非正交角")
+    name = Words("Non-orthogonality")
     results = tuple(
         state(basis, coefficient(record, model, c.name, name), {}, principal=True)
         for c in model.coefficients
     )
     degc = model.value("temperature")
     notes = (
-        Words(f"Q holds at {degc:g} °C.", f"Q 系数对应温度 {degc:g} °C。"),
+        Words("Q holds at {degc:g} °C.", degc=degc),
         residual_words(model),
         range_words(model),
     )
-    title = Words("Q-factor: non-orthogonality of the axes", "Q 系数：三轴非正交")
+    title = Words("Q-factor: non-orthogonality of the axes")
     table = ListTable(COEFFICIENTS, results)
     return make_block(record, title, (Q_EQUATION,), (table,), (), notes)

@@ -31,11 +31,11 @@ POSITIONS = tuple(
 
 
 KINDS = {
-    "k": Words("Scale factor ", "标度因数 "),
-    "z": Words("Zero offset ", "零位 "),
-    "c": Words("Cross term ", "交叉耦合项 "),
-    "m": Words("Matrix entry ", "矩阵元 "),
-    "b": Words("Bias ", "零偏 "),
+    "k": Words("Scale factor "),
+    "z": Words("Zero offset "),
+    "c": Words("Cross term "),
+    "m": Words("Matrix entry "),
+    "b": Words("Bias "),
 }
 """First letter of a polynomial's symbol → what it is."""
 
@@ -61,7 +61,7 @@ def over_temperature(stage: str, model: Model) -> dict[tuple[str, bool], list[Qu
     quantities: dict[tuple[str, bool], list[Quantity]] = {}
     for (name, symbol, key), powers in polynomials.items():
         quantity = Quantity(
-            *(name, stage, model.name, KINDS[key[0]] + Words(symbol), units[powers[0]]),
+            *(name, stage, model.name, KINDS[key[0]] + Words.literal(symbol), units[powers[0]]),
             (ranged(model, forms.TEMPERATURE),),
             polynomial(model, powers, forms.TEMPERATURE),
             symbol=symbol,
@@ -83,7 +83,7 @@ def _component(model: Model, axis: int) -> Callable[[At], Point]:
     """
     form = forms.BY_NAME[model.form]
     point = of_form(form, model, _inputs(model), None if form is forms.K else axis)
-    words = Words("lack of fit of the K-factor", "K 系数的失拟")
+    words = Words("lack of fit of the K-factor")
     sizes = [p.value for p in model.parameters if p.name == "lack_of_fit" and p.value > 0.0]
     further = tuple((words, size, float("inf")) for size in sizes)
     return lambda inputs: replace(point(inputs), more=further)
@@ -109,7 +109,7 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
             f"corrected_{letter}",
             stage,
             "",
-            Words(f"corrected {letter}", f"修正后 {letter}"),
+            Words("corrected {letter}", letter=letter),
             "g",
             _inputs(model),
             _component(model, axis),
@@ -121,9 +121,9 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
         for model in record.models:
             quantities += chain.from_iterable(over_temperature(record.stage, model).values())
             if model.form == forms.K.name:
-                named = [("component", Words("corrected component", "修正分量"))]
+                named = [("component", Words("corrected component"))]
             elif record.stage != stage:
-                named = [(f"component_{x}", Words(f"corrected {x}", f"修正 {x}")) for x in AXES]
+                named = [(f"component_{x}", Words("corrected {x}", x=x)) for x in AXES]
             else:
                 continue
             quantities += [

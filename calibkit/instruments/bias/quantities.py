@@ -34,9 +34,9 @@ from calibkit.records.forms import POLYNOMIAL
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Rates [°C/min]; drift on ramps is stated at the fastest that was fitted."""
-MODEL_ERROR = Words("model error on stretches left out", "留出时段的模型误差")
-GYRO_MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
-HYSTERESIS = Words("hysteresis: which way the gyro came", "滞回：温度到达方向")
+MODEL_ERROR = Words("model error on stretches left out")
+GYRO_MODEL_ERROR = Words("model error on ramps left out")
+HYSTERESIS = Words("hysteresis: which way the gyro came")
 COIL_FORMS = (forms.LAGGED.name, forms.BANK.name)
 """Forms whose ranges are those of the coil, which lags behind the case."""
 
@@ -102,17 +102,17 @@ class FittedBias:
     def quantities(self, stage: str) -> tuple[Quantity, Quantity]:
         """The bias itself, and its drift."""
         reference, of_gyro = f"{self.reference:g}", self.model.form in forms.ON_LEVELS
-        words = Words("bias at rest", "稳态零偏")
+        words = Words("bias at rest")
         symbol: str | None = "y"
-        drift_words = Words(
-            f"drift against rest at {reference} °C", f"相对 {reference} °C 稳态的漂移"
-        )
+        drift_words = Words("drift against rest at {reference} °C", reference=reference)
         if of_gyro:
-            words, symbol = Words("bias, the earth's rate included", "零偏（含地球自转分量）"), "B"
-            drift_words = Words(drift_words.en, "热致漂移")
+            words, symbol = Words("bias, the earth's rate included"), "B"
+            drift_words = Words(
+                "drift against rest at {reference} °C|of a gyro", reference=reference
+            )
         elif self.model.form == POLYNOMIAL.name:
-            words, symbol = Words("bias", "零偏"), None
-            drift_words = Words(f"drift against {reference}", f"相对 {reference} 的漂移")
+            words, symbol = Words("bias"), None
+            drift_words = Words("drift against {reference}", reference=reference)
         bias = Quantity(
             "bias",
             stage,
@@ -158,7 +158,9 @@ def results(records: Mapping[str, Record], spec: BiasRecipe) -> tuple[Quantity, 
                         "increment",
                         record.stage,
                         model.name,
-                        Words(f"drift increment per {model.value('interval'):g} s", "漂移增量"),
+                        Words(
+                            "drift increment per {interval:g} s", interval=model.value("interval")
+                        ),
                         "deg/h",
                         inputs,
                         of_form(form, model, inputs),

@@ -31,34 +31,28 @@ ALLAN = Equation(
     Words(
         "σ Allan deviation, τ averaging time; N angle random walk (of an accelerometer: velocity"
         " random walk), B bias instability, K rate (acceleration) random walk, R rate"
-        " (acceleration) ramp, Q quantization.",
-        "σ 为 Allan 偏差，τ 为平均时间；N 角度随机游走（加速度计：速度随机游走），B"
-        " 零偏不稳定性，K 速率（加速度）随机游走，R 速率（加速度）斜坡，Q 量化噪声。",
+        " (acceleration) ramp, Q quantization."
     ),
 )
-TAU = Words("τ [s]")
+TAU = Words.literal("τ [s]")
 
 NAMES = {
-    "angle_random_walk": Words("angle random walk N", "角度随机游走 N"),
-    "bias_instability": Words("bias instability B", "零偏不稳定性 B"),
-    "rate_random_walk": Words("rate random walk K", "速率随机游走 K"),
-    "rate_ramp": Words("rate ramp R", "速率斜坡 R"),
-    "quantization": Words("quantization Q", "量化噪声 Q"),
-    "velocity_random_walk": Words("velocity random walk N", "速度随机游走 N"),
-    "acceleration_random_walk": Words("acceleration random walk K", "加速度随机游走 K"),
-    "acceleration_ramp": Words("acceleration ramp R", "加速度斜坡 R"),
-    "mean_rate": Words("mean rate", "平均角速率"),
-    "mean_acceleration": Words("mean acceleration", "平均加速度"),
-    "bias_stability_10_s": Words(
-        "bias stability, 10 s means (GJB 2426A)", "零偏稳定性（10 s 平均，GJB 2426A）"
-    ),
-    "bias_stability_100_s": Words(
-        "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
-    ),
+    "angle_random_walk": Words("angle random walk N"),
+    "bias_instability": Words("bias instability B"),
+    "rate_random_walk": Words("rate random walk K"),
+    "rate_ramp": Words("rate ramp R"),
+    "quantization": Words("quantization Q"),
+    "velocity_random_walk": Words("velocity random walk N"),
+    "acceleration_random_walk": Words("acceleration random walk K"),
+    "acceleration_ramp": Words("acceleration ramp R"),
+    "mean_rate": Words("mean rate"),
+    "mean_acceleration": Words("mean acceleration"),
+    "bias_stability_10_s": Words("bias stability, 10 s means (GJB 2426A)"),
+    "bias_stability_100_s": Words("bias stability, 100 s means (GJB 2426A)"),
 }
 DEVIATIONS = {
-    "allan": Words("Allan deviation", "Allan 偏差"),
-    "wavelet": Words("wavelet deviation", "小波偏差"),
+    "allan": Words("Allan deviation"),
+    "wavelet": Words("wavelet deviation"),
 }
 PRINCIPAL = {"angle_random_walk", "velocity_random_walk", "bias_instability"}
 FEW = 3.0
@@ -67,7 +61,7 @@ FEW = 3.0
 
 def name_term(term: str) -> Words:
     """Name of a noise term, mean or bias stability."""
-    return NAMES.get(term, Words(term.replace("_", " ")))
+    return NAMES.get(term, Words.literal(term.replace("_", " ")))
 
 
 def list_terms(record: Record) -> list[tuple[FigureName, Quantity]]:
@@ -78,7 +72,7 @@ def list_terms(record: Record) -> list[tuple[FigureName, Quantity]]:
     for figure in record.figures:
         name = read_name(figure.name)
         if name.tau_s is None:
-            words = name_term(name.term) + Words(f", {name.record}" if name.record else "")
+            words = name_term(name.term) + Words.literal(f", {name.record}" if name.record else "")
             term = replace(
                 of_figure(record, figure, words),
                 magnitude=figure.value < FEW * figure.standard_uncertainty,
@@ -115,7 +109,7 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         return ()
     terms = list_terms(record)
     listed = tuple(state(basis, term, {}) for _, term in terms)
-    title = Words("Noise and bias stability", "噪声与零偏稳定性")
+    title = Words("Noise and bias stability")
     tables: list[ListTable | GridTable] = [ListTable(title, listed)]
     # type B terms take away degrees of freedom: as many as give σ/√(2 dof) the combined uncertainty
     conditions = {condition.name: condition.value for condition in record.conditions}
@@ -140,8 +134,9 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         unit = next(iter(curve.values())).unit
         table = GridTable(
             Words(
-                f"Deviation over averaging time with {100.0 * probability:g} % limits, {of_record}",
-                f"随平均时间的偏差及 {100.0 * probability:g} % 置信限（{of_record}）",
+                "Deviation over averaging time with {percent:g} % limits, {record}",
+                percent=100.0 * probability,
+                record=of_record,
             ),
             TAU,
             tuple(DEVIATIONS[kind] for kind in kinds),
@@ -151,14 +146,13 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
             points=tuple(taus),
         )
         tables.append(table)
-        figures.append(plot(table, Words(f"σ [{unit_mark(unit)}]"), x_label=TAU, log=True))
+        figures.append(plot(table, Words.literal(f"σ [{unit_mark(unit)}]"), x_label=TAU, log=True))
     stated_names = {name.term for name, _ in terms}
     sensors = [sensor for sensor in (GYRO, ACCELEROMETER) if sensor.mean in stated_names]
     law_names = dict.fromkeys(law.name for sensor in sensors for law in sensor.laws)
     absent = [NAMES[name] for name in law_names if name not in stated_names]
     not_observable = Words(
-        f"Not stated, as no record shows it: {', '.join(words.en for words in absent)}.",
-        f"数据中不可观测，未给出：{'、'.join(words.zh for words in absent)}。",
+        "Not stated, as no record shows it: {terms}.", terms=Words(", |of terms").join(absent)
     )
-    title, notes = Words("Noise at rest", "静态噪声"), (not_observable,) if absent else ()
+    title, notes = Words("Noise at rest"), (not_observable,) if absent else ()
     return (make_block(record, title, (ALLAN,), tables, figures, notes),)

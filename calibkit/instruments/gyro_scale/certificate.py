@@ -62,23 +62,18 @@ EQUATIONS = (
         r"F = K\,\Omega + F_0",
         Words(
             "F indication [1/s], Ω table rate [°/s], K scale factor [1/°]; "
-            "F₀ holds the bias and the earth's rate about the table axis.",
-            "F 为示值 [1/s]，Ω 为转台角速率 [°/s]，K 为标度因数 [1/°]；"
-            "F₀ 含零偏与地球自转在转台轴上的分量。",
+            "F₀ holds the bias and the earth's rate about the table axis."
         ),
     ),
     Equation(
         POLYNOMIAL.name,
         r"p(T) = \sum_k p_k T^k",
-        Words("T case temperature [°C].", "T 为壳温 [°C]。"),
+        Words("T case temperature [°C]."),
     ),
     Equation(
         forms.RESPONSE.name,
         r"F = K(T)\,\Omega + \sum_k (c_k + d_k x + e_k x^2) (\Omega/\Omega_{\max})^k + F_0(T)",
-        Words(
-            "x case temperature mapped to −1 … 1, Ω_max largest rate that was fitted.",
-            "x 为映射到 −1 … 1 的壳温，Ω_max 为拟合的最大角速率。",
-        ),
+        Words("x case temperature mapped to −1 … 1, Ω_max largest rate that was fitted."),
     ),
     Equation(
         forms.PAIR.name,
@@ -86,8 +81,7 @@ EQUATIONS = (
         r" \frac{\varepsilon}{N} = \cos\alpha",
         Words(
             "K_A, K_B scale factors about the gyros' own axes, K_Ba that of B about A's axis, α the"
-            " angle between the two axes.",
-            "K_A、K_B 为各陀螺绕自身轴的标度因数，K_Ba 为 B 绕 A 轴的标度因数，α 为两轴夹角。",
+            " angle between the two axes."
         ),
     ),
     Equation(
@@ -97,32 +91,26 @@ EQUATIONS = (
         r"\quad \cos\alpha_{gh} = \mathbf{u}_g \cdot \mathbf{u}_h",
         Words(
             "F indications [1/s], Ω rate about the axes of the base [°/s]; the rows of S are the"
-            " sensitivities of the gyros.",
-            "F 为示值 [1/s]，Ω 为绕基准轴的角速率 [°/s]，S 的各行为各陀螺的灵敏度。",
+            " sensitivities of the gyros."
         ),
     ),
 )
 """What a block prints of the model forms that it states."""
 NAMES = {
-    "scale_factor": Words("scale factor", "标度因数"),
-    "nonlinearity_full_scale": Words("nonlinearity, of full scale", "非线性度（满量程）"),
-    "nonlinearity_per_point": Words("nonlinearity, per point", "非线性度（逐点）"),
-    "linearity_error_rms": Words("linearity error, rms", "线性误差均方根"),
-    "asymmetry": Words("asymmetry", "不对称度"),
-    "threshold": Words(
-        "threshold, at most: smallest rate driven", "阈值（不大于：最小试验角速率）"
-    ),
-    "dead_zone": Words("dead zone", "死区"),
-    "resolution": Words(
-        "resolution, at most: smallest step driven",
-        "分辨率（不大于：最小角速率增量）",
-    ),
-    "repeatability": Words("repeatability", "重复性"),
-    "temperature_sensitivity": Words("temperature sensitivity", "温度灵敏度"),
-    "bias": Words("bias", "零偏"),
+    "scale_factor": Words("scale factor"),
+    "nonlinearity_full_scale": Words("nonlinearity, of full scale"),
+    "nonlinearity_per_point": Words("nonlinearity, per point"),
+    "linearity_error_rms": Words("linearity error, rms"),
+    "asymmetry": Words("asymmetry"),
+    "threshold": Words("threshold, at most: smallest rate driven"),
+    "dead_zone": Words("dead zone"),
+    "resolution": Words("resolution, at most: smallest step driven"),
+    "repeatability": Words("repeatability"),
+    "temperature_sensitivity": Words("temperature sensitivity"),
+    "bias": Words("bias"),
 }
 """Figure → its term in the standards."""
-LETTERS = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication", "零速率示值")}
+LETTERS = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication")}
 """Coefficient of a line → its term."""
 ANGLE = "angle_deg"
 """Figures of angles between input axes, and name of type B terms on the angles between the axes of
@@ -137,10 +125,10 @@ MAGNITUDES = {
 }
 """Figures that are magnitudes and cannot be negative."""
 PAIR_WORDS = {
-    "N": ("N", Words("ratio of the scale factors", "标度因数比")),
-    "epsilon": ("ε", Words("projection ratio", "投影比")),
-    "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
-    "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
+    "N": ("N", Words("ratio of the scale factors")),
+    "epsilon": ("ε", Words("projection ratio")),
+    "gamma": ("γ", Words("orthogonality coefficient")),
+    "alpha_deg": ("α", Words("angle between the axes")),
 }
 """Coefficient of a pair → its symbol and its name."""
 
@@ -156,7 +144,7 @@ def over_temperature(record: Record, model: Model, letter: str) -> Quantity:
     point = polynomial(model, numbered("p", model), forms.TEMPERATURE)
     inputs, unit = (ranged(model, forms.TEMPERATURE),), model.coefficients[0].unit
     return Quantity(
-        *("value", record.stage, model.name, Words(letter), unit, inputs, point),
+        *("value", record.stage, model.name, Words.literal(letter), unit, inputs, point),
         symbol=letter,
         principal=not is_cross(model.name),
     )
@@ -192,8 +180,7 @@ def undecided_scale(record: Record) -> Words | None:
     """
     if not any(figure.name == forms.WITHIN_RUNS for figure in record.figures):
         return None
-    en = "U leaves out how the scale factor repeats from run to run"
-    return Words(en, "U 未包含各测次间标度因数的重复性")
+    return Words("U leaves out how the scale factor repeats from run to run")
 
 
 def across(record: Record, quantity: Quantity, slope: float) -> Quantity:
@@ -209,9 +196,7 @@ def across(record: Record, quantity: Quantity, slope: float) -> Quantity:
     undecided: Words | None = None
     components = [part for model in record.models for part in model.components]
     if not any(part.group == "mounting" for part in components):
-        undecided = Words(
-            "U leaves out how a mounting on the table repeats", "U 未包含转台安装的重复性"
-        )
+        undecided = Words("U leaves out how a mounting on the table repeats")
     return replace(quantity, point=point, undecided=undecided, completed_by=(ANGLE, quantity.name))
 
 
@@ -299,7 +284,7 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
                 K,
                 name=sensitivity_name(gyro, axis),
                 model="",
-                words=Words(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
+                words=Words.literal(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
                 compared=(({},),),
                 limit=None if ppm is None else ResultLimit(f"acceptance.{key}", ppm / PPM * own_K),
                 relative=is_own_axis,
@@ -324,10 +309,10 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
         columns = (forms.RATE,) if is_line else tuple(model.valid)
         inputs = tuple(ranged(model, column) for column in columns)
         point = of_form(over_rate[model.form], model, inputs)
-        words = Words("indication", "示值")
+        words = Words("indication")
         quantity = Quantity("F", scales.stage, model.name, words, "1/s", inputs, point)
         if model.form == forms.RESPONSE_1.name:
-            words = Words("indicated rate", "示值角速率")
+            words = Words("indicated rate")
             quantity = replace(quantity, name="rate", words=words, unit="deg/s", compared=(({},),))
         quantities.append(quantity)
     if forms.ORTHOGONALITY_FILE not in records:
@@ -345,14 +330,17 @@ def results(records: Mapping[str, Record], spec: AnyRecipe) -> tuple[Quantity, .
             rate = ranged(model, forms.RATE)
             inputs = tuple(replace(rate, column=f"rate_{axis}_dps") for axis in forms.AXES)
             for row, gyro in enumerate(forms.list_gyros(model)):
-                point, words = of_form(forms.TRIAD, model, inputs, row), Words(f"indication {gyro}")
+                point, words = (
+                    of_form(forms.TRIAD, model, inputs, row),
+                    Words.literal(f"indication {gyro}"),
+                )
                 indication = (f"F_{gyro}", angles.stage, model.name, words, "1/s", inputs, point)
                 quantities.append(Quantity(*indication))
     dof = min((float(model.dof) for model in angles.models), default=1.0)
     for figure in angles.figures:
         kind, _, pair = figure.name.partition(".")
         if kind == ANGLE and "." not in pair:
-            words = Words(f"angle between the axes of gyros {pair.replace('_', ' and ')}")
+            words = Words.literal(f"angle between the axes of gyros {pair.replace('_', ' and ')}")
             angle = of_direction(angles, figure, words, dof)
             quantities.append(replace(angle, compared=(({},),), limit=limit))
     return tuple(quantities)
@@ -396,23 +384,19 @@ def _state_pair(basis: Stated, record: Record) -> Block:
             alpha = replace(alpha, interval=(low, high))
     error = figures["orthogonality_error_deg"]
     words, slopes = (
-        Words("orthogonality error 90° − α", "正交误差 90° − α"),
+        Words("orthogonality error 90° − α"),
         by_angle(pair, error.name),
     )
     orthogonality_error = of_figure(record, error, words, dof=pair.dof, slopes=slopes)
     stated = (*ratios, alpha, state(basis, orthogonality_error, {}))
-    side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
+    side = Words("Gyro B lies on the same side as gyro A.")
     if figures["side"].value < 0.0:
-        side = Words(
-            "Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。"
-        )
+        side = Words("Gyro B lies on the side opposite to gyro A (α > 90°).")
     notes = [side, range_words(pair)]
     if figures["clamped"].value:
-        notes.append(
-            Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
-        )
-    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
-    return _block(record, title, (ListTable(Words("Orthogonality", "正交性"), stated),), notes)
+        notes.append(Words("|γ| was beyond 1 by noise and is clamped."))
+    title = Words("Orthogonality of the gyro pair")
+    return _block(record, title, (ListTable(Words("Orthogonality"), stated),), notes)
 
 
 def _state_scale(basis: Stated, record: Record) -> Block:
@@ -430,9 +414,9 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         cells.append(tuple(of_K_and_F0))
     tables: list[ListTable | GridTable] = [
         GridTable(
-            Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
-            Words("gyro, run", "陀螺、测次"),
-            (Words("K"), Words("F₀")),
+            Words("Scale factor and zero-rate indication"),
+            Words("gyro, run"),
+            (Words.literal("K"), Words.literal("F₀")),
             ("1/deg", "1/s"),
             tuple(labels.values()),
             tuple(cells),
@@ -443,15 +427,20 @@ def _state_scale(basis: Stated, record: Record) -> Block:
     if len(lines) > 8:  # one note for all
         rms, dof = sorted(line.residual_rms for line in lines), min(line.dof for line in lines)
         span = f"{rms[0]:.2g} … {rms[-1]:.2g} {unit_mark(lines[0].residual_unit)}"
-        en = f"Residual rms of the {len(lines)} fits {span}, at least {dof} degrees of freedom"
-        zh = f"{len(lines)} 次拟合的残差均方根 {span}，自由度不少于 {dof}"
-        en, zh = f"{en} (descriptors, not uncertainties).", f"{zh}（仅为描述量，并非不确定度）。"
-        notes = [Words(en, zh)]
+        notes = [
+            Words(
+                "Residual rms of the {count} fits {span}, at least {dof} degrees of freedom"
+                " (descriptors, not uncertainties).",
+                count=len(lines),
+                span=span,
+                dof=dof,
+            )
+        ]
     for model in record.models:
         if model.form == forms.LINE.name:
             continue
         values = [over_temperature(record, model, "p")] * (model.form == POLYNOMIAL.name)
-        title = name_model(model.name) + Words(": coefficients", "：系数")
+        title = name_model(model.name) + Words(": coefficients")
         tables.append(list_coefficients(basis, record, model, title, values))
         notes += [range_words(model), *basis.left_out(model)]
     for letter in LETTERS:
@@ -461,22 +450,22 @@ def _state_scale(basis: Stated, record: Record) -> Block:
             if model.form == POLYNOMIAL.name and f".{letter}_" in model.name
         ]
         symbol = show_symbol(letter)
-        title = Words(f"{symbol} over temperature", f"{symbol} 随温度")
+        title = Words("{symbol} over temperature", symbol=symbol)
         table = tabulate(basis, title, columns) if columns else None
         if table is None:
             continue
         tables.append(table)
         if letter == "F0":
-            figures.append(plot(table, Words("F₀ [1/s]")))
+            figures.append(plot(table, Words.literal("F₀ [1/s]")))
             continue
         # K from the middle point of each column, in ppm of the largest K
         K = [[result.value for _, result in column_results(table, k)] for k in range(len(columns))]
         middles = [values[len(values) // 2] if values else 0.0 for values in K]
         largest = max((abs(value) for values in K for value in values), default=1.0)
-        label = Words("change of K [ppm]", "K 的变化 [ppm]")
+        label = Words("change of K [ppm]")
         figures.append(plot(table, label, origins=middles, scale=PPM / largest))
     tables += _tabulate_figures(basis, record, labels)
-    title = Words("Scale factors on the rate table", "转台标度因数")
+    title = Words("Scale factors on the rate table")
     return _block(record, title, tables, notes, figures)
 
 
@@ -489,10 +478,10 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
     for line in lines:
         label, log, runs = name_subject(f".{line.name}"), line.name.partition(".")[2], ""
         if log:
-            label += Words(f", {log}", f"，{log}")
+            label += Words(", {log}", log=log)
         elif runs_of[line.name] > 1:  # those at other temperatures by the curve through them
             runs = f"{runs_of[line.name]}"
-            label += Words(f", all {runs} runs, weighted", f"，全部 {runs} 次加权")
+            label += Words(", all {runs} runs, weighted", runs=runs)
         if forms.TEMPERATURE in line.valid:
             low, high = line.valid[forms.TEMPERATURE]
             degc = (
@@ -500,7 +489,7 @@ def _label_lines(lines: Sequence[Model]) -> dict[str, Words]:
                 if high - low > 1.0
                 else f"{temperature_of_line(line):.1f}"
             )
-            label += Words(f" ({degc} °C)".replace("(-", "(−").replace("… -", "… −"))
+            label += Words.literal(f" ({degc} °C)".replace("(-", "(−").replace("… -", "… −"))
         labels[line.name] = label
     return labels
 
@@ -531,11 +520,13 @@ def _tabulate_figures(
             alike.setdefault(tuple(results_of[name]), []).append(name)
     for rows, names in alike.items():
         yield GridTable(
-            Words("Figures of the scale factor", "标度因数特征量"),
+            Words("Figures of the scale factor"),
             Words(""),
             tuple(labels[name] for name in names),
             tuple(unit for _, _, unit in rows),
-            tuple(NAMES[kind] + Words(f" {standard}".rstrip()) for kind, standard, _ in rows),
+            tuple(
+                NAMES[kind] + Words.literal(f" {standard}".rstrip()) for kind, standard, _ in rows
+            ),
             tuple(tuple(results_of[name][row] for name in names) for row in rows),
             by_row=True,
         )
@@ -546,14 +537,18 @@ def _state_triad(basis: Stated, record: Record) -> Block:
     for each gyro and temperature.
     """
     figures = {figure.name: figure for figure in record.figures}
-    about = tuple(Words(f"about {axis}", f"绕 {axis} 轴") for axis in forms.AXES)
+    about = tuple(Words("about {axis}", axis=axis) for axis in forms.AXES)
     gyros = forms.list_gyros(record.model("triad"))
     pairs = [f"{g}_{h}" for g, h in combinations(gyros, 2)]
-    between = tuple(Words(pair.replace("_", " – ")) for pair in pairs)
+    between = tuple(Words.literal(pair.replace("_", " – ")) for pair in pairs)
     words_of = {
-        "S": Words("Sensitivities about the axes of the base", "绕基准轴的灵敏度"),
-        "misalignment": Words("Unit vectors of the input axes", "输入轴单位矢量"),
-        ANGLE: Words("Angles between the input axes", "输入轴夹角"),
+        "S": Words("Sensitivities about the axes of the base"),
+        "misalignment": Words("Unit vectors of the input axes"),
+        ANGLE: Words("Angles between the input axes"),
+    }
+    direction_words = {
+        "misalignment": Words("unit vectors of the input axes"),
+        ANGLE: Words("angles between the input axes"),
     }
     heads = {"S": about, "misalignment": tuple(map(Words, forms.AXES)), ANGLE: between}
     units = {"S": "1/deg", "misalignment": "1", ANGLE: "deg"}
@@ -567,16 +562,15 @@ def _state_triad(basis: Stated, record: Record) -> Block:
         directions = [("misalignment", f"{gyro} ({place})", name) for gyro, name in components]
         directions += [(ANGLE, f"({place})", pair) for pair in pairs]
         for kind, row, name in directions:
-            words = Words(words_of[kind].en.lower(), words_of[kind].zh)
             figure = figures[f"{kind}.{name}{suffix}"]
-            direction = of_direction(record, figure, words, triad.dof)
+            direction = of_direction(record, figure, direction_words[kind], triad.dof)
             result = state(basis, direction, {}, principal=kind == ANGLE and not suffix)
             rows[kind].setdefault(row, []).append(result)
         for gyro in gyros:
             names = [f"S_{gyro}{axis}" for axis in forms.AXES]
             s = np.array([triad.value(name) for name in names])
             for a, name in enumerate(names):
-                K = coefficient(record, triad, name, Words("sensitivity", "灵敏度"))
+                K = coefficient(record, triad, name, Words("sensitivity"))
                 principal = not suffix and a == int(np.argmax(np.abs(s)))
                 result = state(basis, about_axis(record, K, s, a), {}, principal=principal)
                 rows["S"].setdefault(f"{gyro} ({place})", []).append(result)
@@ -584,7 +578,7 @@ def _state_triad(basis: Stated, record: Record) -> Block:
     tables = [
         GridTable(
             words_of[kind],
-            Words("gyro", "陀螺"),
+            Words("gyro"),
             heads[kind],
             (units[kind],) * len(heads[kind]),
             tuple(of_kind),
@@ -593,5 +587,5 @@ def _state_triad(basis: Stated, record: Record) -> Block:
         )
         for kind, of_kind in rows.items()
     ]
-    title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
+    title = Words("Sensitivities and angles of the gyros")
     return _block(record, title, tables, notes)

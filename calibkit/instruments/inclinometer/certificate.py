@@ -25,18 +25,15 @@ from calibkit.records.coefficients import Model, Record
 SCALE = Equation(
     SCALE_FORM.name,
     r"\omega' = s(T)\,\omega, \quad s(T) = \sum_k s_k T^k",
-    Words(
-        "ω indicated rate, ω' corrected rate, T case temperature [°C].",
-        "ω 为示值角速率，ω' 为修正值，T 为壳温 [°C]。",
-    ),
+    Words("ω indicated rate, ω' corrected rate, T case temperature [°C]."),
 )
 FIGURES = {
-    "stations_used": Words("stations used", "采用测站数"),
-    "stations_refused": Words("stations refused", "拒用测站数"),
+    "stations_used": Words("stations used"),
+    "stations_refused": Words("stations refused"),
 }
 
 
-CHOICE = Words("choice of the order, by left-out stations", "阶数选择（留一法）")
+CHOICE = Words("choice of the order, by left-out stations")
 
 
 def scale(record: Record, model: Model) -> Quantity:
@@ -56,7 +53,7 @@ def scale(record: Record, model: Model) -> Quantity:
         "s",
         record.stage,
         model.name,
-        Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s"),
+        Words("s of gyro {name}", name=model.name),
         "1",
         (ranged(model, TEMPERATURE),) if over_temperature else (),
         point,
@@ -84,5 +81,5 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         for figure in record.figures
         if figure.name in FIGURES
     ]
-    title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
+    title = Words("In-situ scale factor of the north-seeking gyros")
     return (lay_out_models(basis, record, title, (SCALE,), values),)
