@@ -121,20 +121,6 @@ def test_an_input_that_is_no_finite_real_number_is_refused(run, given, found):
     assert "in degC" in caught.value.hint
 
 
-def test_points_outside_the_fitted_ranges_are_stated(run):
-    """Kelvin in place of °C stand in the result and in its repr, with the range of the fit."""
-    found = run.model("drift").evaluate(temp_case_degc=[40.0, 313.15], temp_rate_degc_min=9.0)
-    low, high = run.model("drift").model.valid["temp_case_degc"]
-    case = f"temp_case_degc 313.15 is outside {low:.4g} … {high:.4g} degC"
-    slowest, fastest = run.model("drift").model.valid["temp_rate_degc_min"]
-    assert -7.0 < slowest < -6.0 < 6.0 < fastest < 7.0
-    rate = f"temp_rate_degc_min 9 is outside {slowest:.4g} … {fastest:.4g} degC/min"
-    assert found.outside == (rate, f"{case}; {rate}")
-    assert f"2 of 2 values are extrapolated, U is not known: {rate}>" in repr(found)
-    within = run.model("drift").evaluate(temp_case_degc=[40.0])
-    assert repr(within) == f"<{within.value} ± {within.standard_uncertainty}>"
-
-
 def test_residuals_are_a_tidy_frame_with_units(run):
     """One row per model interval, each log about its mean, rms as the report prints it."""
     left = run.residuals()
@@ -164,14 +150,6 @@ def test_every_procedure_fits_frames_and_states_its_residuals(procedure, column)
     assert len(run.figures) == len(run.outcome.page_content.drawn.figures)
     assert all(run.figure(name).axes for name in run.figures)
     assert {"value", "unit", "standard_uncertainty"} < set(run.numbers().columns)
-
-
-def test_a_figure_is_found_by_the_beginning_of_its_name(run):
-    """One that begins so is enough; several or none are refused with the names there are."""
-    assert run.figure("residual") is run.figure("residual after compensation")
-    for name in ("dri", "residuals of all"):
-        with pytest.raises(calibkit.CalibkitError, match="are called"):
-            run.figure(name)
 
 
 def test_a_frame_is_compensated_as_its_file(run, logs, tmp_path):
@@ -257,20 +235,6 @@ def test_frames_that_cannot_be_meant_are_refused(given, said):
         calibkit.fit("gyro_pair", logs=given, runs=None)
     with pytest.raises(calibkit.CalibkitError, match="give either data"):
         calibkit.fit("gyro_pair", runs=None)
-
-
-def test_a_frame_s_units_are_taken_from_its_attrs(logs):
-    """°/s that attrs state become °/h; a unit that contradicts the recipe's is refused."""
-    scaled = {}
-    for name, frame in logs.items():
-        scaled[name] = frame.rename(columns={"gyro_dph": "rate"})
-        scaled[name]["rate"] /= 3600.0
-        scaled[name].attrs["units"] = {"rate": "deg/s"}
-    source = calibkit.load_recipe("fog_thermal", columns__gyro_dph__from="rate")
-    found = calibkit.fit(source, logs=scaled, runs=None, date=DATE)
-    whole = calibkit.fit("fog_thermal", logs=logs, runs=None, date=DATE)
-    values = [[c.value for c in one.model("drift").model.coefficients] for one in (found, whole)]
-    np.testing.assert_allclose(values[0], values[1], rtol=1e-6)
 
 
 @pytest.mark.parametrize("module", [api, analysis], ids=lambda module: module.__name__)

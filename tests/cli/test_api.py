@@ -19,8 +19,6 @@ from calibkit.instruments.inclinometer import instrument
 from conftest import ROOT
 from sample_runs import sample_run
 
-DATA = ROOT / "datasets" / "gyro_triad"
-
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
@@ -41,26 +39,6 @@ def test_importing_the_package_imports_no_numpy():
     """The public names cost nothing until they are used."""
     code = "import calibkit, sys; sys.exit('numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_a_run_is_fitted_found_and_trusted(run):
-    """The run that fit returns is the one that is found by serial; its files verify and load."""
-    assert run.document["accepted"] is True
-    assert calibkit.find_run("S-1", run.folder.parents[1]).document == run.document
-    assert calibkit.verify(run.folder) == "run S-1@r001, 4 files"
-    record = calibkit.load_coefficients(run.folder / "gyro_orthogonality.json")
-    assert record.model("triad").value("S_xx") == pytest.approx(1e4, rel=0.05)
-
-
-def test_a_log_is_examined_compensated_and_validated(run, tmp_path):
-    """What the commands write, the functions write: a compensated log, a validation, findings."""
-    withheld = DATA / "withheld"
-    assert [report.refused for report in calibkit.examine("gyro_triad", withheld)] == [False] * 3
-    calibkit.compensate(run, withheld / "about_x_40.csv", tmp_path / "x.csv")
-    header = (tmp_path / "x.csv").read_text(encoding="utf-8").partition("\n")[0]
-    assert header.endswith("rate_x_dps,rate_y_dps,rate_z_dps")
-    document = calibkit.validate(run.folder, withheld, tmp_path / "v.json")
-    assert max(log["after"]["rate_error_max_ppm_of_full_scale"] for log in document["logs"]) < 10.0
 
 
 def test_a_log_is_read_in_canonical_columns():

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer import determination, published
+from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.equation import name_terms
 from calibkit.instruments.accelerometer.fit import list_results
 from calibkit.instruments.accelerometer.triad import solve_triad
@@ -26,7 +26,6 @@ REFERENCE = attitude.gravity_vector(*ANGLES.T)
 TRUTH = np.array([AUTHORITY["expected"][f"accel_{axis}"] for axis in "xyz"])
 NOISE_G = 2e-5
 GRID_DEGC = (-20, -5, 10, 25, 45, 65, 85, 105, 125)
-K_ONLY = {"affine": {"enabled": False}, "compensation": "k"}
 PLAIN = recipe(loss="least_squares", errors=WHITE)
 
 
@@ -185,30 +184,6 @@ def test_logged_table_noise_does_not_pass_for_attitudes():
         fit_triad(measured(15, temperature, logged), PLAIN)
 
 
-def test_lower_orders_fit_what_three_temperatures_can_say():
-    """Orders lowered to 2 leave K3 and K7 at zero, without uncertainty, and fit the rest."""
-    truth = TRUTH.copy()
-    truth[:, [3, 7]] = 0.0
-    temperature, angle = grid((-20, 25, 125), ANGLES[:20])
-    spec = recipe(
-        loss="least_squares", k={"scale_order": 2, "zero_order": 2}, errors=WHITE, **K_ONLY
-    )
-    fitted = fit_triad(measured(5, temperature, angle, truth=truth), spec)
-    assert np.max(np.abs(scores(fitted, truth))) < 4.0
-    assert all(values(model)[3] == uncertainties(model)[7] == 0.0 for model in fitted.k)
-
-
-def test_axes_can_have_terms_of_their_own():
-    """One axis without cross-axis terms leaves the others theirs, and what it lacks is named."""
-    y = {"scale_order": 1, "zero_order": 2, "cross": False}
-    spec = recipe(loss="least_squares", k={"y": y}, **K_ONLY)
-    fitted = fit_triad(collect(simulated(6), TEMPERATURE, ANGLES), spec)
-    numbers = [np.flatnonzero(uncertainties(model)).tolist() for model in fitted.k]
-    assert numbers == [list(range(10)), [0, 1, 4, 5, 6], list(range(10))]
-    assert spec.k.not_fitted == ("accel_y: K2, K3, K7, K8, K9 not fitted, taken as 0",)
-    assert set(spec.k.not_fitted) <= set(fitted.results[0].flags)
-
-
 def test_every_coefficient_lies_within_four_uncertainties_and_the_residual_is_the_noise():
     """With 20 µg noise and exact angles all K are within 4 u and the residual rms within 5 % of the
     noise.
@@ -234,19 +209,6 @@ def test_intervals_cover_the_truth(plain_fits):
         for model, k in zip(fitted.k, TRUTH, strict=True)
     ]
     assert 0.93 <= np.mean(covered) <= 0.97
-
-
-def test_weights_of_one_axis_leave_the_others_alone():
-    """Standard errors [n, 3] weight each axis's own K."""
-    noise = np.full((len(ROWS), 3), NOISE_G)
-    noise[:60, 1] *= 10.0
-    indicated = simulated(8)
-    plain, weighted = (
-        fit_triad(collect(indicated, TEMPERATURE, ANGLES, noise=n), PLAIN) for n in (None, noise)
-    )
-    np.testing.assert_allclose(values(weighted.k[0]), values(plain.k[0]), rtol=1e-9)
-    moved = np.abs(values(weighted.k[1]) - values(plain.k[1])) / uncertainties(plain.k[1])
-    assert np.max(moved) > 0.1
 
 
 def misaligned(seed):
@@ -321,13 +283,3 @@ def test_dwells_that_leave_no_residual_are_refused():
     temperature, angle = grid((-20, 30, 80, 125), [(0, 0), (90, 0), (90, 90)])
     with pytest.raises(FitError, match="12 dwells for 36 parameters"):
         fit_triad(measured(0, temperature, angle), recipe(k={"enabled": False}))
-
-
-def test_temperatures_a_step_apart_are_distinct_and_a_sweep_counts_its_steps():
-    """Levels open a step above the last one, in any order of the rows, and each row is counted to
-    one level.
-    """
-    levels, level = determination.distinct_temperatures(np.array([25.0, -20.0, 25.4, 60.0, -19.7]))
-    np.testing.assert_allclose(levels, [-19.85, 25.2, 60.0])
-    np.testing.assert_allclose(level, [25.2, -19.85, 25.2, 60.0, -19.85])
-    assert determination.distinct_temperatures(np.linspace(0.0, 100.0, 5001))[0].size == 101

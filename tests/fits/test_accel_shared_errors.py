@@ -205,17 +205,6 @@ def test_a_set_up_of_which_nothing_is_known_is_flagged():
         assert "set-up" not in remark
 
 
-def test_components_are_results():
-    """Soak-to-soak zero of 15 µg, found with 18 degrees of freedom, on every K model and the affine
-    triad.
-    """
-    fitted = fit_triad(dwells(4, zero=15e-6), recipe())
-    for model in (*fitted.k, fitted.affine):
-        zero = next(one for one in model.components if one.name == "soak-to-soak zero")
-        assert (zero.unit, zero.groups) == ("g", 7)
-        assert abs(zero.value - 15e-6) < 3.0 * zero.standard_uncertainty < 25e-6
-
-
 def test_a_component_that_is_stated_narrows_the_interval():
     """15 µg given with 1,000 degrees of freedom: K4 has more of its own, and a smaller U."""
     measured = dwells(4, zero=15e-6)
@@ -310,15 +299,6 @@ def test_a_drift_is_not_added_to_dwells_without_time():
     _, fitted = with_drift()
     with pytest.raises(FrameError, match="no time_s, expected one: the drift of the session"):
         Correction(fitted.k).uncertainty(dwells(2))
-
-
-def test_temperatures_that_follow_time_are_flagged():
-    """Rising from soak to soak, with and without a clock; a return to the first is not."""
-    for timed, word in ((True, "temperature follows time"), (False, "no time_s is logged")):
-        (flag, _) = remark_on_dwells(drifting(1, timed=timed, back=False), PLAIN)
-        assert word in flag
-    (flag,) = remark_on_dwells(drifting(1, timed=True, back=True), PLAIN)
-    assert "set-up" in flag
 
 
 def test_a_stated_error_that_the_logs_cannot_have_is_refused():

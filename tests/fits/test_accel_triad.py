@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 
 from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
-from calibkit.instruments.accelerometer import equation
 from calibkit.instruments.accelerometer.equation import AXES, name_terms, read_terms
 from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
@@ -116,20 +115,6 @@ def test_derivatives_are_those_of_central_differences(seed):
         np.testing.assert_allclose(slopes[..., k], (above - below) / 2e-5, atol=1e-8)
 
 
-def test_nuisance_rotations_are_rotations():
-    """The fixture's matrix is the rotation by its vector, and the derivative of gravity by a tilt
-    that of differences.
-    """
-    for vector in ([0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 2.0, -1.5]):
-        matrix = equation.rotation(np.array(vector))
-        np.testing.assert_allclose(matrix, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
-    tilt, tool = np.array([0.2, -0.1]), tool_rotation()[:5]
-    slopes = derivative(lambda q: equation.tilted_gravity(tool, q), tilt)
-    for k, step in enumerate(1e-5 * np.eye(2)):
-        above, below = (equation.tilted_gravity(tool, at) for at in (tilt + step, tilt - step))
-        np.testing.assert_allclose(slopes[..., k], (above - below) / 2e-5, atol=1e-9)
-
-
 def test_everything_at_once_comes_out_of_one_fit():
     """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is
     the noise.
@@ -181,36 +166,6 @@ def test_tilt_is_an_error_of_the_table_unless_it_is_fitted():
     u = np.sqrt(np.diag(triad.fit.covariance))[-2:]
     assert np.all(np.abs(triad.fit.parameters[-2:] - tilt) < 4.0 * u)
     assert np.all(u < 1e-5)  # rad
-
-
-def test_fixture_angles_come_out_however_crooked_the_triad():
-    """Mounting and non-orthogonality are told apart: angles to 1e-10 rad from exact dwells."""
-    terms = of_orders(1, 0, 1, triangular=True, fixture=True)
-    truth = drawn(terms, 4)
-    truth[-3:] = [0.05, -0.12, 0.2]
-    exact = indications(terms, truth, REFERENCE @ Rotation.from_rotvec(truth[-3:]).as_matrix())
-    spec = recipe(loss="least_squares", affine={"fixture": True})
-    np.testing.assert_allclose(
-        solved(exact, terms, spec).fit.parameters[-3:], truth[-3:], atol=1e-10
-    )
-
-
-def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
-    """Scale and zero over temperature come from two opposite attitudes while the temperature
-    sweeps.
-    """
-    terms = of_orders(3, -1, 3)
-    temperature = np.tile(np.linspace(-20.0, 125.0, 300), 2)
-    angles = np.repeat([[54.7, 45.0], [125.3, 225.0]], 300, axis=0)
-    u = (temperature - MIDDLE) / HALF
-    scale = np.polynomial.polynomial.polyval(u, [1.0, 4e-3, -2e-3, 1e-3])[:, None]
-    zero = np.polynomial.polynomial.polyval(u, [2e-3, -3e-3, 1e-3])[:, None]
-    indicated = (attitude.gravity_vector(*angles.T) + zero) / scale
-    indicated += np.random.default_rng(7).normal(0.0, NOISE_G, indicated.shape)
-    triad = solve_triad(collect(indicated, temperature, angles), terms, PLAIN, loss="least_squares")
-    k, z = np.tile([1.0, 4e-3, -2e-3, 1e-3], 3), np.tile([2e-3, -3e-3, 1e-3, 0.0], 3)
-    truth = np.concatenate([k, z])
-    assert np.max(np.abs(scores(triad, truth))) < 4.0
 
 
 @pytest.mark.slow

@@ -55,16 +55,6 @@ def test_the_vector_comes_out_of_the_shipped_recipe(tmp_path, calibkit, log_writ
         assert [c.value for c in model.coefficients] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("term", ["second_order", "third_order", "tilt", "fixture"])
-def test_a_term_of_a_triad_that_is_not_fitted_is_refused(tmp_path, calibkit, log_writer, term):
-    """It was accepted beside enabled = false and had no effect."""
-    log_writer(tmp_path / "positions.csv", **vector_columns())
-    settings = ("compensation=k", "affine.enabled=false", f"affine.{term}=true")
-    outcome, _ = fit(calibkit, tmp_path, tmp_path / "runs", *settings)
-    assert outcome.code == 2
-    assert f"--set affine.{term}=true: affine.{term} = true has no effect" in outcome.err
-
-
 def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_writer):
     """accel_k, accel_q and accel_affine with their forms; the terms are named by axis and power."""
     simulated(tmp_path / "logs", 1, log_writer)
@@ -161,27 +151,6 @@ def test_either_sign_convention_gives_the_same_coefficients(tmp_path, calibkit, 
     assert "accel_x_g shows −x, accel_y_g shows −y, accel_z_g shows −z" in wrong.err
 
 
-def test_apply_gives_attitudes_in_either_convention(tmp_path, calibkit, log_writer):
-    """Inclination and toolface of a specific-force log equal those of the gravity log; its
-    indications keep their sign.
-    """
-    log = simulated(tmp_path / "gravity", 2, log_writer)
-    force = simulated(tmp_path / "force", 2, log_writer, sign=-1.0)
-    fit(calibkit, tmp_path / "gravity", tmp_path / "a")
-    fit(calibkit, tmp_path / "force", tmp_path / "b", "reference.convention=specific_force")
-    tables = []
-    for path, runs, out in ((log, "a", "a.csv"), (force, "b", "b.csv")):
-        calibkit("apply", "A", "--runs", tmp_path / runs, "--data", path, "--out", tmp_path / out)
-        tables.append(np.genfromtxt(tmp_path / out, delimiter=",", names=True))
-    assert tables[0]["inclination_deg"] == pytest.approx(tables[1]["inclination_deg"], abs=1e-9)
-    assert tables[0]["accel_x_g"] == pytest.approx(-tables[1]["accel_x_g"], abs=1e-12)
-    assert tables[0].dtype.names[:3] == (
-        "temp_case_degc",
-        "reference_inclination_deg",
-        "reference_toolface_deg",
-    )
-
-
 def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     """A dwell that is 5 mg off is named by file and line, and no K moves by more than its standard
     uncertainty.
@@ -267,23 +236,6 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     again = [c.value for c in record.model("triad").coefficients]
     assert again == pytest.approx(q, abs=2e-5)  # a fifth of their standard uncertainty
     assert bounds["Q1_low_95"] < again[0] < bounds["Q1_high_95"]
-
-
-def test_validation_states_before_and_after_and_holds_limits(tmp_path, calibkit, log_writer):
-    """On unseen dwells the inclination error falls, the toolface carries its range, and a missed
-    limit exits with 1.
-    """
-    simulated(tmp_path / "logs", 6, log_writer, rows=slice(0, None, 2))
-    simulated(tmp_path / "unseen", 6, log_writer, rows=slice(1, None, 2))
-    fit(
-        calibkit, tmp_path / "logs", tmp_path / "runs", "acceptance.max_inclination_error_deg=0.001"
-    )
-    out = tmp_path / "v.json"
-    outcome = calibkit("validate", "A", runs=tmp_path / "runs", data=tmp_path / "unseen", out=out)
-    assert outcome.code == 1
-    log = json.loads(out.read_text(encoding="utf-8"))["logs"][0]
-    assert log["after"]["inclination_max_deg"] < 0.2 * log["before"]["inclination_max_deg"]
-    assert log["after"]["toolface_inclination_range_deg"] == [10.0, 170.0]
 
 
 def test_apply_clamps_the_temperature_and_says_so(tmp_path, calibkit, log_writer):

@@ -414,31 +414,3 @@ def test_azimuth_errors_of_unseen_stations_are_judged_by_their_uncertainty():
         found = found.judge_uncertainty("x")
         assert found.value == pytest.approx(error)
         assert found.passed is passed
-
-
-def test_the_rate_gain_has_a_limit_without_being_asked():
-    """One part in a thousand, in the mode that has a gain, and for terms that are exported."""
-    assert _FogAcceptance().rate_gain_tolerance == 1e-3
-    for gain, passed in ((1.0009, True), (1.0011, False), (0.9989, False)):
-        (one,) = (c for c in fog_fit([fog_log(gain=gain)]) if c.name == "rate gain off 1 by")
-        assert (one.limit, one.passed) == (1e-3, passed)
-
-
-@pytest.mark.parametrize(
-    "made",
-    [
-        lambda: fog_unseen(9.0),
-        lambda: fog_covered(0.0),
-        lambda: triad_stand(figures={"inclination": 9.0, "toolface": 9.0, "residual": 9.0}),
-        lambda: station(value=9.0),
-        lambda: noise(9.0),
-        lambda: runs(SHAPE)(9.0),
-        lambda: pair(9.0),
-        lambda: runs_unseen(9.0),
-        lambda: axes(9.0),
-        lambda: axes_unseen(9.0),
-    ],
-)
-def test_a_limit_that_is_not_stated_is_not_tested(made):
-    """Whatever the figures are."""
-    assert list(made()) == []

@@ -206,18 +206,6 @@ def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
         assert stated == pytest.approx(simulated, rel=0.10), factor
 
 
-@pytest.mark.parametrize("seed", [78, 295, 300, 310])
-def test_chance_among_few_blocks_does_not_narrow_the_limits_of_long_times(seed):
-    """White noise of 20,000 rows whose last octaves look like quantization by chance: at 4,096 rows
-    there are 4 blocks, not 7,392 degrees of freedom, and the limits hold the true deviation.
-    """
-    curve = allan.overlapping(np.random.default_rng(seed).standard_normal(20_000), 1.0)
-    truth = 1.0 / np.sqrt(curve.tau_s)
-    assert curve.dof[-1] < 6.0
-    assert np.all(curve.dof <= 1.5 * 20_000 / curve.factor)
-    assert curve.lower[-1] < truth[-1] < curve.upper[-1]
-
-
 CASES = {
     "white": {"N": 0.01},
     "flicker": {"B": 0.1},
@@ -305,12 +293,6 @@ def test_gaps_do_not_pass_for_noise():
     assert set(allan.overlapping(rate, 1.0).noise) == {"rate_random_walk"}
 
 
-def test_a_short_record_takes_the_noise_with_the_fewest_degrees_of_freedom():
-    """Twenty samples identify nothing, and the widest limits are stated."""
-    rate = np.random.default_rng(43).standard_normal(20)
-    assert set(allan.overlapping(rate, 1.0).noise) == {"rate_random_walk"}
-
-
 def test_limits_of_a_noise_follow_from_chi_square():
     """With 5142.6 degrees of freedom of quantization the 95 % limits of the peer come out."""
     rate = np.diff(np.random.default_rng(1).standard_normal(10001))
@@ -369,21 +351,6 @@ def test_wavelet_deviation_equals_explicit_filters(wavelet):
     ):
         variance, expected = naive_detail_variance(rate, bank.dec_hi, bank.dec_lo, level)
         assert (deviation**2, count) == (pytest.approx(variance, rel=1e-9), expected)
-
-
-def test_noise_types_are_identified_at_every_averaging_time():
-    """Lag-1 autocorrelations name the noise that was simulated, a linear drift notwithstanding."""
-    generator = np.random.default_rng(41)
-    cases = {
-        "quantization": record(generator, 4000, 1.0, Q=1.0),
-        "angle_random_walk": record(generator, 4000, 1.0, N=0.01, R=1.0),
-        "rate_random_walk": record(generator, 4000, 1.0, K=0.1),
-    }
-    for noise, rate in cases.items():
-        assert set(allan.overlapping(rate, 1.0).noise[:6]) == {noise}
-    # means of flicker are at the limit to a random walk, for Stable32 too
-    flicker_types = set(allan.overlapping(record(generator, 4000, 1.0, B=0.1), 1.0).noise[:6])
-    assert "bias_instability" in flicker_types <= {"bias_instability", "rate_random_walk"}
 
 
 def test_haar_wavelet_deviation_is_the_allan_deviation():

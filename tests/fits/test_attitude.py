@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.corrections import DwellErrors
 from calibkit.instruments.accelerometer.shared_errors import angle_slopes
 from calibkit.numeric import attitude, earth
 from fits.triad_dwells import recipe
@@ -66,25 +65,6 @@ def test_both_sign_conventions_give_the_same_angles():
 def test_angles_are_brought_into_the_half_open_turn(angle, expected):
     """The result lies in (−180, 180]."""
     assert attitude.wrapped(np.array([angle]))[0] == expected
-
-
-def test_toolface_errors_stay_inside_their_inclination_range():
-    """Errors outside the range are not given."""
-    inclination = np.array([0.0, 5.0, 30.0, 90.0, 180.0])
-    toolface = np.array([0.0, 10.0, 179.95, -90.0, 0.0])
-    vector = attitude.gravity_vector(
-        inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0])
-    )
-    found = DwellErrors.of_vectors(vector, inclination, toolface, (10.0, 170.0))
-    np.testing.assert_allclose(found.inclination_deg[:4], 0.02, atol=1e-9)
-    assert np.isnan(found.toolface_deg[[0, 1, 4]]).all()
-    np.testing.assert_allclose(found.toolface_deg[2:4], [0.1, -0.05], atol=1e-9)
-    assert found.figures["toolface_max_deg"] == pytest.approx(0.1, abs=1e-9)
-    assert found.figures["toolface_rms_deg"] == pytest.approx(
-        np.sqrt((0.1**2 + 0.05**2) / 2), abs=1e-9
-    )
-    assert found.figures["toolface_sin_max_deg"] == pytest.approx(0.05, abs=1e-9)
-    assert found.figures["inclination_max_deg"] == pytest.approx(0.02, abs=1e-9)
 
 
 @pytest.mark.parametrize("range_deg", [(0.0, 90.0), (10.0, 180.0), (50.0, 40.0)])

@@ -136,15 +136,6 @@ def test_a_level_model_that_does_not_fit_draws_no_bank_towards_itself():
     assert np.exp(np.mean(np.log(medians))) > 52.0
 
 
-def test_a_bank_is_chosen_where_each_log_starts_as_the_one_before_ended():
-    """Logs that start unsettled: what is left of the drift of logs from rest is below 1/20 in the
-    median; models that take the starts for drift leave 1/10.
-    """
-    coil, found = fitted(610_000, candidates="all", cycled=True)
-    assert isinstance(found.model, bank.BankModel)
-    assert np.median(reductions(coil, 610_000, found.model)) > 20.0
-
-
 def test_a_hysteresis_that_is_more_likely_than_not_is_modelled():
     """±0.05 °/h at odds of 2 to 1: without it the drift at rest is off by 0.069 °/h, 1.9 U; with it
     all of it is within U.

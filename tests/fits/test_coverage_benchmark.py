@@ -79,36 +79,6 @@ def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmar
             assert compared >= len(made[0].truth) > 0, label
 
 
-def test_shares_of_a_fault_are_those_of_its_campaigns(benchmark):
-    """Of five campaigns one is covered, one is flagged, one only noted, one refused for another
-    reason; a flag that stands without the fault too names nothing.
-    """
-    del benchmark
-    campaigns = importlib.import_module("intervals.physics.campaigns")
-    faults = importlib.import_module("intervals.physics.rows")
-    case = next(one for one in faults.list_cases() if "settles" in one.error)
-
-    def fitted(error, flags=(), notes=(), **state):
-        result = {} if state else {"K": np.array([error])}
-        return campaigns.Fitted(
-            result, {name: np.ones(1) for name in result}, flags, notes, **state
-        )
-
-    named, sound = ("a zero that settles",), fitted(0.0)
-    made = [
-        faults.Outcome(fitted(0.5), sound),
-        faults.Outcome(fitted(3.0, named, named), sound),
-        faults.Outcome(fitted(3.0, notes=named), sound),
-        faults.Outcome(fitted(0.0, ("no attitude",), refused=True), fitted(0.0, named)),
-        faults.Outcome(fitted(3.0, named, named), fitted(0.0, named, named)),
-    ]
-    present, absent = faults.judge(case, made)
-    assert (present.covered, present.flagged, present.noted) == (0.25, 0.2, 0.2)
-    assert (present.covered_or_named, present.refused, present.expanded) == (0.6, 1, 1.0)
-    assert present.faults == ["covered or named", "covered"]
-    assert (absent.covered, absent.flagged, absent.faults) == (1.0, 0.4, ["false alarms"])
-
-
 def test_benchmarks_that_measure_any_release_import_no_instrument():
     """Simulators, rows of coverage and studies of drifts call calibkit by its public names; only
     drawing and the statement at a point are further in.

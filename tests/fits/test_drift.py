@@ -104,14 +104,6 @@ def polynomial(rates=(1.0, 10.0), side="heating", c00=1.0):
     return drift.RatePolynomial(side, c, np.eye(3), 3, 0.0, rates, 1.0, (-50.0, 0.0), (-40.0, 60.0))
 
 
-def test_drift_is_held_in_soaks():
-    """Below half of the smallest fitted rate nothing is integrated, and the samples are marked."""
-    rate = np.array([0.0, 0.49, 0.51, 1.0, -3.0, 20.0])
-    steps = drift.increments([polynomial()], np.zeros(6), rate)
-    assert steps.delta.tolist() == [0.0, 0.0, 0.0, 1.0, 1.0, 0.0]
-    assert steps.drift_held.tolist() == [True, True, True, False, False, True]
-
-
 def test_each_side_is_served_by_its_own_polynomial():
     """Heating increments come from the heating side, cooling ones from the cooling side."""
     pair = [polynomial(), polynomial((-10.0, -1.0), "cooling", -2.0)]
@@ -165,15 +157,6 @@ def test_block_means_equal_their_loop(step):
         block_means(time.tolist(), value.tolist(), 10.0), abs=1e-12
     )
     assert blocks.gradient == pytest.approx(np.ones(blocks.time.size), abs=1e-12)
-
-
-def test_jitter_of_the_clock_moves_no_sample_into_another_block():
-    """A millisecond of jitter on 10 s samples leaves one sample a block."""
-    rng = np.random.default_rng(7)
-    time = np.arange(0.0, 400.0, 10.0) + rng.uniform(-1e-3, 1e-3, 40)
-    held = intervals.Intervals.find(time, 10.0)
-    assert held.number.tolist() == list(range(40))
-    assert held.count.tolist() == [1] * 40
 
 
 def test_a_log_slower_than_the_model_interval_is_refused():

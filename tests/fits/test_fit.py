@@ -6,7 +6,7 @@ from scipy import stats
 
 from calibkit.errors import FitError, UsageError
 from calibkit.fit import complex_step, likelihood
-from calibkit.fit.shared import Prior, Shared
+from calibkit.fit.shared import Shared
 from calibkit.fit.solve import predict, solve
 
 
@@ -149,14 +149,6 @@ def test_an_optional_error_is_kept_where_the_likelihood_asks_for_it():
         assert len(fit.shared) == kept
 
 
-def test_an_optional_error_that_the_parameters_take_is_not_kept():
-    """A scale of one run is the slope of its line: nothing of it is left."""
-    x = np.linspace(0.5, 1.5, 30)
-    y = 2.0 * x + 1e-3 * np.random.default_rng(3).standard_normal(30)
-    effect = shared(np.zeros(30, dtype=int), x, optional=True)
-    assert solve(lambda p: p[0] * x - y, np.zeros(1), [effect]).shared == ()
-
-
 def test_an_error_below_a_bound_is_in_u_and_moves_no_value():
     """u² grows by the square of what the largest such error changes."""
     x = np.linspace(-1.0, 1.0, 9)
@@ -235,26 +227,6 @@ def test_a_published_form_has_the_errors_of_the_fit_and_its_own_values():
     assert published.parameters == pytest.approx(P @ y)
     # balanced rows: weighted and plain least squares are the same line
     assert published.covariance == pytest.approx(fit.covariance, rel=1e-2)
-
-
-def test_parameters_that_a_prior_holds_need_no_rows():
-    """Of a + b only the sum is seen: a prior of a splits it."""
-    y = 2.0 + 0.1 * np.random.default_rng(7).standard_normal(12)
-    prior = Prior(name="a", block=slice(0, 1), size=0.5, mean=1.5)
-    fit = solve(lambda p: (p[0] + p[1]) * np.ones(12) - y, np.zeros(2), priors=[prior])
-    assert fit.parameters == pytest.approx([1.5, y.mean() - 1.5])
-    assert fit.of(lambda p: p[0]).u == pytest.approx(0.5)
-    with pytest.raises(FitError, match="cannot determine a, b"):
-        solve(lambda p: (p[0] + p[1]) * np.ones(12) - y, np.zeros(2), names=["a", "b"])
-
-
-def test_rows_without_an_error_give_exact_parameters():
-    """A line through its own points, with a shared zero that nothing is estimated of."""
-    x = np.linspace(-1.0, 1.0, 12)
-    effect = shared(np.repeat(np.arange(4), 3), np.ones(12))
-    fit = solve(straight(x, 1.0 + 2.0 * x), np.zeros(2), [effect])
-    assert fit.parameters == pytest.approx([1.0, 2.0], abs=1e-14)
-    assert fit.shared[0].value == 0.0
 
 
 def test_many_rows_are_turned_into_few_without_a_change():

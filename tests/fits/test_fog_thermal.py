@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +11,6 @@ from calibkit import instruments, recipe
 from calibkit.commands import pipeline
 from calibkit.errors import FitError
 from calibkit.instruments.bias import fog_thermal as instrument, simulate_fog as simulator
-from calibkit.numeric import chunks
 from calibkit.records import store
 from conftest import AUTHORITIES, ROOT, slow_after
 from sample_runs import sample_run
@@ -25,13 +23,6 @@ VECTOR = json.loads((AUTHORITIES / "fog_drift.json").read_text(encoding="utf-8")
 def runs(tmp_path_factory):
     """Return a runs folder in which S-1 was fitted with the shipped recipe."""
     return sample_run(tmp_path_factory, "fog_thermal").folder.parents[1]
-
-
-@pytest.fixture(scope="module")
-def published(tmp_path_factory):
-    """Return a runs folder in which S-1 was fitted with the published scheme alone."""
-    run = sample_run(tmp_path_factory, "fog_thermal", ("drift.model=gradient_rate",))
-    return run.folder.parents[1]
 
 
 @pytest.fixture
@@ -158,17 +149,6 @@ def test_validation_on_fitted_logs_is_refused(runs, tmp_path, calibkit):
     assert not (tmp_path / "v.json").exists()
 
 
-def test_a_validation_that_misses_its_limit_exits_with_1(fit, tmp_path, calibkit):
-    """A reduction of a thousand is not reached: exit code 1, and the file says so."""
-    out = tmp_path / "v.json"
-    fitted = fit("acceptance.max_drift_rms_dph=0.001")
-    assert fitted.code == 1
-    assert "REJECTED" in fitted.out
-    outcome = calibkit("validate", "S", runs=tmp_path / "runs", data=CAMPAIGN / "withheld", out=out)
-    assert outcome.code == 1
-    assert json.loads(out.read_text(encoding="utf-8"))["accepted"] is False
-
-
 def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, tmp_path, calibkit):
     """All other fields keep their numbers; the drift over the log falls; the mean rate stays within
     the drift.
@@ -187,32 +167,6 @@ def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, tmp_pat
     ]
     assert means[1] < 0.7 * means[0]
     assert abs(compensated.mean() - raw.mean()) < np.ptp(raw)
-
-
-@pytest.mark.parametrize(
-    ("run", "settings"),
-    [
-        ("runs", ("--set", "output.rate_uncertainty=true")),
-        ("published", ()),
-        ("published", ("--set", "drift.compensation=one_step")),
-    ],
-)
-def test_a_log_on_disk_is_compensated_to_the_same_bytes(
-    run, settings, tmp_path, calibkit, monkeypatch, request
-):
-    """The drift of levels with its uncertainty, the published one from step to step and in one: row
-    for row, flag for flag.
-    """
-    log, found = CAMPAIGN / "withheld" / "ramp_heating_03.csv", []
-    monkeypatch.setattr(chunks, "ROWS", 257)
-    for setting in ("0", "1000"):
-        monkeypatch.setenv("CALIBKIT_LARGEST_LOG_MB", setting)
-        out = tmp_path / f"{setting}.csv"
-        folder = ("--runs", request.getfixturevalue(run))
-        outcome = calibkit("apply", "S-1", *folder, "--data", log, "--out", out, *settings)
-        found.append((outcome.code, outcome.err, out.read_bytes()))
-    assert found[0] == found[1]
-    assert found[0][2] != log.read_bytes()
 
 
 def test_a_rate_added_to_a_log_comes_out_of_apply_unchanged(runs, tmp_path, calibkit, log_writer):
@@ -251,64 +205,6 @@ def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(
         moved = column(out, "gyro_dph") - 8.4
         assert np.ptp(moved) < 1e-9
         assert (abs(moved[0]) < 1e-9) == (expected == 0.0)
-
-
-def test_logs_in_other_names_units_and_signs_give_the_same_compensation(
-    runs, fit, tmp_path, calibkit, log_writer
-):
-    """A campaign in rad/s, kelvin, milliseconds and reversed sign gives the same output rate to
-    1e-6 °/h.
-    """
-    radians = np.pi / 180.0 / 3600.0
-    for source in sorted(CAMPAIGN.rglob("*.csv")):
-        columns = {name: column(source, name) for name in table(source)[0]}
-        log_writer(
-            tmp_path / "logs" / source.relative_to(CAMPAIGN),
-            t=columns["time_s"] * 1000.0,
-            Case=columns["temp_case_degc"] + 273.15,
-            Air=columns["temp_env_degc"] + 273.15,
-            Rate=-columns["gyro_dph"] * radians,
-        )
-    settings = {
-        "columns.time_s": '{from="t", unit="ms"}',
-        "columns.temp_case_degc": '{from="Case", unit="K"}',
-        "columns.temp_env_degc": '{from="Air", unit="K"}',
-        "columns.gyro_dph": '{from="Rate", unit="rad/s", sign=-1}',
-    }
-    data, m = tmp_path / "logs", tmp_path / "m.csv"
-    fitted = fit(*(f"{key}={value}" for key, value in settings.items()), data=data)
-    assert fitted.code == 0, fitted.err
-    name, c = "withheld/ramp_heating_03.csv", tmp_path / "c.csv"
-    calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data / name, "--out", m)
-    calibkit("apply", "S-1", "--runs", runs, "--data", CAMPAIGN / name, "--out", c)
-    mapped = -column(m, "Rate") / radians
-    assert mapped == pytest.approx(column(c, "gyro_dph"), abs=1e-6)
-
-
-def test_an_excluded_range_is_left_out_and_told(fit, tmp_path):
-    """An [[exclude]] of a spoilt range lets the fit run; run.json names person and reason."""
-    folder = tmp_path / "logs"
-    folder.mkdir()
-    for source in CAMPAIGN.glob("*.csv"):
-        (folder / source.name).write_bytes(source.read_bytes())
-    lines = (folder / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
-    for row in range(900, 930):
-        lines[row] = lines[row].rsplit(",", 1)[0] + ","
-    (folder / "ramp_heating_05.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    assert fit(data=folder).code == 3
-    exclude = (
-        '[{log="ramp_heating_05", from_s=895.0, to_s=935.0, reason="door open", person="A.'
-        ' Engineer"}]'
-    )
-    fitted = fit(f"exclude={exclude}", data=folder)
-    assert fitted.code == 0, fitted.err
-    run = store.load(tmp_path / "runs" / "S" / "r001")
-    assert run.document["excluded"][0]["person"] == "A. Engineer"
-    assert any("door open" in flag for flag in run.document["flags"])
-    assert (
-        next(entry["rows"] for entry in run.document["inputs"] if "heating_05" in entry["name"])
-        == len(lines) - 1
-    )
 
 
 def test_one_step_is_reported_for_what_it_is(fit, tmp_path, calibkit):
@@ -411,18 +307,6 @@ def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
     names = [c.name for c in run.records["drift_rate.json"].model("drift").coefficients]
     assert names[:4] == ["b0", "b1", "b2", "b3"]
     assert {"tau_outer", "tau_inner"} <= set(names)
-
-
-def test_a_pinned_order_that_no_rate_can_test_is_judged_on_the_fitted_ramps(fit):
-    """A cubic through four rates leaves more on one of its own ramps than there was: flagged with
-    both numbers, and the first screen says on what it was tested.
-    """
-    outcome = fit("drift.order=3", "acceptance.min_reduction=1")
-    said = re.sub(r"\s+", " ", outcome.out + outcome.err)
-    assert "REJECTED: drift reduction on the fitted ramps alone 0." in said
-    assert "tested on no ramp that was left out of its fit" in said
-    assert re.search(r"heating_\d+: drift of [\d.]+ deg/h before compensation, [\d.]+ deg/h", said)
-    assert "No drift term" not in said
 
 
 def test_ramps_of_one_direction_are_flagged_by_fit_and_apply(runs, fit, tmp_path, calibkit):

@@ -23,7 +23,6 @@ from calibkit.records import store
 from calibkit.records.coefficients import Coefficient, Model, StageResult
 from calibkit.report import budget
 from outputs.firmware_runs import cached
-from sample_runs import sample_run
 
 TERMS = """
 [[type_b]]
@@ -48,7 +47,6 @@ half_width = 0.001
 @pytest.fixture(scope="module")
 def run(campaign, tmp_path_factory):
     """Return the run of a fit with type B terms, and its folder of runs."""
-    from calibkit.commands import pipeline
     from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("runs")
@@ -85,25 +83,6 @@ def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_
         new.model_error,
         new.coefficients.tolist(),
     )
-
-
-def test_a_validation_by_such_a_file_flags_it(run, campaign):
-    """The expanded uncertainty that it holds against the log stands on an assumption, and the
-    summary says so.
-    """
-    from calibkit.instruments.bias import fog_thermal as instrument
-
-    spec = pipeline.run_recipe(run[0], ())
-    record = run[0].records["drift_rate.json"]
-    (whole,) = record.models
-    older = replace(
-        whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof")
-    )
-    records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
-    file = min(path.name for path in campaign.glob("*.csv"))
-    for held, flagged in ((records, True), (run[0].records, False)):
-        _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
-        assert (forms.UNKNOWN_DOF in summary.flags) is flagged
 
 
 # numbers
@@ -219,22 +198,6 @@ def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaig
     u = np.array([float(row["gyro_standard_uncertainty_dph"]) for row in more])
     assert np.all((u > 0.003 / math.sqrt(3.0)) & (u < 0.1))
     assert u.max() > 1.3 * u.min()
-
-
-def test_apply_refuses_an_uncertainty_that_nobody_knows(
-    calibkit, campaign, tmp_path, tmp_path_factory
-):
-    """The published scheme has no model error on other rates: exit 2, said in a sentence."""
-    published = sample_run(tmp_path_factory, "fog_thermal", ("drift.model=gradient_rate",))
-    done = calibkit(
-        "apply",
-        published.folder,
-        data=campaign / "withheld/ramp_heating_03.csv",
-        out=tmp_path / "a.csv",
-        set="output.rate_uncertainty=true",
-    )
-    assert done.code == 2
-    assert "gradient_rate" in done.err
 
 
 # validation

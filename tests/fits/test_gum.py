@@ -260,16 +260,6 @@ def test_uncertainty_along_a_log_is_the_diagonal_of_the_full_propagation():
 
 
 @pytest.mark.parametrize(
-    ("dof", "quantile"),
-    [(1, 12.706), (2, 4.303), (5, 2.571), (10, 2.228), (30, 2.042), (120, 1.980)],
-)
-def test_few_degrees_of_freedom_widen_by_students_quantile_over_the_normal_one(dof, quantile):
-    """t(0.975) as tables print it over 1.960; nothing is widened that is known from many."""
-    assert gum.widening(dof) == pytest.approx(quantile / 1.95996, rel=3e-4)
-    assert gum.widening(np.inf) == 1.0
-
-
-@pytest.mark.parametrize(
     ("value", "uncertainty", "expected"),
     [
         (1.23456, 0.0996, ("1.23", "0.10")),
@@ -303,39 +293,6 @@ def test_rounding_stays_within_half_a_place_and_repeats_itself(value, uncertaint
     assert gum.rounded(float(shown), float(short)) == (shown, short)
     if "." in short:
         assert len(significant) == 2
-
-
-def test_what_has_no_uncertainty_is_refused():
-    """Impossible components, matrices, draws and roundings raise with a reason."""
-    generator = np.random.default_rng(61)
-    part = UncertaintyComponent("x", 0.0, 1.0, "A")
-    for bad in (
-        {"standard_uncertainty": -1.0},
-        {"estimate": np.nan},
-        {"dof": 0.0},
-        {"sensitivity": np.inf},
-    ):
-        with pytest.raises(FitError, match="component 'x'"):
-            UncertaintyComponent(
-                **({"name": "x", "estimate": 0.0, "standard_uncertainty": 1.0, "kind": "A"} | bad)
-            )
-    with pytest.raises(FitError, match="no components"):
-        gum.combine([])
-    for matrix in (
-        np.eye(3),
-        np.array([[1.0, 0.5], [0.4, 1.0]]),
-        np.array([[1.0, 1.1], [1.1, 1.0]]),
-        2.0 * np.eye(2),
-    ):
-        with pytest.raises(FitError, match="not a correlation matrix"):
-            gum.combine([part, part], correlation=matrix)
-    with pytest.raises(FitError, match="not finite"):
-        gum.shortest_interval(np.append(generator.standard_normal(10_000), np.nan))
-    with pytest.raises(FitError, match="draw more"):
-        gum.shortest_interval(generator.standard_normal(500))
-    for value, uncertainty in ((1.0, 0.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -2.0)):
-        with pytest.raises(FitError, match="cannot round"):
-            gum.rounded(value, uncertainty)
 
 
 def test_degrees_of_freedom_of_a_combination():
@@ -372,19 +329,6 @@ def test_no_further_contribution_lowers_a_cautious_uncertainty(parts):
     for k in range(len(components)):
         fewer = gum.combine_cautiously([*components[:k], *components[k + 1 :]])
         assert whole.expanded_uncertainty >= fewer.expanded_uncertainty * (1.0 - 1e-12)
-
-
-def test_a_well_known_term_beside_one_degree_of_freedom_leaves_u_as_it_was():
-    """0.003 with one degree of freedom: U 0.042; beside 0.006 of type B the GUM has 0.014."""
-    few = UncertaintyComponent("fit", 0.0, 0.003, "A", dof=1.0)
-    more = UncertaintyComponent("table", 0.0, 0.006, "B")
-    assert gum.combine([few]).expanded_uncertainty == pytest.approx(0.0419, abs=1e-4)
-    assert gum.combine([few, more]).expanded_uncertainty == pytest.approx(0.0140, abs=5e-4)
-    found = gum.combine_cautiously([few, more])
-    assert found.expanded_uncertainty == pytest.approx(0.0419, abs=1e-4)
-    assert found.coverage_factor == pytest.approx(
-        found.expanded_uncertainty / found.standard_uncertainty, rel=1e-12
-    )
 
 
 def test_fifteen_contributions_are_combined_cautiously_too():

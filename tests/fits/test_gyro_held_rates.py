@@ -51,20 +51,6 @@ def test_lost_pulses_are_named_with_row_and_expected_value():
         assert not [finding for finding in found if finding.name == "dropout"]
 
 
-def test_a_gyro_across_the_axis_loses_no_pulses():
-    """On 22 1/s at rest a response of 44 1/s to 20 °/s reads −22 1/s the other way: no dropout."""
-    columns = held(3)
-    rate = np.concatenate([np.zeros(40), columns["table_rate_dps"]])
-    noise = np.random.default_rng(3).normal(0.0, 0.5, rate.size)
-    across = {
-        "time_s": np.arange(float(rate.size)),
-        "table_rate_dps": rate,
-        "gyro_x_lsb": 2.2 * rate + 22.0 + noise,
-    }
-    found = table_runs.faults(SPEC, log_of(across)).findings
-    assert not [finding for finding in found if finding.name == "dropout"]
-
-
 def table_log(rates, *, hold_s=40.0, along=1.0, late_s=0.0, filter_s=0.0, phase=0.0, step_s=0.5):
     """Log of a table that comes to each rate by 20 °/s², and of a gyro that is at an angle to its
     axis, in the earth's rate at 48°; rows are means over 20 ms steps.
@@ -122,20 +108,6 @@ def test_a_gyro_stamped_late_or_filtered_lost_no_pulses(options, words):
     assert not table_runs.faults(settled, filtered).findings
 
 
-def test_no_nonlinearity_is_computed_at_stops():
-    """A stop at which the encoder's noise gives 1e-5 °/s: nonlinearity per point stays below that
-    of the turning rates.
-    """
-    rng = np.random.default_rng(2)
-    rate = np.array([*RATES, 1e-5, -2e-5])
-    u = np.full(rate.size, 0.5)
-    indication = K * rate + 20.0 + rng.normal(0.0, 0.5, rate.size)
-    indication[-2:] += 10.0
-    figures = published.figures(published.Line(rate, indication, u), 0.1, "x")
-    (worst,) = (f for f in figures if f.name.startswith("nonlinearity_per_point"))
-    assert worst.value < 500.0
-
-
 def test_fine_rates_through_zero_give_the_dead_zone():
     """No response within ±0.008 °/s, tested at 5 and 10 thousandths: 0.015 ± 0.002 °/s; a gyro that
     responds to all rates has no such figure.
@@ -150,14 +122,6 @@ def test_fine_rates_through_zero_give_the_dead_zone():
     assert zone.standard_uncertainty == pytest.approx(0.005 / np.sqrt(6.0))
     whole = published.figures(published.Line(rate, K * rate, u), 0.1, "x")
     assert zone.name not in {f.name for f in whole}
-
-
-def test_rest_is_a_held_rate_of_a_gyro_along_the_axis_without_a_table_angle():
-    """It is kept as a part of a revolution is, and flagged; before, it was left out."""
-    run = table_runs.fit_run(SPEC, log_of(held(5, (0.0, *RATES))))
-    assert run.plateaus.rate_dps[0] == 0.0
-    assert any("of less than a revolution" in flag for flag in run.flags)
-    assert not any("left out" in flag for flag in run.flags)
 
 
 def test_one_row_a_held_rate_is_valid_data():

@@ -139,45 +139,6 @@ def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
         assert bias.value == pytest.approx(1.5, abs=1e-8)
 
 
-def test_the_table_angle_is_the_better_reference_where_the_rate_is_noisy():
-    """A tachometer noise of 0.02 °/s: ten times the uncertainty of the angle's reference."""
-    log = dict(simulated_pair.pair(1, ideal=True).logs["table_axis_a.csv"])
-    log["table_rate_dps"] = log["table_rate_dps"] + 0.02 * np.random.default_rng(0).normal(
-        size=log["time_s"].size
-    )
-    true = simulated_pair.pair(1, ideal=True).truth["models"]["a_about_a"]["K"]
-    (by_rate, u_rate, _), (by_angle, u_angle, _) = (
-        scale_of(log, reference=reference) for reference in ("rate", "angle")
-    )
-    assert u_rate > 10.0 * u_angle
-    assert abs(by_angle - true) < 4.0 * u_angle
-    assert abs(by_rate - true) < 4.0 * u_rate
-
-
-def test_nonlinearity_is_the_largest_residual_over_full_scale_and_per_point():
-    """One plateau 20 counts off a straight line: figures equal those of a loop over the
-    plateaus.
-    """
-    indication = line(RATES)
-    indication[3] += 20.0
-    found = published(RATES, indication)
-    slope, intercept = np.polyfit(RATES, indication, 1)
-    residuals = [f - slope * w - intercept for w, f in zip(RATES, indication, strict=True)]
-    full = max(abs(r) for r in residuals) / max(abs(f) for f in indication) * 1e6
-    each = [r / abs(slope * w) * 1e6 for r, w in zip(residuals, RATES, strict=True)]
-    figures = figures_of(RATES, indication)
-    assert figures["nonlinearity_full_scale", GJB].value == pytest.approx(full, rel=1e-6)
-    assert found.per_point_ppm[0] == pytest.approx(each, rel=1e-6)
-
-
-def test_a_plateau_at_rest_has_no_relative_deviation():
-    """At rate zero the per-point deviation is not a number, and the figures leave it out."""
-    rates = np.append(RATES, 0.0)
-    noisy = line(rates) + np.random.default_rng(0).normal(size=rates.size)
-    assert np.isnan(published(rates, noisy).per_point_ppm[0][-1])
-    assert all(np.isfinite(figure.value) for figure in figures_of(rates, noisy).values())
-
-
 def test_asymmetry_is_found_in_both_senses():
     """Positive rates 40 ppm steeper: both senses give 40 ppm to 0.1; a cubic is no asymmetry about
     one intercept.

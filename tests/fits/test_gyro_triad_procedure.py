@@ -191,42 +191,6 @@ def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_wr
     assert np.max(np.abs(table["rate_x_dps"])) < 1e-8
 
 
-def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
-    """Angles need no latitude; the bias does, and `apply` says so."""
-    (tmp_path / "logs").mkdir()
-    exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
-    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
-    assert any("latitude is not known" in flag for flag in run.records["gyro_scale.json"].flags)
-    log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit("apply", "G", runs=tmp_path / "runs", data=log, out=tmp_path / "o.csv")
-    assert outcome.code == 4
-    assert "fit with [site] latitude_deg" in outcome.err
-
-
-def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path, log_writer):
-    """Two runs about each axis that differ by 40 ppm: the mean, with the scatter of the mean for
-    its uncertainty, one degree of freedom of each gyro, and no word of what the runs leave open.
-    """
-    (tmp_path / "logs").mkdir()
-    for k, skew in enumerate((-2e-5 * TETRAD[:3], 2e-5 * TETRAD[:3])):
-        name = f"about_{{}}_{k}.csv"
-        exact(
-            tmp_path / "logs",
-            log_writer,
-            TETRAD[:3],
-            BIAS[:3],
-            ("x", "y", "z"),
-            skew=skew,
-            name=name,
-        )
-    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "errors.component=[]")
-    entry = run.records["gyro_orthogonality.json"].model("triad").coefficients[0]
-    assert entry.value == pytest.approx(TETRAD[0, 0], abs=1e-6)
-    assert entry.standard_uncertainty == pytest.approx(0.2, rel=1e-3)
-    assert entry.effective_dof == pytest.approx(3.0, rel=1e-3)
-    assert not any("within these runs" in flag for flag in run.records["gyro_scale.json"].flags)
-
-
 @pytest.mark.parametrize(
     ("setting", "named"),
     [

@@ -4,10 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import scratch
-from calibkit.instruments.inclinometer import dwells
-from calibkit.logs import logs_on_disk
-from calibkit.numeric import chunks
 from calibkit.records import store
 from conftest import ROOT
 
@@ -110,31 +106,6 @@ def test_apply_turns_no_angle_into_a_turning_tool(rows, tmp_path, calibkit):
     first = found["azimuth_deg"].to_numpy()[: 4 * (STANDS_S + TURNS_S)]
     assert np.unique(first[np.isfinite(first)]).size == 1
     assert (found["gyro_x_dph"] / log["gyro_x_dph"].to_numpy() - 1.0).abs().max() < 0.1
-
-
-def test_a_log_on_disk_is_corrected_as_one_in_memory(rows, tmp_path, calibkit, monkeypatch):
-    """Its columns are mapped files, worked along in pieces of 700 rows: the same bytes of s(T) and
-    of the corrected log.
-    """
-    data = written(tmp_path / "d", continuous(rows.iloc[:40], 2, gyro_noise=0.02))
-    monkeypatch.setattr(chunks, "ROWS", 700)
-    seen = []
-    find = dwells.find_dwells
-    monkeypatch.setattr(
-        dwells,
-        "find_dwells",
-        lambda log, spec: seen.append(scratch.on_disk(log)) or find(log, spec),
-    )
-    for name, setting in (("disk", "0"), ("memory", "1000")):
-        monkeypatch.setenv(logs_on_disk.SETTING, setting)
-        scale(calibkit, data, tmp_path / name)
-        run, log = tmp_path / name / "I" / "r001", data / "stations.csv"
-        options = ("--data", log, "--out", tmp_path / f"{name}.csv")
-        assert calibkit("apply", run, *options).code == 0
-    assert seen == [True, True, False, False]
-    files = [tmp_path / name / "I/r001/inclinometer_scale.json" for name in ("disk", "memory")]
-    assert files[0].read_bytes() == files[1].read_bytes()
-    assert (tmp_path / "disk.csv").read_bytes() == (tmp_path / "memory.csv").read_bytes()
 
 
 def test_dwells_of_two_attitudes_are_no_station(rows, tmp_path, calibkit):

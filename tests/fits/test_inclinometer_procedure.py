@@ -171,27 +171,6 @@ def test_each_worked_example_comes_out_of_fit_and_apply_at_its_latitude(tmp_path
         compare(written, [vector])
 
 
-def test_the_worked_examples_of_a_run_of_34_degrees_come_out_at_their_own_latitudes(
-    tmp_path, command
-):
-    """Fitted on the five stations of 34.2° together, every other latitude is applied with --set and
-    comes out to 1e-9°.
-    """
-    latitudes = sorted({vector["latitude_deg"] for vector in VECTORS})
-    groups = {a: [v for v in VECTORS if v["latitude_deg"] == a] for a in latitudes}
-    for latitude, vectors in groups.items():
-        write_rows(tmp_path / f"{latitude}" / "stations.csv", vector_rows(vectors))
-    outcome, _ = command.fit(tmp_path / "34.2")
-    assert outcome.code == 0, outcome.err
-    for latitude, vectors in groups.items():
-        place = f"site.latitude_deg={latitude}"
-        outcome, written = command.apply(
-            tmp_path / f"{latitude}" / "stations.csv", f"out{latitude}.csv", place
-        )
-        assert outcome.code == 0, outcome.err
-        compare(written, vectors)
-
-
 def test_the_run_holds_s_over_temperature_of_both_gyros(tmp_path, command):
     """One model per gyro of the contract's form, covariance and scatter; within 4 standard
     uncertainties of the truth.
@@ -324,34 +303,6 @@ def test_beyond_90_degrees_the_calibration_or_a_heading_chooses_the_root(tmp_pat
     assert "both roots of s are positive" in outcome.err
     error = wrapped([float(row["azimuth_deg"]) for row in rows[::4]] - truth["azimuth_deg"])
     assert np.abs(error).max() < 0.3
-
-
-def test_apply_keeps_rows_and_columns_and_renames_references(tmp_path, command):
-    """Every row and column in order, an unread column as it was; reference angles renamed, a
-    station's result on its rows.
-    """
-    simulated(tmp_path / "logs", 8, count=12)
-    command.fit(tmp_path / "logs")
-    rows = [
-        {"note": f"n{k}", **row}
-        for k, row in enumerate(read_rows(tmp_path / "logs" / "stations.csv"))
-    ]
-    log = write_rows(tmp_path / "field.csv", rows)
-    _, written = command.apply(log, "out.csv")
-    names = [f"reference_{name}" if name in ANGLES else name for name in rows[0]]
-    assert list(written[0]) == [*names, *ANGLES]
-    assert [row["note"] for row in written] == [row["note"] for row in rows]
-    assert [row["accel_x_g"] for row in written] == [row["accel_x_g"] for row in rows]
-    assert [row["reference_azimuth_deg"] for row in written] == [row["azimuth_deg"] for row in rows]
-    ratio = [
-        float(a["gyro_x_dph"]) / float(b["gyro_x_dph"]) for a, b in zip(written, rows, strict=True)
-    ]
-    for start in range(0, len(rows), 4):
-        assert len({row["azimuth_deg"] for row in written[start : start + 4]}) == 1
-        assert ratio[start : start + 4] == pytest.approx([ratio[start]] * 4, rel=1e-12)
-    _, more = command.apply(log, "more.csv", "output.azimuth_uncertainty=true")
-    assert list(more[0])[-1] == "azimuth_standard_uncertainty_deg"
-    assert 0.01 < float(more[0]["azimuth_standard_uncertainty_deg"]) < 0.1
 
 
 def test_a_log_in_other_units_and_signs_is_corrected_in_its_own(tmp_path, command):

@@ -84,24 +84,6 @@ def test_the_rate_knows_no_future():
     assert np.array_equal(coil._end_slope(time, values)[:100], coil._end_slope(time, other)[:100])
 
 
-def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
-    """At 1 °C/min, read to 0.0625 °C with 0.02 °C noise at 1 Hz and averaged over 10 s, the rate is
-    off by < 0.1 °C/min.
-    """
-    rng = np.random.default_rng(3)
-    true = np.arange(6000) / 60.0
-    read = np.round((true + rng.normal(0.0, 0.02, 6000)) / 0.0625) * 0.0625
-    rate = coil._end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
-    assert np.max(np.abs(rate[20:] - 1.0)) < 0.1  # °C/min
-
-
-def test_a_log_is_taken_to_start_at_rest():
-    """Until half of the window has been seen the rate is 0."""
-    rate = coil._end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
-    assert np.array_equal(rate[:5] == 0.0, [True] * 5)
-    assert rate[6] == pytest.approx(6.0)  # °C/min
-
-
 def test_too_slow_a_sampling_is_refused_rather_than_given_no_rates():
     """At 60 s a window of 90 s holds no parabola."""
     time = np.arange(50) * 60.0
@@ -223,14 +205,6 @@ def test_spikes_that_survive_averaging_have_no_say():
     before, after = fit_level(clean), fit_level(spiked)
     moved = np.abs(after.coefficients - before.coefficients) / stated_uncertainty(before)
     assert np.max(moved) < 0.5
-
-
-def test_rows_of_normal_noise_are_hardly_ever_left_out():
-    """Beyond 3.5 standard deviations lie 5 of 10,000 normal rows, and twice as many beyond what
-    neighbours tell of their middle and the scale.
-    """
-    stacked = pooled_fit.Stack.of_logs(campaign(noise=0.1, seed=4))
-    assert np.mean(~fits.level_basis(stacked).rows.sound) < 0.002
 
 
 def test_a_lasting_misfit_keeps_its_say():

@@ -10,7 +10,7 @@ import pywt
 from hypothesis import given, settings, strategies as st
 
 from calibkit.numeric.wavelet import denoise
-from calibkit.numeric.wavelet.denoise import EXTENSIONS, fit_end
+from calibkit.numeric.wavelet.denoise import EXTENSIONS
 from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
 from fits.transforms import clean_details, extend, extend_by, forward, inverse
 
@@ -173,36 +173,6 @@ def test_the_trend_extension_reflects_in_the_fitted_end_values():
     for end, beyond in ((signal, extended[9::-1]), (signal[::-1], extended[210:])):
         value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
         np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
-
-
-def test_the_trend_extension_fits_no_line_over_a_bend():
-    """A drift that turns after 60 samples is fitted before the turn: the end value is right to 3
-    standard errors.
-    """
-    turn, window = 60, 600
-    time = np.arange(900.0)
-    trend = np.where(time < turn, 0.2 * time, 0.2 * turn - 0.01 * (time - turn))
-    errors, straight = [], []
-    for seed in range(40):
-        signal = trend + noise(900, seed=seed)
-        errors.append(fit_end(signal, window)[0] - trend[0])
-        straight.append(np.polyval(np.polyfit(time[:window], signal[:window], 1), 0.0) - trend[0])
-    # 2 σ/√size at sizes of 16 to 60 is 0.5 to 0.26
-    assert np.sqrt(np.mean(np.square(errors))) < 0.8
-    assert np.sqrt(np.mean(np.square(straight))) > 5.0
-
-
-def test_an_end_at_rest_is_mirrored_and_one_that_moves_is_reflected():
-    """A soak of noise alone, and a ramp of 5 °/h in 600 s."""
-    still = 0.1 * noise(2000)
-    moving = still + 5.0 / 600.0 * np.arange(2000)
-    for signal, expected in (
-        (still, (False, False)),
-        (moving, (True, True)),
-        (np.maximum(moving, 8.0), (False, True)),
-    ):
-        ends = [fit_end(side, 384) for side in (signal, signal[::-1])]
-        assert tuple(is_reflected for _, is_reflected in ends) == expected
 
 
 @pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])

@@ -66,15 +66,6 @@ def test_exact_dwells_give_the_parameters_back(seed):
     np.testing.assert_allclose(parameters[6:], truth[6:], atol=1e-10)  # rad
 
 
-def test_corrected_vectors_have_the_length_of_gravity_and_the_angles_of_the_truth():
-    """In the frame of the triad, corrected components are the vectors that were felt."""
-    vectors = sphere(24)
-    exact = 9.8 * indications(vectors, noise=0.0)
-    triad = solve_triad(collect(exact), TERMS, PLAIN, loss="least_squares")
-    corrected = TERMS.corrected(triad.fit.parameters, exact, np.zeros(24))
-    np.testing.assert_allclose(corrected, vectors, atol=1e-10)
-
-
 @pytest.mark.parametrize("noisy", [False, True])
 def test_both_solvers_agree(noisy):
     """Profile intervals of lmfit hold the values of the triad in their middle and are as wide, to
@@ -154,11 +145,3 @@ def test_dwells_on_one_circle_are_refused():
     circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(30)])
     with pytest.raises(FitError, match="cannot determine"):
         fitted(indications(circle))
-
-
-def test_a_missing_value_is_refused():
-    """NaN is said to be there, not fitted."""
-    indicated = indications(sphere(20))
-    indicated[3, 1] = np.nan
-    with pytest.raises(FitError, match="not finite"):
-        fitted(indicated)

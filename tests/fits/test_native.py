@@ -6,7 +6,6 @@ import os
 import shutil
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -60,19 +59,6 @@ def test_kernels_can_be_turned_off():
     assert out == "None turned off by CALIBKIT_NATIVE\n"
 
 
-@pytest.mark.skipif(not COMPILER, reason="no C compiler")
-def test_a_library_of_other_sources_is_not_used(sources, monkeypatch):
-    """A source that was changed since: nothing is loaded, and the remedy is named."""
-    assert compiling.compile_kernels(sources) is None
-    monkeypatch.setattr(native, "FOLDER", sources)
-    assert native._loaded.__wrapped__()[1] == "in use"
-    changed = next(sources.glob("*.c"))
-    changed.write_text(changed.read_text() + "\n")
-    library, said = native._loaded.__wrapped__()
-    assert library is None
-    assert "compiled from other sources" in said
-
-
 @pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
 @pytest.mark.parametrize("kept", slow_after(1, [0.0, 0.001, 0.1, 0.5, 0.99]))
 def test_a_cut_off_library_is_called_damaged(sources, kept):
@@ -89,16 +75,6 @@ def test_without_a_library_no_compiler_is_blamed(sources):
     assert state(sources) == (
         "not compiled: no kernels were installed (a pure wheel, or no C compiler at installation)"
     )
-
-
-def test_without_a_compiler_there_is_a_reason_and_no_library(sources, monkeypatch):
-    """A compiler that does not exist, or one that fails: said, and nothing is left behind."""
-    before = {path.name for path in sources.iterdir()}
-    monkeypatch.setenv("CC", "no-such-compiler")
-    assert compiling.compile_kernels(sources) == "no C compiler was found"
-    monkeypatch.setenv("CC", "false")
-    assert compiling.compile_kernels(sources).startswith("false: ")
-    assert {path.name for path in sources.iterdir()} == before
 
 
 @pytest.mark.parametrize("package", ["wheel", "sdist"])
@@ -123,17 +99,6 @@ def test_what_another_process_is_compiling_is_in_no_package(tmp_path, monkeypatc
     compiling.compile_kernels(folder)
     assert "calibkit/native/numbers.c" in listed
     assert not [name for name in listed if "mark.c" in name]
-
-
-def test_the_next_compilation_removes_what_a_killed_one_left(sources, monkeypatch):
-    """A folder older than any compilation takes is removed, one of another process stays."""
-    monkeypatch.setenv("CC", "false")
-    for name, age_s in (("old", 2 * compiling.TIMEOUT_S), ("new", 0)):
-        left = sources / f".compiling-{name}"
-        left.mkdir()
-        os.utime(left, (time.time() - age_s,) * 2)
-    compiling.compile_kernels(sources)
-    assert [path.name for path in sources.glob(".compiling-*")] == [".compiling-new"]
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")

@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
 from calibkit.instruments.inclinometer import (
     published,
@@ -110,19 +109,6 @@ def test_of_two_positive_roots_the_prior_chooses():
     assert any("both roots" in flag for flag in low.flags[0])
 
 
-def test_an_outside_heading_chooses_against_the_prior():
-    """With a compass within 20° of the truth the right root is taken though the prior is nearer the
-    other.
-    """
-    station = STATIONS[8]
-    parts = replace(vector_components(station, "x"), covariance=NOISE[None])
-    misled = prior_of(1, 3.2, 0.05)
-    found = solved(parts, 34.2, misled, heading_deg=np.array([165.0]))
-    assert found.s_root[0] == pytest.approx(1.003, abs=1e-9)
-    without = solved(parts, 34.2, misled, heading_deg=np.array([np.nan]))
-    assert without.root[0] == 1
-
-
 def test_roots_that_are_as_likely_are_not_used():
     """A prior midway between two good roots: s is the prior, and the flag says why."""
     station = STATIONS[5]
@@ -205,26 +191,6 @@ def test_an_uncertain_latitude_is_in_the_azimuth():
     found = solved(parts, 34.2, prior, latitude_uncertainty_deg=0.1)
     moved = [solved(parts, 34.2 + d, prior).azimuth_deg[0] for d in (-0.05, 0.05)]
     assert u_of(found, 3)[0] == pytest.approx(abs(moved[1] - moved[0]), rel=0.01)
-
-
-def test_degenerate_stations_are_refused_with_reasons_and_the_others_solved():
-    """θ = 0, θ near 90°, NaN and no rate are refused, each with its reason; the good station is
-    solved; no warning.
-    """
-    good = parts_of([30.0, 0.001, 88.0, 30.0, 30.0], 40.0, 70.0, 34.2)
-    good.gyro_x[3] = np.nan
-    good.gyro_x[4] = good.gyro_y[4] = 0.0
-    found = solved(good, 34.2, prior_of(5))
-    reasons = found.status
-    assert reasons[0] == ""
-    assert "their sum is 110.00" in reasons[1]
-    assert "above 85°" in reasons[2]
-    assert "not finite" in reasons[3]
-    assert "no rate" in reasons[4]
-    assert np.isfinite(found.azimuth_deg[0])
-    assert np.isnan(found.azimuth_deg[1:]).all()
-    assert np.isnan(found.pair_covariance[1:]).all()
-    assert (found.root[1:] == 0).all()
 
 
 @pytest.mark.parametrize(
@@ -479,22 +445,6 @@ def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
     assert outside.s[0] == edge.s[0]
     assert edge.standard_uncertainty[0] == pytest.approx(np.hypot(1e-4, 2e-4))
     assert outside.standard_uncertainty[0] == pytest.approx(np.sqrt(1e-8 + 4e-8 + 9e-6))
-
-
-def test_s_over_temperature_needs_stations_and_temperatures():
-    """One usable station, or one temperature, for a slope are refused; a single root is s0, as
-    uncertain as s was before.
-    """
-    found = solved(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
-    with pytest.raises(FitError, match="1 usable"):
-        scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]), order=1)
-    single = scale_fit.fit_over_temperature(found, np.array([20.0, 30.0]))
-    assert single.model.coefficients == found.s_root[:1]
-    assert single.model.scatter == HistorySpec().standard_uncertainty
-    found = solved(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
-    with pytest.raises(FitError, match="one temperature"):
-        scale_fit.fit_over_temperature(found, np.full(3, 20.0), order=1)
-    assert scale_fit.fit_over_temperature(found, np.full(3, 20.0)).model.coefficients.size == 1
 
 
 def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():

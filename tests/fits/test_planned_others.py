@@ -113,22 +113,6 @@ def test_check_predicts_what_the_sample_logs_determine(procedure, logged):
     assert all(("°C" in str(one)) == logged for one in found.predicted)
 
 
-def test_channels_of_another_unit_are_not_planned(tmp_path):
-    """The noise of the equipment file is in one unit."""
-    other = recipe.find(
-        "bias_temperature", ('polynomials.bias=[{indication="accel_x_g",order=2}]',)
-    )
-    with pytest.raises(UsageError, match="channels in deg/h"):
-        plans.plan(other, tmp_path / "plan")
-
-
-def test_unknown_attitudes_are_planned_at_one_temperature_alone(tmp_path):
-    """Over temperature a hand cannot hold them."""
-    over = recipe.find("accelerometer_magnitude", ("affine.enabled=true",))
-    with pytest.raises(UsageError, match="one temperature"):
-        plans.plan(over, tmp_path / "plan")
-
-
 def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
     """Bias instability in one hour; not in two days."""
     source = recipe.find("gyro_noise")
@@ -144,13 +128,6 @@ def test_a_range_asked_of_one_temperature_is_refused(procedure, tmp_path):
     request = {"range_degc": (0.0, 50.0)}
     with pytest.raises(UsageError, match="at one temperature"):
         plans.plan(recipe.find(procedure), tmp_path / "plan", **request)
-
-
-def test_a_fixture_of_known_attitudes_is_refused_for_unknown_ones(tmp_path):
-    """A hand has other positions than six faces."""
-    request = {"attitudes": "faces"}
-    with pytest.raises(UsageError, match="those of a hand"):
-        plans.plan(recipe.find("accelerometer_magnitude"), tmp_path / "plan", **request)
 
 
 def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():

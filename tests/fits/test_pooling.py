@@ -63,13 +63,6 @@ def test_components_of_other_devices_of_the_type_narrow_the_intervals(fitted):
     assert counted == [("N", 1), ("QA-0", 1), ("QA-1", 1), ("QA-2", 1)]
 
 
-def test_without_earlier_runs_nothing_is_pooled_and_a_flag_says_so(fitted):
-    """The first device of a type."""
-    _, run = fitted("A", 1, "type=QA", "errors.from=history")
-    assert "pooled" not in run.document
-    assert run.document["flags"][0].startswith("no earlier run of type 'QA'")
-
-
 def test_history_needs_a_type(fitted):
     """Exit 2, and what is missing."""
     outcome, _ = fitted("A", 1, "errors.from=history")

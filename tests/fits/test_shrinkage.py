@@ -35,17 +35,6 @@ def test_noise_is_the_median_magnitude_over_0_6745_and_leaves_the_details_alone(
     assert np.array_equal(details, before)
 
 
-def test_half_the_details_at_zero_show_no_noise():
-    """The estimate is exactly zero, and then no threshold but BayesShrink's on pure signal removes
-    anything.
-    """
-    details = np.concatenate([np.zeros(50), np.ones(10)])
-    assert estimate_noise(details) == 0.0
-    assert estimate_noise(np.zeros(7)) == 0.0
-    assert all(estimate(details, 0.0, 60) == 0.0 for estimate in THRESHOLDS.values())
-    assert all(np.array_equal(rule(details, 0.0), details) for rule in RULES.values())
-
-
 @pytest.mark.parametrize(
     ("name", "printed", "digits"),
     [

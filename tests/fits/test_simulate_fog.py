@@ -19,7 +19,6 @@ from calibkit.simulate.chamber import (
 )
 
 CALM = Chamber(cycling_degc=0.0, turbulence_degc=0.0, reading_noise_degc=0.0)
-NOISELESS = {"N": 0.0, "B": 0.0, "K": 0.0, "resolution_dph": 1e-6}
 
 
 @pytest.fixture(scope="module")
@@ -37,12 +36,6 @@ def files(campaign):
 def linear(device):
     """Return the gyro with conductances that depend on nothing, and no heat of its own."""
     return replace(device, convection_per_degc=0.0, conduction_per_degc=0.0, self_heating_degc=0.0)
-
-
-def still(degc):
-    """Return a gyro that went through temperatures so slowly that it was always in equilibrium."""
-    rest = np.zeros(len(degc))
-    return fog.Heat(degc, degc, degc, rest, rest)
 
 
 def rows(text):
@@ -110,18 +103,6 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
 # bias
 
 
-def test_with_hysteresis_cooling_is_above_heating_by_its_width():
-    """On a loop over the whole range the branches are apart by hysteresis_dph in the middle and
-    meet at the end.
-    """
-    device = replace(fog.FogGyro.draw(7), hysteresis_dph=0.04)
-    there = np.linspace(-40.0, 60.0, 201)
-    drift = device.drift(still(np.concatenate((there, there[::-1]))))
-    apart = drift[:200:-1] - drift[:201]
-    assert apart[100] == pytest.approx(0.04, abs=1e-12)  # °/h, at 10 °C
-    assert apart[200] == pytest.approx(0.0, abs=1e-12)  # °/h, at 60 °C
-
-
 @pytest.mark.parametrize("rate", [3.0, -3.0])
 def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rate):
     """Without static drift and hysteresis, a steady ramp shows the rate term alone, the gradient
@@ -135,19 +116,6 @@ def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rat
     )
     drift = device.drift(device.heat_flow(rate / 60.0 * np.arange(20_000), 0.0))
     assert drift[-1] == pytest.approx(0.07 * rate, abs=1e-9)  # °/h
-
-
-def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
-    """Without noise the log holds the earth's rate, the bias, that of this turn-on and the drift to
-    a pulse.
-    """
-    device = replace(fog.FogGyro.draw(12), **NOISELESS)
-    runs = {"ramp.csv": fog.programmes()["ramp_cooling_10.csv"]}
-    logged = fog.logs(device, runs, 0, CALM)["ramp.csv"]
-    assert abs(logged.turn_on_dph) > 0.001
-    expected = device.input_rate_dph + device.bias_dph + logged.turn_on_dph + logged.drift
-    assert device.input_rate_dph == pytest.approx(15.041067 * np.sin(np.radians(34.2)))
-    assert logged.columns["gyro_dph"] == pytest.approx(expected, abs=3e-6)  # °/h, two pulses
 
 
 # chamber

@@ -12,27 +12,6 @@ from calibkit.instruments.inclinometer import simulate
 from fits.stations import forward
 
 
-def test_logs_have_the_columns_of_the_contract():
-    """Files and canonical columns of the shipped recipes."""
-    pair = gyros.pair(1).logs
-    assert list(pair) == ["table_axis_a.csv", "table_axis_b.csv"]
-    for log in pair.values():
-        assert list(log) == [
-            "time_s",
-            "table_rate_dps",
-            "table_angle_deg",
-            "temp_case_degc",
-            "gyro_a_lsb",
-            "gyro_b_lsb",
-        ]
-    stations = simulate.campaign(1).logs["stations.csv"]
-    assert {"station", "position_deg", "accel_x_g", "accel_y_g", "gyro_x_dph", "gyro_y_dph"} < set(
-        stations
-    )
-    assert stations["position_deg"].tolist()[:5] == [0, 90, 180, 270, 0]
-    assert all("gyro_x_lsb" in log for log in gyros.rate_table(1).logs.values())
-
-
 def plain(**constants):
     """A gyro of a straight line without noise, errors of temperature or lag."""
     gyro = gyros.RateGyro.draw(np.random.default_rng(0), noise_lsb=0.0)

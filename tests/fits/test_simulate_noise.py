@@ -58,16 +58,6 @@ def test_rate_random_walk_rises_with_the_root_of_tau(tau_s):
     assert pooled == pytest.approx(0.5 * np.sqrt(tau_s / 3600.0 / 3.0), rel=0.06)
 
 
-def test_pulses_lose_no_angle():
-    """The summed pulses are never off the summed rate by a whole pulse, for rates of either
-    sign.
-    """
-    rate = stream(4).normal(-3.0, 2.0, 10_000)
-    lost = np.cumsum(rate) - np.cumsum(noise.pulses(rate, 0.05))
-    assert lost.min() > -1e-9  # °/h s
-    assert lost.max() < 0.05 + 1e-9  # °/h s
-
-
 @pytest.mark.parametrize("tau_s", [1, 5, 20])
 def test_pulses_have_the_allan_deviation_of_quantisation(tau_s):
     """Counting in pulses adds √3 Q/τ with Q = pulse/√12, and falls faster than white noise."""

@@ -257,60 +257,6 @@ def test_the_clock_that_begins_anew_is_a_power_on(tmp_path, fit):
         assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
 
 
-def test_sessions_and_power_ons_can_be_stated(tmp_path, fit):
-    """Logs whose clocks do not tell are of one power-on where the recipe states it; within a log it
-    states where the instrument was switched on again.
-    """
-    time, case, gyro = sweep()
-    half = time.size // 2
-    for name, rows in (("a", slice(0, half)), ("b", slice(half, None))):
-        write_log(
-            tmp_path / "logs" / f"{name}.csv",
-            time[rows] - time[rows][0],
-            case[rows],
-            gyro_x_dph=gyro[rows],
-        )
-    assert fit(RECIPE + 'sessions = [["a.csv", "b.csv"]]\n').code == 0
-    assert model_of(tmp_path, 1).components == ()
-    assert fit(RECIPE + 'power_on = [{ log = "a.csv", at_s = 3000.0 }]\n').code == 0
-    assert model_of(tmp_path, 2).components[0].groups == 3
-
-
-def test_withheld_rows_are_tested_and_not_fitted(tmp_path, fit):
-    """Indications of a withheld stretch that are 50 °/h off change no coefficient, and their rms is
-    stated.
-    """
-    time, case, gyro = sweep()
-    gyro[(time > 3000.0) & (time < 4000.0)] += 50.0
-    write_log(tmp_path / "logs" / "a.csv", time, case, gyro_x_dph=gyro)
-    outcome = fit(RECIPE + 'withheld = [{ log = "a.csv", from_s = 2990.0, to_s = 4010.0 }]\n')
-    assert outcome.code == 0, outcome.err
-    model = model_of(tmp_path)
-    assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
-    run = store.load(tmp_path / "runs" / "I-1" / "r001")
-    figures = {one.name: one.value for one in run.records["thermal.json"].figures}
-    assert figures["withheld_rms_after.gyro_x_dph"] == pytest.approx(49.0, abs=2.0)
-
-
-def test_a_channel_that_does_not_drift_needs_no_term(tmp_path, fit, calibkit):
-    """White noise alone: exit 0, a constant, the flag, and nothing is taken off."""
-    time, case, _ = sweep()
-    gyro = 5.0 + np.random.default_rng(4).normal(0.0, 0.5, time.size)
-    write_log(tmp_path / "logs" / "a.csv", time, case, gyro_x_dph=gyro)
-    outcome = fit()
-    assert outcome.code == 0
-    assert "no drift term needed" in outcome.out
-    out = tmp_path / "out.csv"
-    assert (
-        calibkit(
-            "apply", tmp_path / "runs" / "I-1" / "r001", data=tmp_path / "logs" / "a.csv", out=out
-        ).code
-        == 0
-    )
-    after = np.loadtxt(out, delimiter=",", skiprows=1)[:, 2]
-    assert after == pytest.approx(gyro, abs=1e-6)
-
-
 @pytest.mark.parametrize(("slope", "flagged"), [(0.05, True), (0.0, False)])
 def test_soaks_that_are_power_ons_of_their_own_are_named_where_their_biases_follow_temperature(
     tmp_path, fit, slope, flagged

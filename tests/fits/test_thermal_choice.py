@@ -13,7 +13,7 @@ from calibkit.instruments.bias import (
     simulate_fog as fog,
 )
 from calibkit.instruments.bias.numeric import bank
-from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, _helps, choose
+from calibkit.instruments.bias.numeric.choice import CANDIDATES, _best_of, choose
 from calibkit.numeric import flicker, intervals
 from calibkit.numeric.thermal import (
     evaluate,
@@ -23,7 +23,7 @@ from calibkit.numeric.thermal import (
 )
 from calibkit.numeric.thermal.evaluate import Evaluation
 from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors
-from calibkit.numeric.thermal.pooled_fit import BlockNoise, ThermalLog
+from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 from fits.drift_fits import block_log, fit_lagged, fit_level
@@ -143,37 +143,6 @@ def test_two_ramps_are_too_few_to_choose():
     assert found.reason == "2 ramps, expected at least 3 to leave one out: no drift term"
 
 
-def test_a_candidate_that_the_logs_cannot_determine_is_named_and_left_out(logs):
-    """Where the chamber thermometer reads the case, the gradient terms are refused and the rest is
-    tested.
-    """
-    blind = [replace(log, env=log.case) for log in fitted(logs)[::2]]
-    found = choose(blind)
-    assert [line.split(":")[0] for line in found.refused] == [
-        "level T³, rate, gradient",
-        "level, all terms",
-    ]
-    assert "s_grad" in found.refused[0]
-    assert len(found.tested) == len(CANDIDATES) - 2
-
-
-def test_ramps_of_one_file_are_left_out_one_by_one(logs):
-    """Heating and cooling in one file are two ramps; their names tell which."""
-    whole = []
-    for number, (up, down) in enumerate(zip(fitted(logs)[4:], fitted(logs)[:4], strict=True)):
-        after = down.time - down.time[0] + up.time[-1] + 10.0
-        part = np.repeat([0, 1], [up.time.size, down.time.size])
-        joined = [
-            np.concatenate([getattr(up, name), getattr(down, name)])
-            for name in ("case", "env", "indication")
-        ]
-        whole.append(ThermalLog(f"cycle {number}", np.concatenate([up.time, after]), *joined, part))
-    found = choose(whole, CANDIDATES[3:4])
-    names = tuple(f"cycle {n}:{k}" for n in range(4) for k in (1, 2))
-    assert pooled_fit.Stack.of_logs(whole).ramp_names == names
-    assert _helps(found.tested[0])
-
-
 # the leave-one-out figures
 
 
@@ -215,12 +184,6 @@ def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
     sides = np.array([1.0, -1.0, 1.0, -1.0])
     errors, without = ([size * sides for size in sizes] for sizes in (compensated, raw))
     return LeftOutErrors("level T", tuple(errors), tuple(without), parameters, endless)
-
-
-def test_a_model_that_makes_one_ramp_worse_does_not_help():
-    """However good it is on the others; one percent is how well a figure repeats."""
-    assert _helps(result((0.01, 0.01, 0.2)))
-    assert not _helps(result((0.01, 0.01, 0.21)))
 
 
 NEAR, BEST = (0.11, 0.09, 0.1), (0.099, 0.0995, 0.096)
@@ -391,19 +354,6 @@ def test_noise_is_told_into_white_and_flicker():
         found = pooled_fit.estimate_noise(turned, design, np.concatenate(seen))
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
-
-
-def test_a_term_that_does_not_vary_along_the_logs_changes_no_noise():
-    """About the level of each log it is rounding alone."""
-    rng = np.random.default_rng(4)
-    log, place = np.repeat(np.arange(4), 300), np.tile(np.arange(300), 4)
-    turned = flicker.Turned.of_logs(log, place, np.ones(1200))
-    slope, seen = np.tile(np.arange(300.0) / 300.0, 4), 10.0 + rng.normal(0.0, 0.2, 1200)
-    constant = 1.0 - rng.integers(0, 2, (1200, 2)) * 1e-15
-    alone = pooled_fit.estimate_noise(turned, slope[:, None], seen)
-    beside = pooled_fit.estimate_noise(turned, np.column_stack([slope, constant]), seen)
-    assert beside.white_variance == pytest.approx(alone.white_variance, rel=1e-9)
-    assert beside.flicker == pytest.approx(alone.flicker, rel=1e-9)
 
 
 # hysteresis

@@ -272,28 +272,6 @@ def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(
     assert not (tmp_path / "runs").exists()
 
 
-def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
-    """A log with holes is compensated row for row; the flag counts them and names the longest, as
-    firmware too.
-    """
-    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    made = calibkit("fit", "fog_thermal", *quick, data=campaign, serial="S", out=tmp_path / "runs")
-    assert made.code in (0, 1)
-    lines = (campaign / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
-    rows = [*lines[:1000], *lines[1100:2000], *lines[2010:3000], *lines[3300:]]
-    (tmp_path / "holes.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    (tmp_path / "whole.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    call = ("apply", tmp_path / "runs/S/r001", "--data")
-    done = calibkit(*call, tmp_path / "holes.csv", "--out", tmp_path / "compensated.csv")
-    assert done.code == 0, done.err
-    assert "holes.csv:2891: 3 gaps, 413 s together, the longest of 301 s from 2998 s" in done.err
-    assert "runs across a gap and knows nothing of what happened in it" in done.err
-    compensated = (tmp_path / "compensated.csv").read_text(encoding="utf-8").splitlines()
-    assert len(compensated) == len(rows)
-    done = calibkit(*call, tmp_path / "whole.csv", "--out", tmp_path / "whole_out.csv")
-    assert "gap" not in done.err
-
-
 @pytest.mark.skipif(os.name != "posix", reason="names are text on other systems")
 def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_writer):
     """A name in Latin-1 on a UTF-8 system cannot stand in a record; fit and check say so and what
@@ -364,12 +342,3 @@ def test_a_serial_number_that_deceives_is_refused_and_shown(calibkit, tmp_path, 
     assert outcome.err.count("\n") == 1
     assert outcome.err.strip().isprintable()
     assert not list(tmp_path.iterdir())
-
-
-def test_names_in_a_log_cannot_command_the_terminal(calibkit, tmp_path):
-    """A column with a colour and a mark of direction in its name is shown with escapes."""
-    rows = "".join(f"{k},1\n" for k in range(40))
-    (tmp_path / "static.csv").write_text("time_s,gyro\x1b[31mX\u202ey\n" + rows, encoding="utf-8")
-    outcome = calibkit("check", "gyro_noise", "--data", tmp_path)
-    assert "gyro\\x1b[31mX\\u202ey" in outcome.out
-    assert all(line.isprintable() for line in outcome.out.splitlines())

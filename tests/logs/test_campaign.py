@@ -58,13 +58,3 @@ def test_every_procedure_is_judged(procedure):
     assert judged.exports
     assert judged.determines
     assert judged.lines()[-1] == "  fit would export this: accepted"
-
-
-def test_a_refused_log_is_no_campaign(tmp_path, calibkit):
-    """With a log that fit refuses, the last paragraph says that it would stop."""
-    shutil.copytree(DATA / "rate_table", tmp_path / "logs")
-    log = tmp_path / "logs" / "room_1.csv"
-    log.write_text(log.read_text().replace("3.0,0.000000", "2.0,0.000000", 1))
-    found = calibkit("check", "rate_table", "--data", tmp_path / "logs")
-    assert found.code == 3
-    assert "missing: 1 of 6 logs refused: mend them, or exclude them" in found.out

@@ -99,21 +99,6 @@ def test_a_chamber_file_that_begins_earlier_is_laid_on_the_log_by_its_stamps(hea
         assert off(joined(tmp_path, name), ramps) < 0.12
 
 
-def test_check_finds_nothing_wrong_with_two_runs_of_a_day(tmp_path, ramps, calibkit):
-    """No swapped columns, no sign to change, and the ramps with their own rates; the overlap is
-    printed.
-    """
-    write(tmp_path / "logs", ramps, head=600.0)
-    (tmp_path / "r.toml").write_text(RECIPE % SAME, encoding="utf-8")
-    outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path / "logs", "--details")
-    assert outcome.code == 0, outcome.out
-    assert outcome.out.startswith("2 of 2 logs ok\n")
-    assert "ramp_cooling_05.csv: ok" in outcome.out
-    assert "ramp_heating_05.csv: ok" in outcome.out
-    assert "ramp -4.9" in outcome.out
-    assert "files overlap 2026-03-05 14:00:00–15:30:00; clock of chamber.csv" in outcome.out
-
-
 def test_clocks_that_differ_are_estimated_from_a_file_of_the_whole_day(tmp_path, ramps):
     """37 s behind, ten minutes earlier: found within 3 u from the hours of the run alone."""
     write(tmp_path, ramps, head=600.0, behind=37.0)
@@ -175,12 +160,3 @@ def test_stamps_of_two_kinds_are_not_called_one_clock(own, chamber, words, tmp_p
     with pytest.raises(FrameError, match=words) as refused:
         joined(tmp_path, "ramp_heating_05")
     assert 'clock = "stated", offset_s' in refused.value.hint
-
-
-def test_files_of_two_days_are_refused_with_both_spans(tmp_path, ramps):
-    """No row in common: when each of the files was logged is said."""
-    write(tmp_path / "a", ramps)
-    write(tmp_path / "b", ramps, day=DAY + pd.Timedelta(days=1))
-    (tmp_path / "b" / "chamber.csv").replace(tmp_path / "a" / "chamber.csv")
-    with pytest.raises(FrameError, match="goes from 2026-03-05 08:00:00–09:30:00, that file from"):
-        joined(tmp_path / "a", "ramp_heating_05")

@@ -183,24 +183,3 @@ def test_the_sample_logs_give_no_finding(procedure):
 
     reports = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).logs
     assert [str(finding) for report in reports for finding in report.findings] == []
-
-
-def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, healthy):
-    """Lines say what a log holds and its segments, and that one ramp is too little for a fit; the
-    JSON carries facts, held conditions and findings; the figure is a PDF.
-    """
-    log_writer(tmp_path / "logs" / "ramp.csv", **healthy["fog_thermal"])
-    figure = tmp_path / "logs.pdf"
-    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure)
-    assert said.code == 3
-    assert "fit would export nothing: exit code 3" in said.out
-    assert "5,401 rows over 5,400 s at 1 Hz" in said.out
-    assert "ramp +" in said.out
-    assert figure.read_bytes().startswith(b"%PDF")
-    assert (
-        calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure).code == 4
-    )
-    (log,) = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--json").json["logs"]
-    assert log["facts"]["rows"] == 5401
-    assert [held["kind"] for held in log["held"]] == ["soak", "ramp", "soak"]
-    assert sum(part["share"] for part in log["facts"]["occupancy"]) == pytest.approx(1.0, abs=1e-12)

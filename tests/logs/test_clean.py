@@ -178,19 +178,6 @@ def test_a_log_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
-@pytest.mark.parametrize("form", ["%.19f", "%.17e", "%.25f", "%.4f", "%.0f"])
-def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, form):
-    """2,000 numbers a column, of few or many digits, are those that Python makes of their text."""
-    compiled(monkeypatch, use=kernels)
-    rng = np.random.default_rng(6)
-    rows = [tuple(form % x for x in row) for row in (rng.normal(0.0, 1e3, (2000, 3))).tolist()]
-    path = tmp_path / "log.csv"
-    path.write_bytes(text_of(rows))
-    expected = np.array([[float(field) for field in row] for row in rows])
-    assert clean.read(path, "log.csv").frame.to_numpy().tobytes() == expected.tobytes()
-
-
-@pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
 def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_python_does(
     tmp_path, monkeypatch, kernels
 ):

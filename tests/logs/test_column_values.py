@@ -113,20 +113,6 @@ def test_a_counter_counts_whatever_says_so(tmp_path, header, unit):
         )
 
 
-def test_counts_of_a_header_take_their_time_from_the_recipe(tmp_path):
-    """`counts` leaves open whether per sample or per second: the recipe says, or the log is
-    refused.
-    """
-    content = "t,n (counts)\n0,5\n1,7\n"
-    per_sample = 'gyro_x_lsb = { from = "n", unit = "1/sample", interval_s = 0.5 }'
-    assert column(read(tmp_path, content, per_sample, ("gyro_x_lsb",)), "gyro_x_lsb") == [
-        10.0,
-        14.0,
-    ]
-    with pytest.raises(CalibkitError, match="'1' is a count, '1/s' a count rate"):
-        read(tmp_path, content, 'gyro_x_lsb = { from = "n" }', ("gyro_x_lsb",))
-
-
 @pytest.mark.parametrize(("interval", "told"), [("0.1", True), ("0.5", False)])
 def test_an_interval_that_is_not_the_rows_is_told(tmp_path, interval, told):
     """Rows of every half second that are said to count 0.1 s each: right of a thinned log, else
@@ -178,24 +164,6 @@ def test_a_value_that_is_none_is_missing_said_and_placed(tmp_path, word):
         "1 rows removed (1 without temp_case_degc), lines 3" in note for note in dropped.notes
     )
     assert dropped.place(1) == "log.csv:4"
-
-
-def test_a_needed_column_that_stands_twice_is_refused(tmp_path):
-    """Which of two columns of one name is meant cannot be known."""
-    with pytest.raises(LogFormatError, match="column 'T' stands twice"):
-        read(
-            tmp_path,
-            "x;T;T\n0;1;2\n1;1;2\n",
-            'temp_case_degc = { from = "T" }',
-            ("temp_case_degc",),
-        )
-    with pytest.raises(LogFormatError, match=r"could be 'T \(degC\)' or 'T \(K\)'"):
-        read(
-            tmp_path,
-            "x,T (degC),T (K)\n0,1,274\n",
-            'temp_case_degc = { from = "T" }',
-            ("temp_case_degc",),
-        )
 
 
 @pytest.mark.parametrize(

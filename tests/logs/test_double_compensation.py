@@ -11,28 +11,6 @@ from calibkit.check import magnitude
 from sample_runs import sample_run
 
 
-def test_logs_of_one_gyro_drift_alike_and_the_odd_one_is_named():
-    """Of five logs the one without drift and the one of opposite sign are named; five that scatter
-    by 20 % are not.
-    """
-    alike = {"a": 1.0, "b": 1.1, "c": 0.9, "d": 1.2, "e": 0.8}
-    assert magnitude.find_compensated_logs(alike) == []
-    for value in (0.0, -0.9):
-        (file, finding), *rest = magnitude.find_compensated_logs(alike | {"c": value})
-        assert (file, finding.name, finding.severity, rest) == (
-            "c",
-            "double_compensation",
-            "warn",
-            [],
-        )
-    # a slow and a fast ramp that both differ
-    assert magnitude.find_compensated_logs(alike | {"d": 2.0, "e": 0.3}) == []
-    assert magnitude.find_compensated_logs({"a": 1.0, "b": 1.0, "c": 0.0}) == []
-    assert (
-        magnitude.find_compensated_logs({"a": 1.0, "b": -1.0, "c": 0.3, "d": 0.0, "e": -2.0}) == []
-    )
-
-
 def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is_not():
     """Gain near 1 says nothing, gain near 0 or -1 is flagged, noise above the drift is no
     evidence.

@@ -2,7 +2,6 @@
 documentation's recipes are recipes.
 """
 
-import datetime as dt
 import io
 import json
 import re
@@ -193,14 +192,6 @@ def test_a_chamber_reply_that_is_cut_is_refused(tmp_path):
         read(tmp_path, mixed.encode(), format="chamber")
 
 
-def test_raised_alarms_and_jumping_scans_are_said(tmp_path):
-    """An alarm other than 0 and a lost scan are counted and placed."""
-    content = "Scan,Time,101 (C),Alarm 101\n1,0.0,20.5,0\n2,1.0,21.5,2\n5,4.0,22.5,0\n"
-    table = read(tmp_path, content.encode(), format="keysight", needed=("101 (C)",))
-    assert "column '101 (C)': alarm in 1 scans, the first in line 3" in table.notes
-    assert "scan numbers jump at 1 places, the first from 2 to 5 in line 4" in table.notes
-
-
 LVM = DIALECTS["LVM"].write(CLEAN).decode("cp1252")
 
 
@@ -309,20 +300,6 @@ def test_a_flight_log_whose_messages_do_not_add_up_is_refused(tmp_path, data, fr
     assert fragment in str(refused.value)
 
 
-def test_dropouts_of_a_flight_log_are_told(tmp_path):
-    """How many and how long, for rows are missing there; a topic that the log has not is refused
-    with those it has.
-    """
-    data = ULOG + message("O", struct.pack("<H", 250)) + message("O", struct.pack("<H", 50))
-    table = read(tmp_path, data, "x.ulg", needed=("case", "air"), table="fog_run:0")
-    assert table.notes == ("2 dropouts of the logger, 300 ms in all",)
-    assert len(table.frame) == 5
-    with pytest.raises(
-        LogFormatError, match=r"no single topic 'nope'; name one in .* there are: fog_run:0"
-    ):
-        read(tmp_path, ULOG, "x.ulg", table="nope")
-
-
 def test_containers_ask_which_table_is_the_log(tmp_path):
     """Several groups, sheets or topics are listed, never chosen among."""
     import h5py
@@ -351,41 +328,6 @@ def test_containers_ask_which_table_is_the_log(tmp_path):
     ulog = DIALECTS["ULog"].write(Clean([["0", "1", "2", "3"], ["10", "1", "2", "3"]]))
     with pytest.raises(LogFormatError, match="there are: battery:0, fog_run:0"):
         read(tmp_path, ulog, "x.ulg")
-
-
-def test_cells_of_a_workbook_read_back_to_what_they_hold(tmp_path):
-    """Ticks, times of day, durations and instants; a workbook without cells, or without the sheet,
-    is refused.
-    """
-    import openpyxl
-
-    def workbook(*rows):
-        book = openpyxl.Workbook()
-        for row in rows:
-            book.active.append(row)
-        stream = io.BytesIO()
-        book.save(stream)
-        return stream.getvalue()
-
-    second, midnight = (
-        dt.timedelta(seconds=1),
-        dt.datetime(2026, 1, 1, tzinfo=dt.UTC).replace(tzinfo=None),
-    )
-    noon = (midnight + dt.timedelta(hours=12)).time()
-    for first, written in (
-        (True, 1.0),
-        (12, 12.0),
-        (0.1, 0.1),
-        (noon, "12:00:00.000000"),
-        (dt.timedelta(hours=30) + 1.5 * second, "30:00:01.500000"),
-        (midnight, "2026-01-01 00:00:00.000000"),
-    ):
-        table = read(tmp_path, workbook(["a", "b"], [first, 1], [first, 2], [first, 3]), "x.xlsx")
-        assert table.frame["a"].tolist() == [written] * 3
-    with pytest.raises(LogFormatError, match="no sheet holds cells"):
-        read(tmp_path, workbook(), "x.xlsx")
-    with pytest.raises(LogFormatError, match="no sheet 'two' with cells; there are: Sheet"):
-        read(tmp_path, workbook(["a", "b"], [1, 2]), "x.xlsx", table="two")
 
 
 def test_instants_of_a_parquet_file_are_seconds_with_and_without_a_zone(tmp_path):

@@ -46,21 +46,6 @@ def test_a_column_that_the_recipe_maps_and_no_log_has_is_named(logs):
     assert any(named in flag for flag in found.document["flags"])
 
 
-def test_columns_that_are_not_read_may_hold_anything(logs, run):
-    """Remarks of which most are missing, times, lists and truth values change nothing."""
-    more = {
-        name: frame.assign(
-            note=pd.Series([None] * (len(frame) - 1) + ["end"], dtype=object),
-            stamp=pd.Timestamp("2026-11-21"),
-            several=[[1]] * len(frame),
-            good=True,
-        )
-        for name, frame in logs.items()
-    }
-    found = fitted(more)
-    assert found.records["gyro_scale.json"].models == run.records["gyro_scale.json"].models
-
-
 @pytest.mark.parametrize(
     ("value", "found"),
     [("abc", "abc"), ("7,66", "7,66"), (None, ""), (1.0 + 2.0j, "(1+2j)"), (True, "True")],
@@ -102,13 +87,6 @@ def test_what_is_no_frame_is_refused_by_its_type(given, said):
     with pytest.raises(calibkit.CalibkitError) as error:
         fitted(given)
     assert re.search(said, f"{error.value.message}: {error.value.hint}")
-
-
-def test_two_names_of_one_log_are_refused(logs):
-    """The one with its suffix would silently be taken for the one without."""
-    name, frame = next(iter(logs.items()))
-    with pytest.raises(calibkit.CalibkitError, match=f"both stand for {name}.csv"):
-        fitted({**logs, f"{name}.csv": frame * 2.0})
 
 
 def test_a_compensated_frame_states_the_units_that_its_columns_have():

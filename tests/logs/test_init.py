@@ -133,29 +133,6 @@ def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
     assert tomllib.loads(outcome.out)["logs"]["names"] == ["time_s", "column 2", "column 3"]
 
 
-def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(
-    tmp_path, calibkit, log_writer
-):
-    """Of two columns that could be the case both are mapped, and a comment says what else could
-    be.
-    """
-    time = np.arange(100.0)
-    log_writer(
-        tmp_path / "a.csv",
-        time=time,
-        T1=20.0 + time / 10,
-        T2=20.0 + time / 9,
-        gyro=1.0 + 0.1 * np.sin(time),
-    )
-    text = proposed(calibkit, tmp_path)
-    spec = tomllib.loads(text)
-    assert {spec["columns"][name]["from"] for name in ("temp_case_degc", "temp_env_degc")} == {
-        "T1",
-        "T2",
-    }
-    assert "Check every unit, sign and column" in text
-
-
 def triad_log(write, path, **names):
     """Write a table run of three gyros with other axis names."""
     rate = np.repeat([0.0, 2.0, -2.0, 5.0, -5.0], 20)
@@ -292,73 +269,6 @@ def test_a_workbook_with_several_sheets_gets_a_recipe(tmp_path, calibkit):
     assert tomllib.loads(outcome.out)["logs"]["table"] == "Run 2"
     (tmp_path / "r.toml").write_text(outcome.out, encoding="utf-8")
     assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
-
-
-HOSTILE = (
-    '\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\n#',
-    '"\n[[exclude]]\nlog = "a"\nreason = "r"\nperson = "p"\nx = "',
-    "\r[site]\r#",
-    "\u2028[site]\u0085\x7f\x00\\",
-    "'''\"\"\" = 1 }",
-)
-
-
-def hostile_log(path, names, units):
-    """Write a log of gyro and thermometer, and columns of these names and units, in the format
-    that the name of the file ends in.
-    """
-    import json
-
-    time, *_, rate, case = imu()
-    columns = {"time_s": time, "temp_case_degc": case, "gyro_dph": rate}
-    columns |= {f"extra{k}{name}": rate for k, name in enumerate(names)}
-    stated = {
-        f"extra{k}{name}": unit for k, (name, unit) in enumerate(zip(names, units, strict=True))
-    }
-    if path.suffix == ".json":
-        rows = [list(map(float, row)) for row in zip(*columns.values(), strict=True)]
-        path.write_text(json.dumps({"columns": list(columns), "data": rows}))
-    elif path.suffix == ".parquet":
-        pandas = pytest.importorskip("pandas")
-        pytest.importorskip("pyarrow")
-        pandas.DataFrame(columns).to_parquet(path)
-    elif path.suffix == ".h5":
-        h5py = pytest.importorskip("h5py")
-        with h5py.File(path, "w") as file:
-            for name, values in columns.items():
-                if "\x00" not in name:
-                    file[name.replace("/", "|")] = np.asarray(values, dtype=float)
-                    file[name.replace("/", "|")].attrs["units"] = stated.get(name, "")
-    else:
-        nptdms = pytest.importorskip("nptdms")
-        with nptdms.TdmsWriter(path) as writer:
-            writer.write_segment(
-                [
-                    nptdms.ChannelObject(
-                        "g",
-                        name,
-                        np.asarray(values, dtype=float),
-                        {"unit_string": stated.get(name, "")},
-                    )
-                    for name, values in columns.items()
-                ]
-            )
-    return path
-
-
-@pytest.mark.parametrize("format_", ["json", "parquet", "h5", "tdms"])
-def test_a_columns_name_and_unit_write_nothing_but_themselves(tmp_path, calibkit, format_):
-    """Line ends, quotes and control characters stay within a value or a comment: the recipe is that
-    of the same log without those columns, but for what it says of them.
-    """
-    plain, hostile = tmp_path / "plain", tmp_path / "hostile"
-    plain.mkdir()
-    hostile.mkdir()
-    hostile_log(plain / f"a.{format_}", (), ())
-    hostile_log(hostile / f"a.{format_}", HOSTILE, HOSTILE)
-    found = proposed(calibkit, hostile)
-    assert tomllib.loads(found) == tomllib.loads(proposed(calibkit, plain))
-    assert not any(line.startswith("[site]") for line in found.splitlines())
 
 
 @pytest.mark.parametrize(

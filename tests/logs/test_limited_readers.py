@@ -10,7 +10,7 @@ import zlib
 import numpy as np
 import pytest
 
-from calibkit.errors import FrameError, LogFormatError
+from calibkit.errors import LogFormatError
 from calibkit.readers import limited, registry
 from calibkit.recipe.logs import Logs
 
@@ -174,21 +174,6 @@ def test_a_number_that_no_instrument_gives_is_refused_by_line(tmp_path, calibkit
     outcome = calibkit("fit", "bias_temperature", "--data", tmp_path, "--serial", "S", "--dry-run")
     assert outcome.code == 3
     assert "a.csv:302: column 'gyro_dph': 1e+308 deg/h (1 such or missing value" in outcome.err
-
-
-@pytest.mark.skipif(os.name != "posix", reason="needs links and pipes")
-@pytest.mark.parametrize("kind", ["link", "pipe"])
-def test_a_match_that_is_no_file_is_named(tmp_path, calibkit, kind):
-    """A link that leads nowhere may stand for a log that is missing: it was passed over."""
-    (tmp_path / "a.csv").write_text("time_s,gyro_dph\n0,1\n1,2\n", encoding="utf-8")
-    if kind == "link":
-        (tmp_path / "b.csv").symlink_to("nowhere")
-    else:
-        os.mkfifo(tmp_path / "b.csv")
-    outcome = calibkit("fit", "bias_temperature", "--data", tmp_path, "--serial", "S", "--dry-run")
-    assert outcome.code == FrameError.exit_code
-    found = {"link": "a link that leads nowhere", "pipe": "a pipe or a device"}[kind]
-    assert f"b.csv: {found}, expected a log" in outcome.err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="needs sparse files and pipes")

@@ -15,8 +15,6 @@ from logs.odd_logs import (
     GERMAN,
     HEADER,
     LISTED,
-    NAMES,
-    NUMBERS,
     TABLES,
     TIMES,
     TORN,
@@ -24,7 +22,6 @@ from logs.odd_logs import (
     clocked,
     exclude,
     text,
-    workbook,
 )
 
 RECIPE = """procedure = "bias_temperature"
@@ -208,22 +205,3 @@ def test_stamps_that_are_no_seconds_are_questioned(factor, rows, words, key, tmp
     )
     log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
     assert log.frame["time_s"].iloc[1] == 2.0 * factor
-
-
-def test_a_finding_on_rows_prints_the_exclusion_that_leaves_them_out(tmp_path, calibkit):
-    """What `check` advises, given to --set, is an exclusion of those rows."""
-    rows = [*BODY[:30], *(row.rsplit(",", 1)[0] + "," for row in BODY[30:33]), *BODY[33:]]
-    read(Odd(text(HEADER, *rows)), tmp_path)
-    words = RECIPE.format(head="", suffix=".csv", logs="", tables="")
-    (tmp_path / "r.toml").write_text(words, encoding="utf-8")
-    arguments = ("check", tmp_path / "r.toml", "--data", tmp_path)
-    out = calibkit(*arguments).out
-    assert 'exclude = [{ log = "a.csv", lines = ["32-34"]' in out
-    advised = out[out.index("exclude = [") :].split("\n")[0]
-    assert calibkit(*arguments, "--set", advised.replace("exclude = ", "exclude=")).code == 0
-
-
-def test_footer_of_a_workbook_is_named(tmp_path):
-    """A word below the rows of a workbook is refused as a footer."""
-    footed = Odd(workbook(NUMBERS, above=[NAMES], below=[("Mean", 15.7, 9.1)]), suffix=".xlsx")
-    assert "a footer? Set footer_lines = 1 in [logs.text]" in refusal(footed, tmp_path)

@@ -181,18 +181,6 @@ def test_less_than_a_revolution_is_corrected_where_the_angle_is_logged():
     assert any("fitted and taken out" in flag for flag in found.flags)
 
 
-def test_less_than_a_revolution_without_an_angle_is_flagged():
-    """Nobody can correct a partial turn without an angle: the plateau is kept and the flag says
-    so.
-    """
-    log = table_log((1.0, 20.0))
-    cut = {name: np.concatenate([v[:60], v[-200:]]) for name, v in log.items()}
-    cut["time_s"] = np.arange(cut["time_s"].size) * 0.5
-    found = averaged(cut, angle=False)
-    assert 0 in found.revolutions
-    assert any("not averaged out" in flag for flag in found.flags)
-
-
 def test_plateaus_at_rest_without_an_angle_are_left_out():
     """At rest the share of the earth's horizontal rate is unknown: kept and corrected with the
     angle, else left out.
@@ -222,35 +210,6 @@ def test_the_stated_noise_of_the_means_covers_their_errors():
         expected = K * (found.rate_dps + 15.041067 / 3600.0 * np.sin(np.radians(34.2)))
         errors.append((found.indication[:, 0] - expected) / found.standard_uncertainty[:, 0])
     assert 0.93 < np.mean(np.abs(np.concatenate(errors)) < 1.96) < 0.97
-
-
-def test_autocorrelated_noise_raises_the_uncertainty_and_is_flagged():
-    """First-order noise of correlation 0.9 has 19 times the variance of white noise in long means:
-    found to a third.
-    """
-    rng = np.random.default_rng(3)
-    noise = np.zeros(8000)
-    for k in range(1, noise.size):
-        noise[k] = 0.9 * noise[k - 1] + rng.normal()
-    time, rate = staircase([10.0, 20.0, -10.0, -20.0], held=1990, slope=9)
-    found = means(time, rate, K * rate + 3.0 * noise[: rate.size])
-    # innovations of standard deviation 3: the long-run variance is (3/(1 − 0.9))²
-    expected = 30.0 / np.sqrt(samples(found))
-    assert found.standard_uncertainty[:, 0] == pytest.approx(expected, rel=0.35)
-    assert any("autocorrelated" in flag for flag in found.flags)
-
-
-def test_a_gyro_that_has_not_settled_is_flagged():
-    """An output filter of 10 s after each rate step is named; the simulated gyro's 0.05 s is
-    not.
-    """
-    time, rate = staircase([10.0, 20.0], held=600)
-    slow = np.zeros_like(rate)
-    for k in range(1, rate.size):
-        slow[k] = slow[k - 1] + 0.01 * (rate[k] - slow[k - 1])
-    noise = np.random.default_rng(0).normal(0.0, 3.0, rate.size)
-    assert any("settl" in flag for flag in means(time, rate, K * slow + noise).flags)
-    assert not any("settl" in flag for flag in means(time, rate, K * rate + noise).flags)
 
 
 def test_each_gyro_of_a_log_has_the_noise_of_its_own_column():

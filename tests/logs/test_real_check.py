@@ -30,18 +30,6 @@ accel_x_g = { from = "x", offset = -33123.0, scale = %s }
 accel_y_g = { from = "y", offset = -33276.0, scale = %s }
 accel_z_g = { from = "z", offset = -32360.0, scale = %s }
 """
-RING_LASER = """
-procedure = "bias_temperature"
-[logs]
-files = ["ln100_x_*.csv"]
-[polynomials]
-abscissa = "clock_s"
-bias = [{ indication = "gyro_x_dph", order = 0 }]
-[columns]
-time_s = { from = "t_s" }
-clock_s = { from = "t_s" }
-gyro_x_dph = { from = "gx_dps", unit = "%s" }
-"""
 
 
 def check(text, folder):
@@ -82,10 +70,3 @@ def test_a_hand_held_tumble_is_healthy_and_its_dwells_are_one_g():
     levels = [held.level for held in report.held]
     assert len(levels) > 30
     assert np.abs(np.array(levels) - 1.0).max() < 0.015  # g
-
-
-def test_a_ring_laser_at_rest_is_healthy():
-    """Dithered noise of ±500 °/h in steps of 0.44 °/h, 64 Hz: no spike, jump or unit is claimed."""
-    for report in check(RING_LASER % "deg/s", "ln100_up_down"):
-        assert report.findings == ()
-        assert report.facts.rate_hz == pytest.approx(64.0, rel=0.01)

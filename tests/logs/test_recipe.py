@@ -117,25 +117,6 @@ def test_an_unknown_recipe_is_answered_with_the_shipped_ones(tmp_path):
         recipe.find(str(bad))
 
 
-def test_a_recipe_is_frozen():
-    """What was decided is not changed on the way."""
-    spec = instruments.parse_recipe(recipe.Source("r.toml", GOOD))
-    with pytest.raises(Exception, match=r"frozen"):
-        spec.title = "x"
-
-
-@pytest.mark.parametrize(
-    "value", ['"""\n[table]\nkey = 1\n"""', "'''\n[table]\nkey = 1\n'''", '[\n["a"], # ]\n["b"]\n]']
-)
-def test_line_numbers_do_not_see_tables_within_a_value(value):
-    """A line of a long string or list that looks like a table or a key is neither."""
-    assert _key_lines(f"[a]\nx = {value}\ny = 2\n") == {
-        ("a",): "1",
-        ("a", "x"): "2",
-        ("a", "y"): str(3 + value.count("\n")),
-    }
-
-
 def test_line_numbers_follow_tables_arrays_and_dotted_keys():
     """Every way of writing a key in TOML is located."""
     text = 'a.b = 1\n["quoted key"]\nx = 1\n[[t]]\ny = 1\n[[t]]\ny = 2\n'

@@ -140,21 +140,6 @@ def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
     assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])
 
 
-def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
-    """Rows of the log in a gap of the chamber log are left out and counted, never interpolated."""
-    rows = np.r_[0:2000:5, 2100 : columns["time_s"].size : 5]
-    write(tmp_path, columns, log_writer, keep=rows)
-    spec = instruments.parse_recipe(recipe.Source("r.toml", text(ESTIMATE)))
-    procedure = instruments.find(spec.procedure)
-    log = procedure.read(spec, tmp_path, f"{LOG}.csv")
-    assert any("in its gaps" in note for note in log.notes)
-    assert np.diff(log.frame["time_s"]).max() == pytest.approx(104.0, abs=2.0)  # s
-    assert any(
-        finding.name == "gap" and finding.refused
-        for finding in procedure.faults(spec, log).findings
-    )
-
-
 @pytest.mark.parametrize(
     ("table", "words"),
     [

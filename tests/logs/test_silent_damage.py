@@ -1,13 +1,8 @@
 """Damages that leave a log readable: found, refused, or without effect within the uncertainty."""
 
-from types import SimpleNamespace
-
-import numpy as np
-import pandas as pd
 import pytest
 
 from attacks import campaigns, silent
-from calibkit.check import thermometers
 from conftest import ROOT, slow_after
 
 
@@ -15,12 +10,6 @@ from conftest import ROOT, slow_after
 def inclinometer(tmp_path_factory):
     """Return the sample campaign of an inclinometer, whose logs can be damaged."""
     return campaigns.make("inclinometer", tmp_path_factory.mktemp("attacks"))
-
-
-@pytest.fixture(scope="module")
-def bias(tmp_path_factory):
-    """Return two logs of a gyro at rest, which can be damaged."""
-    return campaigns.make("bias_temperature", tmp_path_factory.mktemp("attacks"))
 
 
 @pytest.mark.parametrize("kind", slow_after(1, silent.KINDS))
@@ -55,17 +44,6 @@ def test_a_thermometer_that_stations_contradict_is_named(inclinometer, change, w
     assert words in said
 
 
-def test_a_thermometer_that_steps_for_a_while_is_named(bias):
-    """14 rows in °F amid °C: too many for a spike, too few for a chamber that turned back."""
-
-    def change(case):
-        case[670:684] = 1.8 * case[670:684] + 32.0
-
-    found, _, said = outcome(bias, "log_0.csv", "temp_case_degc", change)
-    assert found == "found"
-    assert "from one row to the next" in said
-
-
 @pytest.mark.parametrize(
     ("procedure", "name", "column", "rows"),
     [
@@ -85,11 +63,3 @@ def test_thermometers_of_tables_and_ramps_that_step_are_named(
     (tmp_path / name).write_text(log.put(column, values).format(), encoding="utf-8")
     done = calibkit("check", procedure, "--data", tmp_path, "--details")
     assert "from one row to the next" in done.out + done.err
-
-
-def test_a_chamber_that_is_logged_once_a_minute_makes_no_step():
-    """A ramp of 10 °C/min in twenty hours of soaks: 40 °C within four rows is what it ran."""
-    time = 60.0 * np.arange(1200.0)
-    case = np.clip(10.0 * (time - 36000.0) / 60.0, -30.0, 60.0)
-    log = SimpleNamespace(frame=pd.DataFrame({"time_s": time, "temp_case_degc": case}))
-    assert thermometers.check_steps(log, "temp_case_degc") == []

@@ -2,8 +2,6 @@
 rates that were ordered.
 """
 
-import re
-
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -282,22 +280,3 @@ def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
     assert fitted.code == 3
     for name in sorted(mixed)[1::2]:
         assert f"{name}: column 'temp_case_degc'" in fitted.err
-
-
-def test_a_thermometer_late_in_one_ramp_is_told_beside_the_ramp_alike(ramps, tmp_path, calibkit):
-    """2.9 °C late at 5 °C/min: check and fit name both ramps and the size; sound ramps have no such
-    flag.
-    """
-    some = {name: ramps[name] for name in ramps if "_05" in name or "_10" in name}
-    late = "ramp_cooling_05.csv"
-    time = some[late]["time_s"]
-    case = np.interp(time - 60.0 * 2.9 / 5.0, time, some[late]["temp_case_degc"])
-    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false", "--details")
-    data = logs(some | {late: some[late] | {"temp_case_degc": case}}, tmp_path / "late", dict)
-    told = r"ramp_cooling_05.csv: column 'temp_case_degc': it follows the air 2.[5-9] °C later"
-    checked = calibkit("check", "fog_thermal", "--data", data, "--details")
-    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path)
-    for outcome in (checked, fitted):
-        assert re.search(told.replace(" ", r"\s+"), outcome.out), outcome.out
-    sound = calibkit("check", "fog_thermal", "--data", logs(some, tmp_path / "sound", dict))
-    assert "later" not in sound.out

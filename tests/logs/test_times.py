@@ -63,15 +63,6 @@ def test_a_time_is_the_instant_that_it_names(fields, expected):
     np.testing.assert_allclose(seconds(*fields).seconds, expected, rtol=0, atol=1e-12)
 
 
-def test_seconds_of_any_length_keep_their_last_digit():
-    """19 digits hold nanoseconds that a float64 of the whole number loses; both decimal marks."""
-    fields = ("1764000000.000000001", "1764000000.000000003", "1764000001,5", "")
-    found = seconds(*fields, form=times.DECIMAL).seconds
-    assert found[:3].tolist() == [0.0, 2e-9, 1.499999999]
-    assert np.isnan(found[3])
-    assert np.isnan(seconds("", "", form=times.DECIMAL).seconds).all()
-
-
 @pytest.mark.parametrize(
     ("fields", "order", "expected"),
     [

@@ -84,14 +84,6 @@ def test_a_model_of_the_case_needs_no_air(apply, table, tmp_path):
     assert not np.array_equal(rates[0], table["gyro_dph"])
 
 
-def test_a_model_of_the_gradient_says_that_it_needs_the_air(apply, table, tmp_path):
-    """Exit 3 that names what is missing."""
-    table.drop(columns="temp_env_degc").to_csv(tmp_path / "flight.csv", index=False)
-    outcome, _ = apply("AIR", tmp_path / "flight.csv")
-    assert outcome.code == 3
-    assert "[chamber] files matches no file" in outcome.err
-
-
 def test_rows_outside_the_chamber_file_have_a_status(apply, table, tmp_path):
     """The chamber's file begins 300 s later, has a gap and ends 200 s earlier: those rows are
     written without a corrected value, all others as with the whole file.

@@ -7,11 +7,10 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from calibkit.errors import CoefficientError
-from calibkit.records import coefficients, forms, sealed
+from calibkit.records import coefficients, sealed
 from calibkit.records.coefficients import (
     Coefficient,
     Component,
@@ -92,23 +91,6 @@ def test_degrees_of_freedom_are_a_number_above_zero(dof):
     document["models"][0]["coefficients"][0]["effective_dof"] = json.loads(dof)
     with pytest.raises(CoefficientError, match="not a coefficient record"):
         coefficients.loads(sealed.seal(document), "x")
-
-
-def test_infinite_degrees_of_freedom_are_written_as_a_large_number():
-    """JSON has no infinity; a fit with components that are exactly known can be written."""
-    found = forms.POLYNOMIAL.write(
-        "bias",
-        [("p0", 1.0, "g")],
-        np.array([[1e-6]]),
-        dof=9,
-        residual_rms=1.0,
-        residual_unit="g",
-        valid={"temp_case_degc": (0.0, 1.0)},
-        effective_dof=np.array([np.inf]),
-        components=(SHARED,),
-    )
-    assert found.coefficients[0].effective_dof == 1e9
-    assert found.components == (SHARED,)
 
 
 def test_the_digest_is_that_of_the_canonical_json():

@@ -272,18 +272,3 @@ def test_the_limit_is_reached_between_two_dates(tmp_path):
     assert found.earliest < truth < found.latest
     assert found.expected == pytest.approx(truth, abs=0.6)
     assert one.forecast.startswith("about 20")
-
-
-def test_a_limit_that_is_far_is_not_extrapolated_to(tmp_path):
-    """A stable gyro: not before twice the years measured, and no date is invented."""
-    (one,), _ = key_values.follow(years(tmp_path, 0.0, 0.5))
-    assert one.forecast == "not before 2033-05 (not extrapolated further)"
-    assert (one.reach.expected, one.reach.latest) == (None, None)
-
-
-def test_too_few_dates_or_no_limit_give_no_date(tmp_path):
-    """Two dates have no slope with an uncertainty; without a limit there is nothing to reach."""
-    (two,), _ = key_values.follow(years(tmp_path / "a", 8.0, 2.0, count=2))
-    (free,), _ = key_values.follow(years(tmp_path / "b", 8.0, 2.0, limit=""))
-    assert two.forecast.startswith("cannot tell: fewer than 3 dates")
-    assert free.forecast == "no limit is set"

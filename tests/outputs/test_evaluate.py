@@ -9,7 +9,6 @@ import pytest
 
 from calibkit import instruments
 from calibkit.certificate.content import Layout
-from calibkit.errors import UsageError
 from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
@@ -142,26 +141,6 @@ def test_the_uncertainty_is_that_of_the_certificate_type_b_included(tmp_path):
         assert value.result.value == figure.value
         assert value.expanded == figure.uncertainty.expanded_uncertainty
         assert any(part.kind == "B" for part in value.result.uncertainty.contributions)
-
-
-def test_the_drift_is_zero_by_definition_at_the_reference(tmp_path):
-    """Without an uncertainty, and without a flag that one is missing."""
-    found = fog(tmp_path, on_levels("level"))
-    values = [one(found, "drift_rate.drift.drift", **{T: 25.0})]
-    assert (values[0].result.value, values[0].expanded) == (0.0, None)
-    assert evaluation.flag_values(values) == ()
-
-
-def test_a_range_has_both_ends_and_no_tails_of_binary_numbers(tmp_path):
-    """-0.3:0.3:0.1 is seven numbers as typed; a step away from the end, or of zero, is refused."""
-    known = fog(tmp_path, on_levels("level")).inputs
-    column, values = evaluation.parse_input("temp_case=-0.3:0.3:0.1", known, ranged=True)
-    assert (column, values.tolist()) == (T, [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3])
-    _, values = evaluation.parse_input("temp_case=60:-40:-50 degC", known, ranged=True)
-    assert values.tolist() == [60.0, 10.0, -40.0]
-    for wrong in ("=0:1:0", "=0:1:-1", "=0:1e9:1e-9", "=0:1", "=a:b:c"):
-        with pytest.raises(UsageError):
-            evaluation.parse_input(f"temp_case{wrong}", known, ranged=True)
 
 
 def test_outside_the_calibrated_range_a_value_has_no_uncertainty(tmp_path):

@@ -215,22 +215,6 @@ def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(
     assert built(export, tmp_path)(sealed(bytes(content))).split()[1:] == [str(reason), "1"]
 
 
-def test_the_loader_is_the_same_for_every_unit(tmp_path_factory):
-    """Nothing of one unit stands in the loader: another serial and other bounds give the same
-    bytes.
-    """
-    from dataclasses import replace
-
-    export = export_of("rate", "f32", tmp_path_factory)
-    other = replace(
-        export,
-        identity=replace(export.identity, serial="ANOTHER", revision=7, run_sha256="ab" * 32),
-        bounds={},
-    )
-    assert c_code.loader_source(other) == c_code.loader_source(export)
-    assert c_code.loader_header(other) == c_code.loader_header(export)
-
-
 def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
     """The description names unit and counts; a flipped bit, a changed coefficient with a right CRC
     and a text are refused.

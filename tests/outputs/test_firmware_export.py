@@ -159,19 +159,6 @@ def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused
         firmware.chain(spec, {"drift_rate.json": record})
 
 
-def test_a_run_that_the_loader_of_another_would_refuse_is_not_exported(tmp_path, tmp_path_factory):
-    """`--layout-of` takes a run laid out as the one that it names, and refuses another model form;
-    nothing is written.
-    """
-    lagged, level = (cached(name, tmp_path_factory).run for name in ("lagged", "level"))
-    arguments = ([lagged], "blob", "f32", "cal")
-    assert pipeline.export(*arguments, tmp_path / "a", layout_of=lagged)
-    with pytest.raises(OutputError, match=r"lagged/1\) is not laid out as .*level/1\)") as refused:
-        pipeline.export(*arguments, tmp_path / "b", layout_of=level)
-    assert refused.value.exit_code == 4
-    assert not (tmp_path / "b").exists()
-
-
 def test_literals_read_back_to_the_same_number_in_c():
     """Nine and seventeen significant digits, with a point or an exponent, and F for single
     precision.
@@ -209,36 +196,6 @@ def test_the_firmware_corrects_a_log_as_apply_does(tmp_path_factory, tmp_path, c
     assert np.std(drift) > 0.1  # °/h
     late = 15  # rows of 1 s: the middle of an interval of 10 s is shown an interval after its end
     np.testing.assert_allclose(drift[30:], along[30 - late : -late], atol=1e-4)  # °/h
-
-
-def test_apply_and_firmware_hand_on_indications_beyond_what_was_fitted(
-    triad_run, tmp_path, calibkit, tmp_path_factory
-):
-    """Three g and 2,000 °/s, where 1 g and 100 °/s were fitted, come out of the firmware as they
-    come out of `apply`, with a status.
-    """
-    triad, rate = (cached(name, tmp_path_factory) for name in ("k", "rate"))
-    per_dps = rate.run.records["gyro_scale.json"].models[0].value("K")
-    cases = (
-        (triad, "temp_case_degc,accel_x_g,accel_y_g,accel_z_g\n25,{},0,0\n", 3.0, "accel_x_g"),
-        (
-            rate,
-            "time_s,gyro_x_lsb,temp_case_degc\n0,{0},25\n1,{0},25\n",
-            1990.0 * per_dps,
-            "gyro_x_dps",
-        ),
-    )
-    for case, (this, text, value, column) in enumerate(cases):
-        (log := tmp_path / f"{case}.csv").write_text(text.format(value))
-        out = tmp_path / f"{case}_out.csv"
-        assert calibkit("apply", this.run.folder, "--data", log, "--out", out).code == 0
-        applied = pd.read_csv(out)[column].iloc[0]
-        found, status = correct(this.chain, pd.read_csv(log), "f32")
-        assert applied == pytest.approx({"accel_x_g": 3.0, "gyro_x_dps": 1990.0}[column], rel=0.05)
-        assert found[column].iloc[0] == pytest.approx(applied, rel=1e-6)
-        flags = this.chain.structure.flags
-        raised = {flag for k, flag in enumerate(flags) if (status & (1 << k)).any()}
-        assert raised == {"ACCEL_BEYOND" if column == "accel_x_g" else "RATE_BEYOND"}
 
 
 @pytest.mark.parametrize("number", ["q31", "q15", "f16"])

@@ -2,7 +2,6 @@
 that is safe in C.
 """
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,9 +10,6 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.firmware import facts, sources
 from calibkit.firmware.chain import ChainCorrection
-from calibkit.instruments.bias import forms
-from calibkit.instruments.bias.firmware import chain as drift_chain
-from calibkit.instruments.bias.forms import FILE
 from outputs.firmware_runs import cached
 
 NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
@@ -125,19 +121,3 @@ def test_header_source_blob_and_table_say_it(run, words, tmp_path, tmp_path_fact
             )
             assert all(word in text for word in words), (name, text[:2000])
             assert calibkit("verify", out / name).code == 0
-
-
-def test_air_that_is_weighed_by_0_is_said_to_be_and_needs_no_thermometer(tmp_path_factory):
-    """A level model without a gradient, whose padded chain takes the air: the header says to hand
-    over the case.
-    """
-    this = cached("level", tmp_path_factory)
-    record = this.record(FILE)
-    model = forms.read_thermal(record.models[0])
-    coefficients = model.coefficients.copy()
-    coefficients[[5, 6, 8]] = 0.0
-    written = forms.write_thermal(replace(model, coefficients=coefficients), 10.0)
-    chain = drift_chain(this.spec, {FILE: replace(record, models=(written,))})
-    said = sources.describe_sources(this.spec, chain, ())
-    (line,) = (line for line in said if "temp_env_degc" in line)
-    assert "weighed by 0: hand over the case temperature" in line

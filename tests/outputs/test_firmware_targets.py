@@ -2,8 +2,6 @@
 proven again.
 """
 
-import csv
-import io
 import json
 import re
 from dataclasses import replace
@@ -223,18 +221,6 @@ def test_a_degree_that_an_autopilot_cannot_hold_is_refused():
         parameters._channel("gyro_x_dph", (Fraction(1),) * 5, "PX4")
     with pytest.raises(OutputError, match="no gyro or accelerometer of an axis"):
         parameters._channel("gyro_dph", (Fraction(1),) * 2, "PX4")
-
-
-def test_a_table_has_one_row_a_unit_and_numbers_that_read_back(calibkit, runs, tmp_path):
-    """Three units: names with units, each row's own serial, the same columns, digests that
-    differ.
-    """
-    folder = export(calibkit, runs, tmp_path / "t", "csv", *UNITS, number="f64", prefix="imu")
-    rows = list(csv.DictReader(io.StringIO((folder / "imu.csv").read_text(encoding="utf-8"))))
-    assert [row["serial"] for row in rows] == list(UNITS)
-    assert len({row["row_sha256"] for row in rows}) == 3
-    assert float(rows[0]["bound_bias_gyro_x_dph [deg/h]"]) < 1e-9
-    assert float(rows[0]["p_gyro_x_dph[1]"]) != float(rows[1]["p_gyro_x_dph[1]"])
 
 
 @pytest.mark.parametrize("target", ["blob", "hex", "px4"])
