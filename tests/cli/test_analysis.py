@@ -98,13 +98,9 @@ def test_a_run_without_a_drift_term_says_why_it_has_none(logs):
     ("given", "found"),
     [
         (pd.date_range("2026-01-01", periods=2), r"2026-01-01T.* \(datetime64\)"),
-        (pd.date_range("2026-01-01", periods=2, tz="UTC"), r"2026-01-01 .* \(Timestamp\)"),
         (np.array([1.0 + 1j, 2.0]), r"\(1\+1j\) \(complex128\)"),
         (None, r"None \(NoneType\)"),
-        ([1.0, None], r"None \(NoneType\)"),
-        (np.inf, r"inf \(float64\)"),
         ([1.0, np.nan], r"nan \(float64\)"),
-        ("40", r"40 \(str_\)"),
         (True, r"True \(bool_?\)"),
         (np.zeros((2, 2)), r"numbers of shape \(2, 2\)"),
     ],

@@ -113,7 +113,6 @@ def outcomes(rows, *, covered, width, of=1000, warned=False):
     [
         ({}, {"covered": 950, "width": 1.5}, []),
         ({}, {"covered": 880, "width": 1.5}, ["coverage"]),
-        ({}, {"covered": 905, "width": 1.5}, []),
         ({}, {"covered": 950, "width": 1.7}, ["width"]),
         ({"given": True}, {"covered": 1000, "width": 1.2}, ["coverage", "width"]),
         ({"between": 2}, {"covered": 1000, "width": 9.0}, ["no warning"]),

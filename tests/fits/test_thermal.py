@@ -354,10 +354,8 @@ def test_firmware_follows_every_channel(tmp_path, calibkit):
     ("change", "text", "code", "words"),
     [
         (lambda t, c, g: (t, c * 0.0 + 25.0, g), RECIPE, 3, "constant"),
-        (lambda t, c, g: (t, 25.0 + (c - 25.0) * 0.05, g), RECIPE, 3, "at least 5 °C"),
         (lambda t, c, g: (t[:150], c[:150], g[:150]), RECIPE, 3, "expected at least 200"),
         (lambda t, c, g: (t[:230], c[:230] * 2.0, g[:230]), RECIPE, 3, "to leave stretches out"),
-        (lambda t, c, g: (t - 40.0 * (t > 9000.0), c, g), RECIPE, 3, "runs backwards"),
         (None, RECIPE.replace("gyro_x_dph", "gyro_z_dph"), 3, "'gyro_z_dph' is missing"),
         (None, RECIPE.replace("gyro_x_dph", "temp_case_degc"), 2, "is a thermometer or a clock"),
         (None, RECIPE + 'sessions = [["b.csv"]]\n', 2, "b.csv"),

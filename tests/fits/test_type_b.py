@@ -48,16 +48,10 @@ def test_each_way_to_state_a_term_gives_the_standard_uncertainty_of_the_gum(line
             "half_width = 0.1\nstandard_uncertainty = 0.1",
             "states standard_uncertainty and half_width",
         ),
-        (
-            "half_width = 0.1\ncoverage_factor = 2.0",
-            "coverage_factor belongs to expanded_uncertainty",
-        ),
         ("expanded_uncertainty = 0.1", "coverage_factor belongs to expanded_uncertainty"),
         ('half_width = 0.1\ndistribution = "normal"', "a normal distribution has no half_width"),
-        ("half_width = -0.1", "r.toml:8: type_b.0.half_width: found -0.1, expected greater than 0"),
         ("half_width = 0.1\nsensitivity = 2.0", "a sensitivity and the result that it leads to"),
         ("half_widht = 0.1", "did you mean 'half_width'?"),
-        ("half_width = 0.1\ndof = 0.0", "type_b.0.dof: found 0.0"),
         ("half_width = 0.1\n" + TERM + "half_width = 0.1", "stands twice"),
     ],
 )

@@ -76,32 +76,18 @@ def joined(rows, separator):
 THOUSANDTHS = '[columns]\ngyro_dph = { from = "gyro_dph", scale = 0.001 }'
 
 TORN = {
-    "a comment above headerless rows": Odd(
-        text("% 2014-03-21 17:31:51  by logger 3", *BLANKS), LISTED, suffix=".txt"
-    ),
     "comments above headerless rows that look like rows": Odd(
         text("% 1 2 3", "% 0.5 -0.3 7.1", *BLANKS), LISTED, suffix=".txt"
     ),
-    "a comment above the header": Odd(text("% logger 3, 2014-03-21", HEADER, *BODY)),
     "comments above the header that look like rows": Odd(
         text("# 1,2,3", "# 0.5,0.3,0.1", HEADER, *BODY)
     ),
     "a header behind a comment's mark": Odd(text("# " + HEADER, *BODY)),
-    "a header behind a percent sign, between blanks": Odd(
-        text("% " + " ".join(NAMES), *BLANKS), suffix=".dat"
-    ),
     "units behind a comment's mark": Odd(text(HEADER, "# s,degC,deg/h", *BODY)),
-    "a comment between header and rows": Odd(text(HEADER, "# began at 12:30", *BODY)),
-    "a blank line between header and rows": Odd(text(HEADER, "", *BODY)),
     "comments among the rows": Odd(text(HEADER, *BODY[:50], "# door opened", *BODY[50:])),
-    "comments of two slashes": Odd(text("// run 7", HEADER, *BODY[:9], "// pause", *BODY[9:])),
     "a blank line behind every row": Odd(text(HEADER, *(f"{row}\n" for row in BODY))),
-    "rows of semicolons with comments": Odd(
-        text(HEADER.replace(",", ";"), "#", *GERMAN[:5], "# a;b;c", *GERMAN[5:])
-    ),
     "a torn line in a serial capture": Odd(text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]), DROP),
     "two lines run into one": Odd(text(HEADER, *BODY[:6], BODY[5] + BODY[6], *BODY[6:]), DROP),
-    "a torn number": Odd(text(HEADER, *BODY[:6], "12.0,-17.-17.6,8.9", *BODY[6:]), DROP),
     "a capture that begins inside a line": Odd(
         text("7.3 8.9", *BLANKS), f"{LISTED}\n{DROP}", suffix=".txt"
     ),
@@ -112,9 +98,6 @@ TORN = {
     "a torn line that a person left out": Odd(
         text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:]), head=exclude("lines = [8]")
     ),
-    "a last line that was still being written": Odd(
-        (text(HEADER, *BODY) + "240.0,5").encode(), 'text = { last_line = "drop" }'
-    ),
     "a last number that was still being written": Odd(
         (text(HEADER, *BODY) + "240.0,52.100,9.").encode(), 'text = { last_line = "drop" }'
     ),
@@ -123,21 +106,12 @@ TORN = {
         f'{LISTED}\ntext = {{ skip_lines = {{ "a.txt" = 2 }} }}',
         suffix=".txt",
     ),
-    "a footer of one field": Odd(
-        text(HEADER.replace(",", ";"), *GERMAN, "Ende der Messung"), "text = { footer_lines = 1 }"
-    ),
     "a footer of three lines": Odd(
         text(HEADER, *BODY, "", "Operator: Huber, 21.3.2014", "Mean,12.3"),
         "text = { footer_lines = 3 }",
     ),
-    "a footer without a line end": Odd(
-        (text(HEADER, *BODY) + "end").encode(), "text = { footer_lines = 1 }"
-    ),
     "thousands behind commas in quotes": Odd(
         text(HEADER, *(f'{a},{b},"{c}"' for a, b, c in grouped(",", "."))), tables=THOUSANDTHS
-    ),
-    "thousands behind commas between semicolons": Odd(
-        text(HEADER.replace(",", ";"), *joined(grouped(",", "."), ";")), tables=THOUSANDTHS
     ),
     "thousands behind points, decimal commas": Odd(
         text(
@@ -146,29 +120,9 @@ TORN = {
         ),
         tables=THOUSANDTHS,
     ),
-    "thousands behind apostrophes": Odd(
-        text(HEADER, *joined(grouped("'", "."), ",")), 'format = "text"', THOUSANDTHS
-    ),
-    "thousands behind narrow blanks": Odd(
-        text(HEADER.replace(",", "\t"), *joined(grouped("\u202f", "."), "\t")),
-        tables=THOUSANDTHS,
-    ),
     "rows that a person left out": Odd(
         text(HEADER, "0.0,80.0,1.0", *BODY[:9], "17.0,80.0,1.0", *BODY[9:]),
         head=exclude('rows = ["1-1", 11]'),
-    ),
-    "a position that a person left out": Odd(
-        text(
-            "position," + HEADER,
-            *(f"1,{row}" for row in BODY[:60]),
-            "2,119.0,80.0,1.0",
-            *(f"3,{row}" for row in BODY[60:]),
-        ),
-        head=exclude("positions = [2]"),
-    ),
-    "a station that a person left out": Odd(
-        text("station," + HEADER, *(f"1,{row}" for row in BODY), "2,250.0,80.0,1.0"),
-        head=exclude("stations = [2]"),
     ),
 }
 
@@ -178,21 +132,12 @@ def clocked(form):
     return [f"{form(float(row[0]))},{row[1]},{row[2]}" for row in CLEAN]
 
 
-def stamped(seconds):
-    """A date and time."""
-    minutes = int(seconds) // 60
-    return f"2014-03-21 {17 + minutes // 60}:{minutes % 60:02d}:{int(seconds) % 60:02d}"
-
-
 def unit(words):
     """A mapping of the time that states its unit."""
     return f'[columns]\ntime_s = {{ from = "time_s", {words} }}'
 
 
 TIMES = {
-    "microseconds without a unit": Odd(
-        text(HEADER, *clocked(lambda s: round(s * 1e6))), tables=unit('unit = "us"')
-    ),
     "milliseconds without a unit": Odd(
         text(HEADER, *clocked(lambda s: round(s * 1e3))), tables=unit('unit = "ms"')
     ),
@@ -211,19 +156,6 @@ TIMES = {
             *clocked(lambda s: f"{256551300.5 + s:.2f}"),
         ),
         head=exclude("to_s = 256551299.25"),
-    ),
-    "torn date-times": Odd(
-        text(
-            HEADER,
-            *clocked(stamped)[:20],
-            "2014-03-21 17:0,-8.0,8.9",
-            *clocked(stamped)[20:],
-        ),
-        DROP,
-    ),
-    "a date-time that a person left out": Odd(
-        text(HEADER, *clocked(stamped)[:20], "pause,-8.0,8.9", *clocked(stamped)[20:]),
-        head=exclude("lines = [22]"),
     ),
 }
 
@@ -249,21 +181,6 @@ def workbook(rows, *, above=(), below=(), merged=(), more=None):
 NUMBERS = [tuple(float(field) for field in row) for row in CLEAN]
 ONCE = [(t, c if k % 3 == 0 else None, r) for k, (t, c, r) in enumerate(NUMBERS)]
 TWO_SHEETS = {"Limits": [("name", "limit"), ("bias", 3.0)]}
-KEYSIGHT = """
-[columns]
-time_s = { from = "Time" }
-temp_case_degc = { from = "Chan 101 (C)" }
-gyro_dph = { from = "Chan 102 (VDC)", unit = "deg/h", header_unit = "ignored" }
-"""
-
-
-def scans():
-    """Lines of a scan log."""
-    rows = clocked(lambda s: f"03/21/2014 17:{int(s) // 60:02d}:{int(s) % 60:02d}:000")
-    return [
-        "Sweep #,Time,Chan 101 (C),Chan 102 (VDC)",
-        *(f"{k},{row}" for k, row in enumerate(rows, start=1)),
-    ]
 
 
 def labview():
@@ -300,7 +217,6 @@ def replies():
 
 
 TABLES = {
-    "a workbook": Odd(workbook(NUMBERS, above=[NAMES]), suffix=".xlsx"),
     "a workbook with merged temperature cells": Odd(
         workbook(ONCE, above=[NAMES], merged=[f"B{k}:B{k + 2}" for k in range(2, ROWS + 2, 3)]),
         suffix=".xlsx",
@@ -313,19 +229,6 @@ TABLES = {
         ),
         suffix=".xlsx",
     ),
-    "a workbook with a note beside the rows": Odd(
-        workbook(
-            [(*row, "door opened" if k == 7 else None) for k, row in enumerate(NUMBERS)],
-            above=[NAMES],
-        ),
-        suffix=".xlsx",
-    ),
-    "a workbook with a typed constant above the header": Odd(
-        workbook(NUMBERS, above=[("g in m/s²", 9.81), NAMES]), suffix=".xlsx"
-    ),
-    "a workbook with rows without cells": Odd(
-        workbook([*NUMBERS[:60], (), *NUMBERS[60:]], above=[NAMES, ()]), suffix=".xlsx"
-    ),
     "a workbook with a footer": Odd(
         workbook(NUMBERS, above=[NAMES], below=[(), ("Mean", 15.7, 9.1), ("Huber",)]),
         "text = { footer_lines = 3 }",
@@ -333,31 +236,6 @@ TABLES = {
     ),
     "a workbook with two sheets": Odd(
         workbook(NUMBERS, above=[NAMES], more=TWO_SHEETS), 'table = "Data"', suffix=".xlsx"
-    ),
-    "a workbook with thousands typed as text": Odd(
-        workbook(
-            [
-                (t, c, rate)
-                for (t, c, _), (*_, rate) in zip(NUMBERS, grouped(",", "."), strict=True)
-            ],
-            above=[NAMES],
-        ),
-        tables=THOUSANDTHS,
-        suffix=".xlsx",
-    ),
-    "a workbook of which a row was left out": Odd(
-        workbook([*NUMBERS[:9], (17.0, "see note", 80.0), *NUMBERS[9:]], above=[NAMES]),
-        head=exclude("lines = [11]"),
-        suffix=".xlsx",
-    ),
-    "a scan log with a footer": Odd(
-        text(*scans(), "End of data"), "text = { footer_lines = 1 }", KEYSIGHT
-    ),
-    "a LabVIEW file with a footer": Odd(
-        text(*labview(), "end of measurement"),
-        'format = "lvm"\ntext = { footer_lines = 1 }',
-        LABVIEW_TIME,
-        suffix=".lvm",
     ),
     "a LabVIEW file with a torn line": Odd(
         text(*labview()[:20], "-0.3\t-0.31", *labview()[20:]).replace(
@@ -367,35 +245,11 @@ TABLES = {
         LABVIEW_TIME,
         suffix=".lvm",
     ),
-    "a LabVIEW file whose last line was still being written": Odd(
-        (text(*labview()) + "240.0\t5").replace(
-            f"Samples\t{ROWS}\t{ROWS}", f"Samples\t{ROWS + 9}\t{ROWS + 9}"
-        ),
-        'format = "lvm"\ntext = { last_line = "drop" }',
-        LABVIEW_TIME,
-        suffix=".lvm",
-    ),
     "chamber replies with a torn line": Odd(
         text(*replies()[:50], replies()[50][:40], *replies()[50:]),
         f'format = "chamber"\n{DROP}',
         REPLY_COLUMNS,
         suffix=".txt",
-    ),
-    "chamber replies that begin inside a line": Odd(
-        text(replies()[0][30:], *replies()), f'format = "chamber"\n{DROP}', REPLY_COLUMNS, ".txt"
-    ),
-    "chamber replies whose last line was still being written": Odd(
-        (text(*replies()) + replies()[0][:70]),
-        'format = "chamber"\ntext = { last_line = "drop" }',
-        REPLY_COLUMNS,
-        suffix=".txt",
-    ),
-    "chamber replies of which a person left a line out": Odd(
-        text(*replies()[:50], "door opened", *replies()[50:]),
-        'format = "chamber"',
-        REPLY_COLUMNS,
-        ".txt",
-        exclude("lines = [51]"),
     ),
     "pinned CSV with a footer and a torn line": Odd(
         text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:], "end"),
@@ -404,8 +258,5 @@ TABLES = {
     "JSON records": Odd(
         json.dumps({"by": "lab", "rows": [dict(zip(NAMES, row, strict=True)) for row in NUMBERS]}),
         suffix=".json",
-    ),
-    "JSON names beside rows": Odd(
-        json.dumps({"columns": NAMES, "data": NUMBERS}), 'format = "json"', suffix=".json"
     ),
 }

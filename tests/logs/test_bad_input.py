@@ -47,33 +47,17 @@ CASES = {
             "[columns.gyro_dph]",
         ),
     ),
-    "two rows": (
-        lambda c: {k: v[:2] for k, v in c.items()},
-        ("a.csv: 2 rows, expected at least 20", "min_rows"),
-    ),
     "time going backwards": (
         lambda c: changed("time_s", 500, 300.0),
         ("a.csv:502: column 'time_s': time runs backwards at 499 s → 300 s", "strictly increasing"),
-    ),
-    "time standing still": (
-        lambda c: changed("time_s", 500, 499.0),
-        ("a.csv:502: column 'time_s': time stands still",),
     ),
     "NaN run": (
         lambda c: changed("gyro_dph", slice(400, 450), np.nan),
         ("a.csv:402: column 'gyro_dph': 50 missing or infinite values", "[[exclude]]"),
     ),
-    "infinite value": (
-        lambda c: changed("temp_env_degc", 7, np.inf),
-        ("a.csv:9: column 'temp_env_degc': 1 missing or infinite value from here on",),
-    ),
     "constant chamber": (
         lambda c: c | {"temp_env_degc": np.full(ROWS, 20.0)},
         ("a.csv: column 'temp_env_degc': constant at 20 over 900 rows", "a column that varies"),
-    ),
-    "constant gyro": (
-        lambda c: c | {"gyro_dph": np.full(ROWS, 9.0)},
-        ("a.csv: column 'gyro_dph': constant at 9",),
     ),
     "kelvin": (
         lambda c: c | {"temp_case_degc": c["temp_case_degc"] + 273.15},
@@ -100,10 +84,6 @@ CASES = {
     "no ramp": (
         lambda c: c | {"temp_env_degc": 20.0 + 0.1 * np.sin(c["time_s"])},
         ("a.csv: no ramp found", "ramp_min_degc_min"),
-    ),
-    "slower than the interval": (
-        lambda c: {k: v[::20] for k, v in c.items()},
-        ("a.csv: sampled every 20 s, the model interval is 10 s",),
     ),
 }
 
@@ -169,13 +149,9 @@ def test_a_log_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer
     ("arguments", "code", "fragment"),
     [
         (["--set", "drift.ordr=2"], 2, "did you mean 'order'?"),
-        (["--set", "columns.gyro_dhp={from='gyro_dph', sign=-1}"], 2, "did you mean 'gyro_dph'?"),
         (["--set", "denoise.wavelet=db99"], 2, "unknown wavelet 'db99'"),
-        (["--set", "drift.order='two'"], 2, "found 'two', expected a whole number or 'auto'"),
         (["--set", "logs.files=['*.log']"], 3, "no log matches '*.log', found a.csv"),
         (["--set", "exclude=[{log='b', reason='r', person='p'}]"], 2, "no such log"),
-        (["--set", "exclude=[{log='a', reason='r', person='p'}]"], 3, "every log is excluded"),
-        (["--set", "drift.rates_degc_min.b=1.0"], 2, "no such log"),
         (["--date", "21.11.2026"], 2, "write YYYY-MM-DD"),
         (["--bogus"], 2, "No such option"),
     ],

@@ -28,9 +28,7 @@ def column(log, name):
     ("header", "mapping", "value", "name", "expected"),
     [
         ("w (deg/s)", 'from = "w"', "0.5", "gyro_dph", 1800.0),
-        ("w", 'from = "w", unit = "rad/s"', "1e-6", "gyro_dph", 0.20626480624709636),
         ("w", 'from = "w", unit = "deg/s", sign = -1', "0.5", "gyro_dph", -1800.0),
-        ("T [K]", 'from = "T"', "300", "temp_case_degc", 26.85),
         ("T (℉)", 'from = "T"', "212", "temp_case_degc", 100.0),
         (
             "U (VDC)",
@@ -39,11 +37,8 @@ def column(log, name):
             "temp_case_degc",
             25.0,
         ),
-        ("a (mg)", 'from = "a"', "998.5", "accel_x_g", 0.9985),
         ("a (m/s²)", 'from = "a"', "9.79", "accel_x_g", 1.0),
         ("n", 'from = "n", unit = "1/sample", interval_s = 0.0025', "100", "gyro_x_lsb", 40000.0),
-        ("n (pulses/s)", 'from = "n"', "77", "gyro_x_lsb", 77.0),
-        ("n", 'from = "n", unit = "1/ms"', "3", "gyro_x_lsb", 3000.0),
         ("T", 'from = "T", scale = 0.0625', "-400", "temp_case_degc", -25.0),
     ],
 )

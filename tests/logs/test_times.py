@@ -101,25 +101,9 @@ def test_day_and_month_are_those_that_the_log_allows(fields, order, expected):
             "",
             "log.csv:3: column 'time': found '30:75:00', expected elapsed h:m:s",
         ),
-        (
-            ("30:00:00", "30:00:75"),
-            "",
-            "log.csv:3: column 'time': found '30:00:75', expected elapsed h:m:s",
-        ),
         (("30:00:00", "30:00:01:7"), times.ELAPSED, "found '30:00:01:7', expected elapsed h:m:s"),
-        (("30:00:00", "30:00"), times.ELAPSED, "found '30:00', expected elapsed h:m:s"),
         (("30:00:00", "3:00:00 PM"), times.ELAPSED, "found '3:00:00 PM', expected elapsed h:m:s"),
         (("1.5", "x"), times.DECIMAL, "log.csv:3: column 'time': found 'x', expected a number"),
-        (
-            ("1.5", "1_000"),
-            times.DECIMAL,
-            "log.csv:3: column 'time': found '1_000', expected a number",
-        ),
-        (
-            ("1.5", "1e300"),
-            times.DECIMAL,
-            "log.csv:3: column 'time': found '1e300', expected a number",
-        ),
         (
             ("1.5", "Infinity"),
             times.DECIMAL,
