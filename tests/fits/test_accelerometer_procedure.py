@@ -55,21 +55,6 @@ def test_the_vector_comes_out_of_the_shipped_recipe(tmp_path, calibkit, log_writ
         assert [c.value for c in model.coefficients] == pytest.approx(expected, rel=1e-9)
 
 
-def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_writer):
-    """accel_k, accel_q and accel_affine with their forms; the terms are named by axis and power."""
-    simulated(tmp_path / "logs", 1, log_writer)
-    _, run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
-    assert set(run.records) == {"accel_k.json", "accel_q.json", "accel_affine.json"}
-    assert [c.name for c in run.records["accel_q.json"].model("triad").coefficients] == [
-        "Q1",
-        "Q2",
-        "Q3",
-    ]
-    names = [c.name for c in run.records["accel_affine.json"].model("triad").coefficients]
-    assert {"k_x0", "d_xy", "z_z3"} <= set(names)
-    assert run.records["accel_affine.json"].model("triad").form == "accel-triad/1"
-
-
 def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(
     tmp_path, calibkit, log_writer
 ):

@@ -1,6 +1,5 @@
 """The benchmark of coverage runs, and judges what it is for."""
 
-import ast
 import importlib.util
 import sys
 
@@ -77,29 +76,6 @@ def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmar
             assert all((width > 0.0).all() for width in result.half_width.values()), label
             compared = sum(error.size for error in result.error.values())
             assert compared >= len(made[0].truth) > 0, label
-
-
-def test_benchmarks_that_measure_any_release_import_no_instrument():
-    """Simulators, rows of coverage and studies of drifts call calibkit by its public names; only
-    drawing and the statement at a point are further in.
-    """
-    folder = ROOT / "benchmarks"
-    names = (
-        "drift_*.py",
-        "denoising*.py",
-        "lumped_gyro.py",
-        "diffusion_coil.py",
-        "intervals/**/*.py",
-    )
-    files = [file for name in names for file in folder.glob(name)]
-    assert len(files) > 20
-    allowed = {"calibkit", "calibkit.report", "calibkit.results", "calibkit.simulate"}
-    for file in files:
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            modules = [node.module] if isinstance(node, ast.ImportFrom) else []
-            modules += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            own = {".".join(name.split(".")[:2]) for name in modules if name.startswith("calibkit")}
-            assert own <= allowed, file.name
 
 
 def outcomes(rows, *, covered, width, of=1000, warned=False):

@@ -5,17 +5,8 @@ them.
 import numpy as np
 import pytest
 
-from calibkit.fit.complex_step import derivative
 from calibkit.instruments.accelerometer import published, simulate
-from calibkit.instruments.accelerometer.corrections import DwellErrors
-from calibkit.instruments.accelerometer.equation import name_terms
-from calibkit.instruments.accelerometer.shared_errors import angle_slopes
-from calibkit.instruments.accelerometer.triad import solve_triad
 from calibkit.numeric import attitude
-from fits.triad_dwells import collect, fit_triad, recipe
-
-PLAIN = recipe(loss="least_squares")
-SECOND_ORDER = recipe(loss="least_squares", affine={"second_order": True, "third_order": True})
 
 
 def read(campaign):
@@ -27,13 +18,6 @@ def read(campaign):
 
     indicated = np.column_stack([column(f"accel_{axis}_g") for axis in "xyz"])
     return indicated, column("temp_case_degc"), column("inclination_deg"), column("toolface_deg")
-
-
-def fit(campaign, spec=PLAIN):
-    """Fit of all dwells of a campaign."""
-    indicated, temperature, inclination, toolface = read(campaign)
-    angles = np.column_stack([inclination, toolface])
-    return fit_triad(collect(indicated, temperature, angles), spec)
 
 
 def test_one_indication_is_the_sensor_written_out():
@@ -80,43 +64,6 @@ def test_truth_describes_the_sensors():
     np.testing.assert_allclose(
         simulate.indications(sensors, vector, temperature), indicated, atol=1e-12
     )  # g
-
-
-@pytest.mark.slow
-def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
-    """A second campaign of the same triad errs within the propagated uncertainty and the dwell
-    noise, 90 % of the time.
-    """
-    quiet = {"table_noise_deg": 0.0, "thermometer_noise_degc": 0.0}
-    campaign = simulate.campaign(7, **quiet)
-    indicated, temperature, inclination, toolface = read(campaign)
-    even = np.arange(len(temperature)) % 2 == 0
-    angles = np.column_stack([inclination, toolface])
-    terms = name_terms((3,) * 3, (3,) * 3, (1,) * 3, second_order=True, third_order=True)
-    fitted = solve_triad(
-        collect(indicated[even], temperature[even], angles[even]),
-        terms,
-        SECOND_ORDER,
-        loss="least_squares",
-    )
-    t, p = fitted.mapped(temperature[~even]), fitted.fit.parameters
-    corrected = terms.corrected(p, indicated[~even], t)
-    slopes = derivative(lambda q: terms.corrected(q, indicated[~even], t), p)
-    covariance = slopes @ fitted.fit.total_covariance @ np.swapaxes(slopes, 1, 2)
-    covariance = covariance + np.diag(fitted.noise**2)
-    angles = np.radians([attitude.inclination(corrected), attitude.toolface(corrected)])
-    by_vector = np.stack(angle_slopes(*angles)) / np.linalg.norm(corrected, axis=1)[:, None]
-    variances = np.einsum("kni,nij,knj->kn", by_vector, covariance, by_vector)
-    u_inclination, u_toolface_sin = np.degrees(np.sqrt(variances))
-    found = DwellErrors.of_vectors(corrected, inclination[~even], toolface[~even])
-    inside = np.isfinite(found.toolface_deg)
-    u_toolface = u_toolface_sin / np.sin(np.radians(inclination[~even]))
-    assert (
-        0.9
-        <= np.mean(np.abs(found.inclination_deg[inside]) <= 1.96 * u_inclination[inside])
-        <= 0.99
-    )
-    assert 0.9 <= np.mean(np.abs(found.toolface_deg[inside]) <= 1.96 * u_toolface[inside]) <= 0.99
 
 
 def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():

@@ -20,43 +20,6 @@ def table(path, change, count=6):
     return path
 
 
-GERMAN = (
-    [
-        "Zeit [s]",
-        "Drehrate Tisch [°/s]",
-        "Tischwinkel [°]",
-        "Gehäusetemperatur [°C]",
-        "Kreisel X [Impulse/s]",
-    ],
-    ["Zeit", "Drehrate_Tisch", "Tischwinkel", "Temperatur", "Kreisel"],
-    ["Zeit_s", "Sollrate [°/s]", "Winkel [°]", "Temperatur [°C]", "Kreiselausgang X [Imp/s]"],
-    [
-        "Zeit [s]",
-        "Drehrate Soll [°/s]",
-        "Winkel [°]",
-        "Temperatur [°C]",
-        "Drehrate Ist [Impulse/s]",
-    ],
-)
-
-
-@pytest.mark.parametrize("names", GERMAN, ids=lambda names: names[1])
-def test_a_rate_table_is_recognised_by_german_names(names, tmp_path, calibkit):
-    """The table's rate is no gyro's: rate_table, with the counts as the gyro, and check finds
-    nothing in what was proposed.
-    """
-    data = table(tmp_path / "logs", lambda frame: frame.set_axis(names, axis=1), count=1)
-    proposed = calibkit("init", "--from", data).out
-    assert 'procedure = "rate_table"' in proposed
-    for column, name in zip(("table_rate_dps", "gyro_x_lsb"), (names[1], names[4]), strict=True):
-        assert (
-            f'from = "{name}"'
-            in proposed.rpartition(f"\n[columns.{column}]")[2].partition("\n[columns.")[0]
-        )
-    (tmp_path / "r.toml").write_text(proposed, encoding="utf-8")
-    assert calibkit("check", tmp_path / "r.toml", "--data", data).code == 0
-
-
 def test_overload_marks_among_the_counts_of_a_table_are_refused_by_row(tmp_path, calibkit):
     """±9e9 are counts that a counter could reach, but not beside a million: before, K was known to
     1800 % and nobody said why.

@@ -7,13 +7,11 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings, strategies as st
 
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
 from calibkit.logs import log_files
-from calibkit.readers import sniff, tokens
-from calibkit.recipe.logs import TextSpec
+from calibkit.readers import tokens
 from conftest import slow_after
 from logs.dialects import DIALECTS, NAMES, Clean, Dialect
 
@@ -235,48 +233,9 @@ def test_seeded_damage_is_refused_or_accounted_for(part, tmp_path):
     assert 0 < accepted < SEEDED // 8
 
 
-@settings(
-    max_examples=DRAWN,
-    deadline=None,
-    suppress_health_check=list(HealthCheck),
-    derandomize=True,
-    database=None,
-)
-@given(
-    name=st.sampled_from(
-        sorted(name for name in WRITTEN if WRITTEN[name].suffix not in CONTAINERS)
-    ),
-    edits=st.lists(
-        st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.binary(max_size=4)),
-        min_size=1,
-        max_size=4,
-    ),
-)
-def test_drawn_damage_is_refused_or_accounted_for(name, edits, tmp_path_factory):
-    """Any replacement of any bytes by any others."""
-    data = BYTES[name]
-    for place, removed, added in edits:
-        at = int(place * len(data))
-        data = data[:at] + added + data[at + removed :]
-    found = outcome(name, data, tmp_path_factory.mktemp("damaged"))
-    if not isinstance(found, CalibkitError):
-        accounts(found, name, data)
-
-
 @pytest.mark.parametrize("name", WRITTEN)
 def test_the_undamaged_log_is_read(name, tmp_path):
     """What is damaged here is read whole when it is not."""
     found = outcome(name, BYTES[name], tmp_path)
     assert found.rows == ROWS
     accounts(found, name, BYTES[name])
-
-
-def test_the_guess_prints_and_pins(tmp_path):
-    """A guess turned into a recipe table and read back is the same dialect, nothing guessed."""
-    path = tmp_path / "log.csv"
-    path.write_bytes(BYTES["preamble, names and units on two lines"])
-    found = sniff.Dialect.guess(path, "log.csv")
-    assert "guessed" in " ".join(found.describe())
-    pinned = sniff.Dialect.guess(path, "log.csv", TextSpec(**found.recipe_keys()))
-    assert pinned.guessed == ()
-    assert (pinned.columns, pinned.first_line) == (found.columns, found.first_line)

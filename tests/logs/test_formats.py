@@ -3,7 +3,6 @@ documentation's recipes are recipes.
 """
 
 import io
-import json
 import re
 import struct
 import sys
@@ -437,65 +436,6 @@ def test_what_is_of_another_format_is_refused(tmp_path, name):
             read(tmp_path, data, format=name)
         assert "\n" not in str(refused.value)
         assert "log.dat" in str(refused.value)
-
-
-def test_apply_writes_a_log_of_another_dialect_row_for_row(tmp_path, calibkit):
-    """A German log with °/s and the opposite sign: every row and column, compensated values in the
-    log's own unit and sign.
-    """
-    folder = Path(__file__).resolve().parents[2] / "datasets" / "fog_thermal"
-    (tmp_path / "logs").mkdir()
-    for name in (
-        "ramp_heating_05.csv",
-        "ramp_heating_10.csv",
-        "ramp_cooling_05.csv",
-        "ramp_cooling_10.csv",
-    ):
-        log = Clean.of((folder / name).read_text())
-        rows = [
-            ";".join([r[0], "offen", *r[1:3], f"{-float(r[3]) / 3600:.12f}"]).replace(".", ",")
-            for r in log.rows
-        ]
-        head = ["Prüfstand 3", "", "Zeit (s);Tür;Gehäuse (°C);Kammer (°C);Drehrate (°/s)"]
-        (tmp_path / "logs" / name).write_bytes("\r\n".join([*head, *rows, ""]).encode("cp1252"))
-    (tmp_path / "r.toml").write_text(
-        """procedure = "fog_thermal"
-[logs]
-files = ["*.csv"]
-[drift]
-model = "gradient_rate"
-order = 1
-[columns]
-time_s = { from = "Zeit" }
-temp_case_degc = { from = "Gehäuse" }
-temp_env_degc = { from = "Kammer" }
-gyro_dph = { from = "Drehrate", sign = -1 }
-""",
-        encoding="utf-8",
-    )
-    fitted = calibkit(
-        "fit", tmp_path / "r.toml", data=tmp_path / "logs", serial="S", out=tmp_path / "runs"
-    )
-    assert fitted.code == 0, fitted.err
-    assert "? 4 logs: decimal = ',' (guessed); pin it in the recipe" in fitted.err
-    inputs = json.loads(
-        (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
-    )["inputs"]
-    for part in ("reading", "guesses"):
-        assert all("encoding = 'cp1252' (guessed)" in entry[part] for entry in inputs)
-    assert all("(guessed)" in line for entry in inputs for line in entry["guesses"])
-    assert "4804 lines: 2 above the header, 1 of header, 4801 rows" in inputs[1]["reading"]
-    data, out = tmp_path / "logs" / "ramp_heating_05.csv", tmp_path / "out.csv"
-    assert (
-        calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data, "--out", out).code == 0
-    )
-    head, *rows = out.read_text(encoding="utf-8").splitlines()
-    assert head == "Zeit (s),Tür,Gehäuse (°C),Kammer (°C),Drehrate (°/s)"
-    before = Clean.of((folder / "ramp_heating_05.csv").read_text())
-    written = [row.split(",") for row in rows]
-    assert [row[:4] for row in written] == [[r[0], "offen", *r[1:3]] for r in before.rows]
-    moved = np.array([-3600.0 * float(row[4]) for row in written]) - before.column(3)
-    assert 0.1 < np.ptp(moved) < 3.0  # °/h of drift taken out
 
 
 @pytest.mark.parametrize(
