@@ -65,49 +65,6 @@ def test_a_table_rate_off_its_angle_is_said_in_ppm(tmp_path, calibkit):
     assert "it turns at" not in agrees.out
 
 
-def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, calibkit):
-    """A run's recipe cannot be edited: --set is the way, it is said column by column, and it
-    works.
-    """
-    runs, data = tmp_path / "runs", table(tmp_path / "logs", lambda frame: frame)
-    assert calibkit("fit", "rate_table", "--data", data, "--serial", "S", "--out", runs).code in (
-        0,
-        1,
-    )
-    foreign = pd.read_csv(data / "room_1.csv").rename(columns={"gyro_x_lsb": "out"})
-    foreign.to_csv(tmp_path / "field.csv", index=False)
-    call = (
-        "apply",
-        "S",
-        "--runs",
-        runs,
-        "--data",
-        tmp_path / "field.csv",
-        "--out",
-        tmp_path / "o.csv",
-    )
-    outcome = calibkit(*call)
-    assert outcome.code == 3
-    assert "column 'gyro_x_lsb' is missing, found time_s" in outcome.err
-    assert (
-        "S@r001 needs gyro_x_lsb: name the log's own columns with --set columns.gyro_x_lsb.from=…"
-        in outcome.err
-    )
-    assert calibkit(*call, "--set", "columns.gyro_x_lsb.from=out").code == 0
-    per_sample = ("--set", "columns.gyro_x_lsb={from='out',unit='1/sample'}")
-    assert calibkit(*call[:-1], tmp_path / "per_sample.csv", *per_sample).code == 0
-    made = pd.read_csv(tmp_path / "per_sample.csv")
-    # the first row counts since a row that is not there
-    assert len(made) == len(foreign)
-    assert made["status"].notna().tolist() == [True] + [False] * (len(foreign) - 1)
-    stated = foreign.rename(columns={"out": "out (1/sample)"})
-    stated.to_csv(tmp_path / "field.csv", index=False)
-    by_header = ("--set", "columns.gyro_x_lsb.from=out (1/sample)")
-    assert calibkit(*call[:-1], tmp_path / "by_header.csv", *by_header).code == 0
-    made_by_header = pd.read_csv(tmp_path / "by_header.csv")
-    assert made_by_header["status"].tolist() == made["status"].tolist()
-
-
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])
 def test_a_refused_log_is_an_error_in_the_json_of_check(procedure, tmp_path, calibkit):
     """Not ok, and error says code, message and hint, as for every other failure; the logs stand

@@ -56,10 +56,3 @@ def test_tables_behind_each_other_are_one_log(tmp_path):
     assert list(found.frame.index + 2) == list(range(1, 11))
     with pytest.raises(LogFormatError, match="'wide' is a matrix of 4 × 3"):
         read(path, tables=("up", "wide"), names=("rate", "out"))
-
-
-@pytest.mark.parametrize("tables", [("up",), ("up", "up")])
-def test_tables_are_several_different_ones(tables):
-    """One table is `table`, and none comes twice."""
-    with pytest.raises(ValueError, match="two or more, each once"):
-        Logs(files=("*",), tables=tables)

@@ -187,31 +187,6 @@ def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer
     assert sorted(path.name for path in tmp_path.iterdir()) == ["logs"]
 
 
-@pytest.mark.parametrize("written", ["line_ends", "a_row_less", "other_digits"])
-def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(
-    tmp_path, calibkit, log_writer, written
-):
-    """Other line ends, a row less or zeros behind the digits make no other measurement of a log."""
-    text = log_writer(tmp_path / "logs" / "a.csv", **healthy()).read_text()
-    rows = text.splitlines()
-    other = {
-        "line_ends": "\r\n".join(rows) + "\r\n",
-        "a_row_less": "\n".join([rows[0], *rows[2:]]) + "\n",
-        "other_digits": "\n".join(
-            [rows[0], *(f"{row}0" if "." in row.rpartition(",")[2] else row for row in rows[1:])]
-        ),
-    }[written]
-    (tmp_path / "logs" / "b.csv").write_bytes(other.encode())
-    for command in (
-        ["fit", "fog_thermal", "--serial", "S", "--out", tmp_path / "runs"],
-        ["check", "fog_thermal"],
-    ):
-        outcome = calibkit(*command, "--data", tmp_path / "logs")
-        assert outcome.code == 3
-        assert "the same values as a.csv" in outcome.out + outcome.err
-    assert not (tmp_path / "runs").exists()
-
-
 @pytest.mark.parametrize(
     ("table", "words"),
     [

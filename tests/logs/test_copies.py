@@ -65,18 +65,6 @@ def test_a_quarter_of_a_log_is_told_from_its_fingerprint():
     assert copies._find_fitted_copy(frozenset(measured[300:550]), [entry(measured)]) == "x.csv"
 
 
-def test_without_a_fingerprint_only_the_bytes_tell():
-    """Two runs of before: the same digest is the same log, another may be anything; both are said
-    to be untold.
-    """
-    old = {"name": "old.csv", "sha256": "a", "rows": 3}
-    assert copies._are_same_log(old, dict(old))
-    assert not copies._are_same_log(old, entry(rows(1, 9), "b"))
-    values, sample = copies.flag_missing_fingerprints("r001", [old, entry(rows(1, 9))])
-    assert values.startswith("r001 keeps no fingerprint of old.csv: ")
-    assert sample.startswith("r001 keeps no sample of 2 of its logs: ")
-
-
 def with_line_ends(folder, into):
     """Copy the CSV logs of a folder, with carriage returns, under other names."""
     into.mkdir(parents=True)

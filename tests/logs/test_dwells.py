@@ -29,15 +29,6 @@ def test_holds_are_found_and_their_ends_left_out():
         assert stop - 12 <= end <= stop
 
 
-def test_windowed_noise_is_the_loop_over_windows():
-    """The running sums equal the standard deviation of every window, offset and all."""
-    log = handled(rows=1700)[:200] + 3e4
-    twin = [np.sqrt(np.sum(np.var(log[i : i + 16], axis=0))) for i in range(185)]
-    np.testing.assert_allclose(
-        dwells._windowed_noise(log, 16, np.median(log, axis=0)), twin, rtol=1e-8
-    )
-
-
 def test_a_log_that_stands_still_to_the_last_bit_is_one_dwell():
     """Quantised indications without any noise are held, although their noise at rest is zero."""
     log = np.tile([100.0, -3.0, 5.0], (500, 1))

@@ -50,18 +50,6 @@ def test_a_knock_of_100_rows_is_no_jump_and_no_spikes(rows, shape):
         assert names(data) == set(), seed
 
 
-def test_a_knock_near_an_end_or_with_a_sharp_edge_is_no_jump_and_no_spike():
-    """Near an end nobody can say that a level stays, and a sharp edge that decays over tens of rows
-    is no row that is gone after three.
-    """
-    decay = 300.0 * np.exp(-np.arange(100) / 25.0)
-    for rows, first in ((1000, 150), (1000, 870), (2000, 1850), (5000, 2000), (ROWS, 19_700)):
-        for seed, knock in enumerate((decay, np.full(100, 6.0), 50.0 * np.hanning(100))):
-            data = noise(seed)[:rows]
-            data[first : first + 100] += knock
-            assert names(data) == set(), (rows, first, seed)
-
-
 @pytest.mark.parametrize("drift", [0.0, 20.0])
 def test_a_level_that_changes_for_good_is_a_jump(drift):
     """A step of ten standard deviations that stays is found, on a drifting log too."""

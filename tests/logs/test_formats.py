@@ -90,15 +90,6 @@ def test_degree_signs_are_not_taken_for_chinese(tmp_path, text, encoding):
     assert list(table.frame.columns) == text.split(";")
 
 
-def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
-    """A row above the header, of which too little is measured to be the first, is named rather than
-    skipped.
-    """
-    content = "0;x;x;1;x\nt;a;b;c;d\n" + "".join(f"{k};1;2;3;4\n" for k in range(2, 9))
-    with pytest.raises(LogFormatError, match=r"log.dat:1: a row of numbers above the header"):
-        read(tmp_path, content.encode(), format="text", needed=("t", "a"))
-
-
 def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
     """Without a header nothing stands above the rows: a first row with a field too many or too few
     is refused.

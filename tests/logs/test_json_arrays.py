@@ -72,14 +72,6 @@ def test_null_has_no_value_and_numbers_are_the_nearest_of_float64(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "texts", [["1.5", "2", "3"], ["1_000", "2", "3"], [1, "2", 3], [None, "2", 3]]
-)
-def test_text_is_no_number(tmp_path, texts):
-    """A list that holds a text is no column, whatever the text looks like."""
-    assert columns(read(tmp_path, {"a": texts, "b": [4, 5, 6]})) == {"b": [4.0, 5.0, 6.0]}
-
-
-@pytest.mark.parametrize(
     ("document", "logs", "fragment"),
     [
         ('{"a": [1, 2],\n"b": [4,', {}, "log.json:2: not JSON"),

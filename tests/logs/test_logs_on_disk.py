@@ -11,7 +11,6 @@ import scratch
 from calibkit import instruments, recipe
 from calibkit.check import examination
 from calibkit.commands import pipeline
-from calibkit.errors import RecipeError
 from calibkit.instruments.bias import ramps
 from calibkit.logs import log_files, logs_on_disk, write_back
 from calibkit.numeric import anomalies
@@ -120,45 +119,6 @@ def test_a_run_from_disk_is_that_of_logs_in_memory(
     assert written[:1] == written[1:]
     pipeline.fit(recipe.find(name, settings), data, SERIAL, tmp_path, DATE, instruments.silent)
     assert files_of(tmp_path / SERIAL / "r001") == files_of(memory.folder)
-
-
-def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(
-    calibkit, monkeypatch, tmp_path, tmp_path_factory
-):
-    """A spike is flagged with its line, and a long gap refused, from disk as from memory."""
-    lines = (sample_logs(tmp_path_factory, "bias_temperature") / "warm.csv").read_text().split("\n")
-    lines[2500] = ",".join([*lines[2500].split(",")[:2], "120.5"])
-    torn = [*lines[:1000], *lines[1100:]]
-    for folder, rows in (("spiked", lines), ("torn", torn)):
-        (tmp_path / folder).mkdir()
-        (tmp_path / folder / "warm.csv").write_text("\n".join(rows), encoding="utf-8")
-    said = []
-    for place in ("memory", "disk"):
-        spiked, refused = (
-            calibkit(
-                "fit", "bias_temperature", data=tmp_path / folder, serial="S", out=tmp_path / place
-            )
-            for folder in ("spiked", "torn")
-        )
-        assert "warm.csv:2501: column 'gyro_dph': a spike: 120.5 deg/h" in spiked.out
-        assert "warm.csv:1001: column 'time_s': a gap of 101 s" in refused.err
-        said.append(refused.err)
-        in_pieces(monkeypatch)
-    assert said[0] == said[1]
-
-
-def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):
-    """The rows left out are counted once over all pieces, and a range without a row is refused."""
-    whole = 'exclude=[{log="ramp_heating_05", to_s=800.0, reason="warm-up", person="A. Tester"}]'
-    log, there = prepared(folder, (whole,))
-    monkeypatch.setenv(logs_on_disk.SETTING, "1000")
-    in_memory, here = prepared(folder, (whole,))
-    assert log.notes == in_memory.notes
-    assert log.frame.index.equals(in_memory.frame.index)
-    same(there, here)
-    monkeypatch.setenv(logs_on_disk.SETTING, "0")
-    with pytest.raises(RecipeError, match="no row from 1000000 s"):
-        prepared(folder, (whole.replace("to_s=800.0", "from_s=1e6"),))
 
 
 def test_check_tells_of_a_log_on_disk_what_it_tells_of_one_in_memory(folder, monkeypatch):

@@ -10,7 +10,7 @@ import pytest
 from scipy.signal import lfilter
 
 import calibkit
-from calibkit.check import magnitude, thermometers
+from calibkit.check import thermometers
 from calibkit.records.frame import Log
 from conftest import ROOT
 from written_logs import sample_logs
@@ -71,14 +71,3 @@ def test_a_gyro_whose_sign_was_turned_in_some_logs_is_refused():
     }
     with pytest.raises(calibkit.CalibkitError, match="sign was turned"):
         fit("fog_thermal", logs)
-
-
-def test_turn_on_biases_of_either_sign_are_no_turned_logs():
-    """A gyro whose bias is near 0, a single odd log, and two levels that are no opposites."""
-    rng = np.random.default_rng(4)
-    for _ in range(200):
-        levels = {f"{k}.csv": (float(rng.normal()), 0.3) for k in range(6)}
-        assert magnitude.find_turned_logs(levels) == []
-    assert magnitude.find_turned_logs({"a": (8.0, 0.3), "b": (8.1, 0.3), "c": (-8.0, 0.3)}) == []
-    apart = {"a": (8.0, 0.3), "b": (8.1, 0.3), "c": (-3.0, 0.3), "d": (-3.1, 0.3)}
-    assert magnitude.find_turned_logs(apart) == []

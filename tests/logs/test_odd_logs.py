@@ -10,7 +10,6 @@ from calibkit.logs import log_files
 from logs.odd_logs import (
     BLANKS,
     BODY,
-    CLEAN,
     DROP,
     GERMAN,
     HEADER,
@@ -156,18 +155,6 @@ def test_what_is_wrong_with_a_file_is_named_as_what_it_is(name, tmp_path):
     words = refusal(odd, tmp_path)
     for fragment in fragments:
         assert fragment in words
-
-
-def test_words_of_a_refusal_are_words_of_a_recipe(tmp_path):
-    """The exclusion that a refusal advises, pasted at the head of the recipe, lets the log be
-    read.
-    """
-    torn = text(HEADER, *BODY[:6], "-0.3-0.31", *BODY[6:])
-    words = refusal(Odd(torn), tmp_path)
-    head = words[words.index("exclude = [") :]
-    spec, names = read(Odd(torn, head=head), tmp_path)
-    log = instruments.find(spec.procedure).read(spec, tmp_path, names[0])
-    assert (len(log.frame), log.excluded_rows) == (len(CLEAN), 1)
 
 
 def test_what_is_left_out_is_counted_and_listed(tmp_path):

@@ -32,18 +32,6 @@ gyro_y_dph = { from = "gy", unit = "rad/s" }
 gyro_z_dph = { from = "gz", unit = "rad/s" }
 """
 
-XSENS = """
-procedure = "accelerometer"
-[logs]
-files = ["xsens_acc.mat"]
-format = "text" # text, despite its name
-names = ["t", "x", "y", "z"]
-[columns]
-time_s = { from = "t" }
-accel_x_lsb = { from = "x" }
-accel_y_lsb = { from = "y" }
-accel_z_lsb = { from = "z" }
-"""
 
 TEN_POSITIONS = """
 procedure = "accelerometer"
@@ -145,13 +133,6 @@ def test_a_log_without_header_and_time_is_described_by_its_columns_and_rate(real
         np.testing.assert_array_equal(columns[:, 0], np.arange(len(raw)) / 100.0)
         np.testing.assert_allclose(columns[:, 1:4], raw[:, :3] / GRAVITY, rtol=1e-15)
         np.testing.assert_allclose(columns[:, 4:], np.degrees(raw[:, 3:]) * 3600.0, rtol=1e-15)
-
-
-def test_text_that_calls_itself_mat_is_text(real):
-    """Xsens: counts and seconds, each number as numpy reads it."""
-    needed = ("time_s", *(f"accel_{axis}_lsb" for axis in AXES))
-    found = logs(XSENS, real / "xsens_tumble", needed)["xsens_acc"]
-    np.testing.assert_array_equal(found, np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat"))
 
 
 def test_a_preamble_of_the_logger_is_stepped_over(real):

@@ -117,28 +117,6 @@ def test_a_case_that_short_soaks_do_not_settle_is_not_told_as_degf(rate, lag, he
         assert [finding.name for finding in found] == expected
 
 
-def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, calibkit):
-    """From the middle of a ramp into its soak: the case comes nearer to the air as the ramp ends,
-    and leads it nowhere.
-    """
-    time, case, air = lagged(5.0, 150.0)
-    noise = np.random.default_rng(1).normal(0.0, 0.02, (3, time.size))
-    columns = {
-        "time_s": time,
-        "temp_case_degc": case + noise[0],
-        "temp_env_degc": air + noise[1],
-        "gyro_dph": 9.0 + 0.01 * case + noise[2],
-    }
-    data = logs(
-        {"a.csv": columns},
-        tmp_path / "logs",
-        lambda c: {name: rows[air > 10.0] for name, rows in c.items()},
-    )
-    outcome = calibkit("check", "fog_thermal", "--data", data)
-    assert outcome.out.startswith("1 of 1 log ok"), outcome.out
-    assert "swapped" not in outcome.out
-
-
 def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, calibkit):
     """ramp_heating_05 at 9 °C/min, and so all: check and fit say °F. Under names without rates
     nothing tells.
@@ -158,24 +136,6 @@ def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, c
     unnamed = dict(zip(("a.csv", "b.csv", "c.csv"), some.values(), strict=True))
     data = logs(unnamed, tmp_path / "unnamed", fahrenheit)
     assert "°F" not in calibkit("check", "fog_thermal", "--data", data).out
-
-
-@pytest.mark.parametrize(
-    ("rates", "told"),
-    [
-        ({"r_5": 9.0, "r_10": -17.9}, True),
-        ({"r_5": 9.0}, False),
-        ({"r_5": 9.0, "s_5": -9.0}, False),
-        ({"r_5": 9.0, "r_10": 10.0}, False),
-        ({"run2_5": 9.0, "run3_10": 17.8}, True),
-        ({"a": 9.0, "b": 18.0}, False),
-    ],
-)
-def test_only_several_rates_that_agree_tell(rates, told):
-    """One log, one rate in two logs, one log that kept its rate, names without numbers: nothing is
-    claimed.
-    """
-    assert bool(thermometers.check_rates_in_names(rates)) == told
 
 
 def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_path, calibkit):

@@ -28,14 +28,6 @@ def test_a_value_converts_as_the_units_are_defined(value, source, target, expect
     )
 
 
-def test_every_unit_converts_to_its_base_and_back():
-    """Every unit converts to its dimension's base and back to 1e-12 relative."""
-    for name, unit in units.TABLE.items():
-        base = next(other for other, b in units.TABLE.items() if b.dimension == unit.dimension)
-        there = units.convert(np.array([3.7]), name, base)
-        assert units.convert(there, base, name)[0] == pytest.approx(3.7, rel=1e-12)
-
-
 def test_specific_force_in_si_needs_the_local_gravity():
     """m/s² becomes local g only with a local gravity, never with the standard one."""
     with pytest.raises(RecipeError, match="local gravity"):
