@@ -40,7 +40,7 @@ class Evidence:
     @classmethod
     def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Self:
         """Evidence of a group among all groups of a folder."""
-        glimpse = Glimpse.of(folder, group)
+        glimpse = group.glimpse
         # a thermometer's counts come behind its °C
         ordered = sorted(
             group.columns, key=lambda c: _is_temperature(c) and not glimpse.is_like_degc(c.name)

@@ -1,16 +1,20 @@
 """What the numbers of logs show before anybody says what they are."""
 
-from collections.abc import Mapping, Sequence
+from __future__ import annotations
+
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import LogFormatError
-from calibkit.logs.log_groups import LARGEST, Group
-from calibkit.numeric.arrays import Array
 from calibkit.numeric.constants import STANDARD_GRAVITY_MPS2
-from calibkit.readers import registry
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import pandas as pd
+
+    from calibkit.numeric.arrays import Array
 
 _BLOCKS = 50
 """Parts of a log of which each column has a median."""
@@ -33,26 +37,25 @@ class Glimpse:
 
     medians: Mapping[str, Array]
     first: Mapping[str, Array]
+    logs: int = 1
+    """Number of logs."""
 
     @classmethod
-    def of(cls, folder: Path, group: Group) -> "Glimpse":
-        """Numbers of the logs of a group."""
-        frames = []
-        for file in group.files:
-            path = folder / file
-            if path.stat().st_size > LARGEST:
-                return cls({}, {})
-            try:
-                frames.append(_read_numbers(path, group))
-            except LogFormatError:
-                continue
-        if not frames:
-            return cls({}, {})
-        names = [name for name in frames[0] if all(name in frame for frame in frames)]
-        return cls(
-            {name: np.concatenate([_block(frame[name]) for frame in frames]) for name in names},
-            frames[0],
-        )
+    def of(cls, frame: pd.DataFrame) -> Glimpse:
+        """What the numbers of one log show."""
+        first = {str(name): frame[name].to_numpy(dtype=np.float64) for name in frame.columns}
+        return cls({name: _block(column) for name, column in first.items()}, first)
+
+    def joined_by(self, later: Glimpse) -> Glimpse:
+        """What these logs and a later one show together."""
+        if not self.logs:
+            return later
+        medians = {
+            name: np.concatenate([column, later.medians[name]])
+            for name, column in self.medians.items()
+            if name in later.medians
+        }
+        return Glimpse(medians, self.first if later.first else {}, self.logs + later.logs)
 
     def span(self, name: str) -> float:
         """Range of a column over all logs, in its own unit; NaN where it is not known."""
@@ -104,16 +107,6 @@ class Glimpse:
         """Whether a column numbers the rows, or stays as it is."""
         steps = np.diff(self.first.get(name, np.empty(0)))
         return bool(steps.size and (np.all(steps == 1.0) or np.all(steps == 0.0)))
-
-
-def _read_numbers(path: Path, group: Group) -> dict[str, Array]:
-    """Columns of numbers of one log."""
-    logs = group.logs()
-    number_columns = [column.name for column in group.columns if column.kind == "number"]
-    frame = registry.read(path, path.name, logs, number_columns).frame
-    return {
-        name: frame[name].to_numpy(dtype=np.float64) for name in number_columns if name in frame
-    }
 
 
 def _block(column: Array) -> Array:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean, visible
-from calibkit.logs import logs_on_disk, second_logger
+from calibkit.logs import second_logger
 from calibkit.logs.mapping import log_name, read_file
 from calibkit.readers import in_memory, parts
 from calibkit.recipe import Recipe
@@ -169,9 +169,7 @@ def read_log(
     Raises LogFormatError, FrameError, RecipeError, or FitError where two clocks cannot be related.
     """
     if recipe.chamber is None or not {*recipe.chamber.provides} & {*required_columns, *optional}:
-        return logs_on_disk.read_to_disk(
-            recipe, path, file, required_columns, optional
-        ) or read_file(recipe, path, file, required_columns, optional)
+        return read_file(recipe, path, file, required_columns, optional)
     return second_logger.read_joined(recipe, recipe.chamber, path, file, required_columns, optional)
 
 

@@ -18,9 +18,10 @@ from calibkit.errors import (
     UsageError,
 )
 from calibkit.logs import column_names, nameless
+from calibkit.logs.column_names import LogColumn
+from calibkit.logs.glimpse import Glimpse
 from calibkit.readers import registry, sniff, times
 from calibkit.readers.arrays import SIDE_BY_SIDE
-from calibkit.readers.table import Table
 from calibkit.recipe.logs import ARRAYS, FORMATS, Logs, TextSpec
 
 _SKIPPED = re.compile(
@@ -31,12 +32,13 @@ _SKIPPED = re.compile(
 _Mend: TypeAlias = dict[str, str | int | list[int]]
 """Keys of [logs.text]."""
 _MENDS: tuple[_Mend, ...] = (
+    {},
     {"last_line": "drop"},
     *(dict[str, str | int | list[int]](footer_lines=count) for count in range(1, 6)),
     {"torn_lines": "drop"},
     {"torn_lines": "drop", "last_line": "drop"},
 )
-"""What [logs.text] can say of lines that are no rows, the least first."""
+"""What [logs.text] can say of lines that are no rows, the least first: nothing, where all are."""
 LARGEST = 50_000_000
 """Bytes up to which a log is read whole before a recipe is proposed for it."""
 _OF_ONE = ("skip_lines", "footer_lines", "last_line", "torn_lines")
@@ -55,7 +57,7 @@ class _GroupLayout:
     """
 
     format: str
-    columns: tuple[column_names.LogColumn, ...]
+    columns: tuple[LogColumn, ...]
     text: Mapping[str, str | int | list[int]]
     table: str = ""
     tables: tuple[str, ...] = ()
@@ -70,13 +72,14 @@ class _GroupLayout:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Logs of one layout: their files, and how they are written."""
+    """Logs of one layout: their files, how they are written, and what their numbers show."""
 
     files: tuple[str, ...]
     layout: _GroupLayout
+    glimpse: Glimpse
 
     @property
-    def columns(self) -> tuple[column_names.LogColumn, ...]:
+    def columns(self) -> tuple[LogColumn, ...]:
         """Columns of the logs."""
         return self.layout.columns
 
@@ -97,18 +100,17 @@ class Group:
             and self.meant <= logger_columns
         )
 
-    def logs(self) -> Logs:
-        """The recipe's table on these logs."""
-        form = "text" if self.layout.format == "csv" else self.layout.format
-        text = TextSpec.model_validate(self.layout.text) if self.layout.text else TextSpec()
-        return Logs(
-            files=self.files,
-            format=form,
-            names=self.layout.names,
-            table=self.layout.table,
-            tables=self.layout.tables,
-            text=text,
-        )
+    def joined_by(self, file: str, layout: _GroupLayout, glimpse: Glimpse | None) -> "Group":
+        """The group with one more log of its layout."""
+        earlier, later = self.layout.text, layout.text
+        common_text = {
+            key: value
+            for text, other in ((earlier, later), (later, earlier))
+            for key, value in text.items()
+            if key in _MENDED or other.get(key) == value
+        }
+        glimpses = self.glimpse if glimpse is None else self.glimpse.joined_by(glimpse)
+        return Group((*self.files, file), replace(layout, text=common_text), glimpses)
 
 
 def group_logs(folder: Path, sheet: str = "") -> list[Group]:
@@ -132,209 +134,145 @@ def group_logs(folder: Path, sheet: str = "") -> list[Group]:
         except LogFormatError as error:
             failed = failed or error
             continue
-        for layout in layouts:
-            before = groups.get(layout.key, Group((), layout))
-            earlier, later = before.layout.text, layout.text
-            common_text: dict[str, str | int | list[int]] = {}
-            for text, other in ((earlier, later), (later, earlier)):
-                common_text |= {
-                    key: value
-                    for key, value in text.items()
-                    if key in _MENDED or other.get(key) == value
-                }
-            groups[layout.key] = Group(
-                (*before.files, path.name), replace(layout, text=common_text)
-            )
+        for layout, glimpse in layouts:
+            before = groups.get(layout.key, Group((), layout, Glimpse({}, {}, logs=0)))
+            groups[layout.key] = before.joined_by(path.name, layout, glimpse)
     if not groups:
         raise failed or FrameError(f"{folder}: no logs", hint="name the folder that holds the logs")
     return list(groups.values())
 
 
-def _read_layouts(path: Path, sheet: str) -> list[_GroupLayout]:
+_Described: TypeAlias = tuple[_GroupLayout, Glimpse | None]
+"""How a log is written, and what its numbers show; None where they cannot be read."""
+
+
+def _read_layouts(path: Path, sheet: str) -> list[_Described]:
     """Layouts of a log, one for each sheet of a workbook or table that can be read: by the format
     that it shows, else as text, else by a plugin.
     """
     with path.open("rb") as stream:
         head = stream.read(4096)
     format_name = registry.recognise_format(head)
-    if format_name == "excel":
-        return _layouts_of_sheets(path, sheet)
-    if format_name in ARRAYS:
-        return _layouts_of_tables(path, format_name)
+    if format_name in (*ARRAYS, "excel"):
+        return _layouts_of_tables(path, format_name, sheet if format_name == "excel" else "")
     try:
-        layout = (
-            _layout_of_format(path, Logs(files=("*",), format=format_name)) if format_name else None
-        )
-        layout = layout or _layout_of_text(path)
+        described = _read_layout(path, Logs(files=("*",), format=format_name or "text"))
     except LogFormatError:
         plugin = "" if format_name else registry.recognise_plugin(head)
         if not plugin:
             raise
     else:
-        plugin = registry.recognise_plugin(head) if layout.names else ""
+        plugin = registry.recognise_plugin(head) if described[0].names else ""
         if not plugin:
-            return [layout]
-    return [_layout_of_format(path, Logs(files=("*",), format=plugin))]
+            return [described]
+    return [_read_layout(path, Logs(files=("*",), format=plugin))]
 
 
-def _layouts_of_sheets(path: Path, sheet: str) -> list[_GroupLayout]:
-    """Layout of the named sheet, or of each sheet with a table."""
-    from calibkit.readers import excel
-
-    sheets = excel.list_sheets(path, path.name)
-    layouts, failed = [], None
-    for name in [sheet] if sheet or len(sheets) < 2 else sheets:
-        try:
-            layouts.append(_layout_of_format(path, Logs(files=("*",), format="excel", table=name)))
-        except LogFormatError as error:
-            failed = failed or error
-    if not layouts and failed is not None:
-        raise failed
-    return layouts
-
-
-def _layouts_of_tables(path: Path, name: str) -> list[_GroupLayout]:
-    """Layout of the only table of named arrays; of several, of all side by side where they have one
-    clock, of all behind each other where matrices are alike, else of each.
+def _layouts_of_tables(path: Path, name: str, sheet: str) -> list[_Described]:
+    """Layout of the named sheet, or of the only table of a file; of several, of all side by side
+    where they have one clock, of all behind each other where matrices are alike, else of each.
     """
+    logs = Logs(files=("*",), format=name, table=sheet)
     try:
-        return [_layout_of_format(path, Logs(files=("*",), format=name))]
+        return [_read_layout(path, logs)]
     except SeveralTablesError as error:
         tables = error.tables
-    with suppress(LogFormatError):
-        side_by_side = _layout_of_format(path, Logs(files=("*",), format=name, table=SIDE_BY_SIDE))
-        if any(column.guess_canonical() == "time_s" for column in side_by_side.columns):
-            return [side_by_side]
-    layouts = []
-    for table in tables:
+    if name in ARRAYS:
         with suppress(LogFormatError):
-            logs = Logs(files=("*",), format=name, table=table)
-            layouts.append(_layout_of_format(path, logs))
-    first = layouts[0] if layouts else None
-    if first and first.names and "time_s" not in first.names and len(layouts) == len(tables):
+            joint = _read_layout(path, logs.model_copy(update={"table": SIDE_BY_SIDE}))
+            if any(column.guess_canonical() == "time_s" for column in joint[0].columns):
+                return [joint]
+    described, failed = [], None
+    for table in tables:
+        try:
+            described.append(_read_layout(path, logs.model_copy(update={"table": table})))
+        except LogFormatError as error:
+            failed = failed or error
+    if not described and failed is not None:
+        raise failed
+    layouts = [layout for layout, _ in described]
+    first = layouts[0]
+    if name in ARRAYS and first.names and "time_s" not in first.names and failed is None:
         has_sensor_names = any(not heading.startswith("column ") for heading in first.names)
         if has_sensor_names and all(
             replace(layout, table=first.table) == first for layout in layouts
         ):
-            return [replace(first, table="", tables=tables)]
-    return layouts
+            return [(replace(first, table="", tables=tables), described[0][1])]
+    return described
 
 
-def _layout_of_format(path: Path, logs: Logs) -> _GroupLayout:
-    """Layout of a log in a format that its reader reads whole; columns without names get some. A
-    footer is left out.
-    """
-    names: tuple[str, ...] = ()
-    try:
-        table, text = _read_whole(path, logs, ())
-    except NamelessColumnsError as error:
-        numbered = tuple(f"column {k + 1}" for k in range(error.columns))
-        frame = _read_whole(path, logs.model_copy(update={"names": numbered}), ())[0].frame
-        magnetic = _MAGNETIC.search(logs.table.lower())  # on a sphere too, but not of gravity
-        arrays = [frame[name].to_numpy() for name in numbered]
-        names = numbered if magnetic else tuple(nameless.name_columns(arrays))
-        table, text = _read_whole(path, logs.model_copy(update={"names": names}), ())
-    columns = []
-    for column in map(str, table.frame.columns):
-        fields = list(map(str, table.frame[column].iloc[:50]))
-        numbers = all(field == "nan" or times.is_decimal(field) for field in fields)
-        form = "" if numbers else times.recognise_format(fields)
-        kind = "number" if numbers else "time" if form else "text"
-        unit = units.parse_unit(table.units.get(column, ""))
-        columns.append(column_names.LogColumn(column, unit, bool(form), form, kind))
-    if "text" in FORMATS[logs.format].keys if logs.format in FORMATS else False:
-        numeric = [column.name for column in columns if column.kind == "number"]
-        with suppress(LogFormatError):
-            text = _read_whole(path, logs, numeric)[1]
-    sensor_columns = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
-    return _GroupLayout(logs.format, sensor_columns, text, logs.table, names=names)
-
-
-def _read_whole(path: Path, logs: Logs, required_columns: Sequence[str]) -> tuple[Table, _Mend]:
-    """A log, and what [logs.text] must say for it to be read: a footer, torn lines, or a last line
-    that was still being written are left out.
-    """
-    try:
-        return registry.read(path, path.name, logs, required_columns), {}
-    except NamelessColumnsError:
-        raise
-    except LogFormatError as error:
-        failed = error
-    if logs.format not in FORMATS or "text" not in FORMATS[logs.format].keys:
-        raise failed
-    for mend in _MENDS:
-        mended = logs.model_copy(update={"text": TextSpec.model_validate(mend)})
-        with suppress(LogFormatError):
-            return registry.read(path, path.name, mended, required_columns), mend
-    raise failed
-
-
-def _layout_of_text(path: Path) -> _GroupLayout:
-    """Layout of a text log, with what mends it; clean CSV has format "csv" and no dialect to
-    state. A log that nothing mends has the layout of its head.
+def _read_layout(path: Path, logs: Logs) -> _Described:
+    """Layout of a log, with what [logs.text] must say of lines that are no rows for it to be read.
+    A log that nothing mends, or that is too large to be read for a guess, has the layout of its
+    head; clean CSV has format "csv" and no dialect to state.
     """
     failed: LogFormatError | None = None
     head: _GroupLayout | None = None
-    for mend in ({}, *_MENDS):
-        logs = Logs(files=("*",), format="text", text=TextSpec.model_validate(mend))
+    is_text = logs.format in FORMATS and "text" in FORMATS[logs.format].keys
+    for mend in _MENDS if is_text else _MENDS[:1]:
+        mended = logs.model_copy(update={"text": TextSpec.model_validate(mend)})
         try:
-            layout, logs = _guess_text(path, logs, mend)
+            layout, named = _describe_named(path, mended, mend)
             head = head or layout
-            if path.stat().st_size <= LARGEST:
-                registry.read(path, path.name, logs, _numeric(layout))
+            if path.stat().st_size > LARGEST:
+                return layout, Glimpse({}, {})
+            numeric = [column.name for column in layout.columns if column.kind == "number"]
+            frame = registry.read(path, path.name, named, numeric).frame
         except LogFormatError as error:
             failed = failed or error
         else:
-            return layout
-    if head is not None:
-        return head
-    assert failed is not None  # noqa: S101 (nothing was read)
-    raise failed
+            return layout, Glimpse.of(frame[[name for name in numeric if name in frame]])
+    if head is None:
+        assert failed is not None  # noqa: S101 (nothing was read)
+        raise failed
+    return head, None
 
 
-def _guess_text(path: Path, logs: Logs, mend: _Mend) -> tuple[_GroupLayout, Logs]:
-    """Layout of a text log that is mended, and the recipe's table on it."""
-    names: tuple[str, ...] = ()
+def _describe_named(path: Path, logs: Logs, mend: _Mend) -> tuple[_GroupLayout, Logs]:
+    """Layout of a log, and the recipe's table on it; columns without names get some by their
+    numbers.
+    """
     try:
-        dialect = sniff.Dialect.guess(path, path.name, logs.text)
+        return _describe(path, logs, mend), logs
     except NamelessColumnsError as error:
-        names = _guess_names(path, error.columns, logs)
-        dialect = sniff.Dialect.guess(path, path.name, logs.text, names)
-    columns = column_names.name_sensor(
-        path.stem,
-        [
-            column_names.LogColumn(
-                column.name, column.unit, column.kind == "time", column.time_format, column.kind
-            )
-            for column in dialect.columns
-        ],
-    )
-    logs = logs.model_copy(update={"names": names})
-    if dialect.clean and not names and not mend:
-        return _GroupLayout("csv", tuple(columns), {}), logs
-    text = dialect.recipe_keys() | mend
-    return _GroupLayout("text", tuple(columns), text, names=names), logs
-
-
-def _numeric(layout: _GroupLayout) -> list[str]:
-    """Names of the columns of a text log that hold numbers."""
-    return [column.name for column in layout.columns if column.kind == "number"]
-
-
-def _guess_names(path: Path, columns: int, logs: Logs) -> tuple[str, ...]:
-    """Names for the columns of a log without any, from its first rows."""
-    numbered = tuple(f"column {k + 1}" for k in range(columns))
-    dialect = sniff.Dialect.guess(path, path.name, logs.text, numbered)
-    kinds = [column.kind for column in dialect.columns]
-    number_columns = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
-    numbered_logs = logs.model_copy(update={"names": numbered})
-    frame = registry.read(path, path.name, numbered_logs, number_columns).frame
-    numbers = [frame[name].to_numpy() if name in number_columns else None for name in numbered]
+        numbered = tuple(f"column {k + 1}" for k in range(error.columns))
+    named = logs.model_copy(update={"names": numbered})
+    kinds = [column.kind for column in _describe(path, named, mend).columns]
+    numeric = [name for name, kind in zip(numbered, kinds, strict=True) if kind == "number"]
+    frame = registry.read(path, path.name, named, numeric).frame
+    numbers = [frame[name].to_numpy() if name in numeric else None for name in numbered]
     names = nameless.name_columns(numbers, timed="time" in kinds)
-    for k, kind in enumerate(kinds):
-        if kind == "time" and "time_s" not in names:
-            names[k] = "time_s"
-    return tuple(names)
+    if "time" in kinds and "time_s" not in names:
+        names[kinds.index("time")] = "time_s"
+    # the field of a magnetometer that is turned lies on a sphere too, but not of gravity
+    magnetic = _MAGNETIC.search(logs.table.lower())
+    named = logs.model_copy(update={"names": numbered if magnetic else tuple(names)})
+    return _describe(path, named, mend), named
+
+
+def _describe(path: Path, logs: Logs, mend: _Mend) -> _GroupLayout:
+    """Layout of a log by the head of a text, or by the whole table of another format."""
+    columns, text = [], mend
+    if logs.format == "text":
+        dialect = sniff.Dialect.guess(path, path.name, logs.text, logs.names)
+        for sniffed in dialect.columns:
+            is_time, form = sniffed.kind == "time", sniffed.time_format
+            columns.append(LogColumn(sniffed.name, sniffed.unit, is_time, form, sniffed.kind))
+        is_clean = dialect.clean and not logs.names and not mend
+        text = {} if is_clean else dialect.recipe_keys() | mend
+    else:
+        is_clean = False
+        table = registry.read(path, path.name, logs, ())
+        for name in map(str, table.frame.columns):
+            fields = list(map(str, table.frame[name].iloc[:50]))
+            is_number = all(field == "nan" or times.is_decimal(field) for field in fields)
+            form = "" if is_number else times.recognise_format(fields)
+            kind = "number" if is_number else "time" if form else "text"
+            unit = units.parse_unit(table.units.get(name, ""))
+            columns.append(LogColumn(name, unit, bool(form), form, kind))
+    named_columns = tuple(column_names.name_sensor(f"{path.stem} {logs.table}", columns))
+    form = "csv" if is_clean else logs.format
+    return _GroupLayout(form, named_columns, text, logs.table, names=logs.names)
 
 
 def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:

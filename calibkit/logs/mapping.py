@@ -13,7 +13,7 @@ from calibkit import units
 from calibkit.errors import FrameError, RecipeError, format_ranges
 from calibkit.logs import column_values
 from calibkit.logs.column_values import MappedColumn
-from calibkit.readers import parts, registry
+from calibkit.readers import parts, registry, scratch_files
 from calibkit.readers.table import FIRST_ROW
 from calibkit.records.frame import Log, Origin, require, values
 
@@ -67,7 +67,7 @@ def map_log(
     required_columns: Sequence[str],
     optional: Sequence[str] = (),
 ) -> Log:
-    """Map a log, or a chunk of one, to canonical columns; raises as `read_file`."""
+    """Map a log to canonical columns; raises as `read_file`."""
     file = table.file
     columns = (*required_columns, *optional)
     exclusion_columns = _excluded_by(recipe.exclude, file, columns)
@@ -95,8 +95,8 @@ def map_log(
         file,
         table.sha256,
         len(table.frame),
-        frame,
-        (*notes, *dropped, *note_exclusions(recipe.exclude, excluded_rows, file)),
+        scratch_files.move_like(frame, table.frame),
+        (*notes, *dropped, *_note_exclusions(recipe.exclude, excluded_rows, file)),
         (*reading, *corrections),
         table.parts,
         plugins=table.plugins,
@@ -301,7 +301,7 @@ def _find_excluded(
     return excluded
 
 
-def note_exclusions(
+def _note_exclusions(
     excludes: Sequence[Exclude], excluded_rows: Mapping[int, int], file: str
 ) -> tuple[str, ...]:
     """Notes on exclusions and the rows that they took; RecipeError for one that took none."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import FrameError
-from calibkit.logs import logs_on_disk
 from calibkit.logs.column_values import unmap_values
 from calibkit.numeric import chunks
 from calibkit.readers import clean, registry, tokens
@@ -22,7 +21,7 @@ from calibkit.recipe import ColumnMapping
 from calibkit.records.frame import values
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
@@ -37,7 +36,7 @@ Applied: TypeAlias = "tuple[Rewritten, tuple[str, ...]]"
 STATUS = "status"
 """Column that says why a row is not corrected."""
 ROWS = 1 << 16
-"""Rows of a log on disk that are written at a time."""
+"""Rows that are written at a time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +50,8 @@ class Rewritten:
     """Its frame has the rows of which the columns have values, `lost` those that could not be
     corrected, by the reason.
     """
-    header: tuple[str, ...]
-    """Names of the columns in the log."""
-    units: Mapping[str, str]
-    """Units that the log states of them."""
-    tables: Callable[[], Iterable[Table]]
-    """The log as it was read, whole or part by part."""
+    table: Table
+    """The log as it was read."""
     replaced: Mapping[str, Array]
     """Canonical column → values along the rows of the log's frame."""
     sources: Mapping[str, str]
@@ -83,14 +78,12 @@ class Rewritten:
 
     def __iter__(self) -> Iterator[bytes]:
         """Bytes of the new file; raises LogFormatError where the log changes meanwhile."""
-        names: list[str] = []
-        for table in self.tables():
-            frame = self.correct(table)
-            if not names:
-                names = [self._with_unit(str(name)) for name in frame.columns]
-                yield _format_csv([[name] for name in names])
+        for first, stop in chunks.ranges(len(self.table.frame), ROWS):
+            frame = self.correct(replace(self.table, frame=self.table.frame.iloc[first:stop]))
+            if first == 0:
+                yield _format_csv([[self._with_unit(str(name))] for name in frame.columns])
             yield _format_csv(
-                [_format_column(column, table.decimal) for _, column in frame.items()]
+                [_format_column(column, self.table.decimal) for _, column in frame.items()]
             )
 
     def correct(self, table: Table) -> pd.DataFrame:
@@ -115,7 +108,7 @@ class Rewritten:
         frame = table.frame.rename(columns={name: f"reference_{name}" for name in new_names})
         for name, source in self.sources.items():
             mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
-            stated_unit = self.units.get(source, "")
+            stated_unit = table.units.get(source, "")
             canonical = along_rows(self.replaced[name]).to_numpy()
             in_log = unmap_values(canonical, mapped, name, self.recipe, stated_unit)
             numbers = pd.Series(in_log, index)
@@ -130,7 +123,7 @@ class Rewritten:
 
     def _with_unit(self, name: str) -> str:
         """Name of a column in the new file: with the unit that the log states of it elsewhere."""
-        unit = self.units.get(name, "")
+        unit = self.table.units.get(name, "")
         named = units.unit_in_header(name) or name.rpartition("_")[2] in units.COLUMN_UNITS
         return name if named or not unit else f"{name} ({unit})"
 
@@ -138,11 +131,11 @@ class Rewritten:
         """The new log as a frame, where `logged` is the log: its index and columns stay; a table in
         place of the log has an index of its own.
         """
-        if list(self.header) != list(map(str, logged.columns)) or self.rows != len(logged):
-            (table,) = self.tables()
-            return self.correct(table)
-        rows = logged.set_axis(list(self.header), axis=1).reset_index(drop=True)
-        return self.correct(Table(self.log.file, "", rows)).set_index(logged.index)
+        header = list(map(str, self.table.frame.columns))
+        if header != list(map(str, logged.columns)) or self.rows != len(logged):
+            return self.correct(self.table)
+        rows = logged.set_axis(header, axis=1).reset_index(drop=True)
+        return self.correct(replace(self.table, frame=rows)).set_index(logged.index)
 
     def describe(self) -> list[str]:
         """What was done: rows and the size of the corrections, columns added, rows left out."""
@@ -178,8 +171,7 @@ def rewrite_log(
     row and every column of the log in their order. Columns are written in the log's own unit and
     sign, numbers with the fewest digits that read back to the same float64, texts as they are. A
     unit that the log states in a line of its own stands in brackets behind the name. A reference
-    column that a derived one would shadow is renamed reference_<column>. A log that is too large
-    to be held in memory is read and written part by part.
+    column that a derived one would shadow is renamed reference_<column>.
 
     Raises FrameError or LogFormatError for what the log lacks.
     """
@@ -190,23 +182,10 @@ def rewrite_log(
                 f"{path.name}: {len(log.frame)} rows in, {len(column)} compensated",
                 hint="report this log as a fault",
             )
-    largest = logs_on_disk.largest_in_memory()
-    scan = logs_on_disk.scan_large_log(recipe, path, path.name, largest)
-    if scan is not None:
-        header, stated_units = scan.header, {n: units.unit_in_header(n) for n in scan.header}
-
-        def tables() -> Iterable[Table]:
-            return clean.read_chunks(path, path.name, scan, ROWS)
-
-    else:
-        table = registry.read(path, path.name, recipe.logs, ())
-        header, stated_units = tuple(map(str, table.frame.columns)), dict(table.units)
-
-        def tables() -> Iterable[Table]:
-            return (table,)
-
+    table = registry.read(path, path.name, recipe.logs, ())
+    header = list(map(str, table.frame.columns))
     sources = {name: _find_source(recipe, name, header, path) for name in columns}
-    return Rewritten(recipe, log, header, stated_units, tables, columns, sources, derived)
+    return Rewritten(recipe, log, table, columns, sources, derived)
 
 
 def tabulate(
@@ -224,7 +203,7 @@ def tabulate(
     )
     table = Table(log.file, log.sha256, frame)
     stations = replace(log, frame=frame, lost=lost)
-    return Rewritten(recipe, stations, tuple(columns), {}, lambda: (table,), {}, {}, {})
+    return Rewritten(recipe, stations, table, {}, {}, {})
 
 
 def _find_source(recipe: Recipe, name: str, header: Sequence[str], path: Path) -> str:

@@ -3,7 +3,7 @@
 Format: UTF-8 (a byte-order mark is accepted), one line of names, then one row a line of nothing but
 numbers between commas, with decimal points; an empty field or `nan` is a missing value; LF or CRLF
 line ends, also of the last line. The rows are parsed in blocks of whole lines, several beside each
-other. Uncertainty of reading: the nearest float64.
+other; the columns of a large log lie in scratch files. Uncertainty of reading: the nearest float64.
 """
 
 import hashlib
@@ -12,16 +12,15 @@ import itertools
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 
-from calibkit.errors import LogFormatError, advise_exclude
+from calibkit.errors import LogFormatError
 from calibkit.native import kernels
 from calibkit.numeric.arrays import Array
-from calibkit.readers import delimited
+from calibkit.readers import delimited, scratch_files
 from calibkit.readers.table import Table
 
 BLOCK = 1 << 20
@@ -44,7 +43,11 @@ def read(path: Path, file: str) -> Table | None:
         header = _read_header(first, file)
         if header is None:
             return None
-        columns = _allocate_columns(len(header), sum(map(_count_line_ends, _read_blocks(stream))))
+        rows = sum(map(_count_line_ends, _read_blocks(stream)))
+        is_large = before.st_size > scratch_files.largest_in_memory()
+        columns = [
+            scratch_files.allocate_column(rows) if is_large else np.empty(rows) for _ in header
+        ]
         clean = columns[0].size > 0
         stream.seek(len(first))
         blocks, sha256, row = _read_blocks(stream), hashlib.sha256(first), 0
@@ -53,8 +56,8 @@ def read(path: Path, file: str) -> Table | None:
             parsed = []
             for block in batch:
                 stop = row + _count_line_ends(block)
-                rows = [column[row:stop] for column in columns]
-                parsed.append(threads.submit(_parse, block, rows))
+                rows_of_block = [column[row:stop] for column in columns]
+                parsed.append(threads.submit(_parse, block, rows_of_block))
                 row = stop
             for block in batch:
                 sha256.update(block)
@@ -70,97 +73,11 @@ def read(path: Path, file: str) -> Table | None:
     return Table(file, sha256.hexdigest(), frame)
 
 
-@dataclass(frozen=True, slots=True)
-class Scan:
-    """What is known of a clean file that was not parsed: its columns, digest and rows."""
-
-    header: tuple[str, ...]
-    sha256: str
-    rows: int
-
-
-def scan_file(path: Path, file: str) -> Scan | None:
-    """Scan a file in the memory of a block; None where it is not clean. Raises LogFormatError where
-    it cannot be read.
-    """
-    with delimited.open_log(path, file) as stream:
-        first = stream.readline(_LARGEST_HEADER)
-        header, sha256, rows = _read_header(first, file), hashlib.sha256(first), 0
-        if header is None:
-            return None
-        for block in _read_blocks(stream):
-            sha256.update(block)
-            clean = _count_clean_rows(block, len(header))
-            if not clean:
-                return None
-            rows += clean
-    return Scan(tuple(header), sha256.hexdigest(), rows) if rows else None
-
-
-def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]:
-    """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on.
-
-    Raises LogFormatError for a line of anything but numbers, and for a file that changed since it
-    was scanned.
-    """
-    fields, count, filled = len(scan.header), 0, 0
-    chunk = _allocate_columns(fields, rows)
-    with delimited.open_log(path, file) as stream:
-        stream.readline(_LARGEST_HEADER)
-        for block in _read_blocks(stream):
-            numbers = _allocate_columns(fields, _count_line_ends(block))
-            if not _parse(block, numbers):
-                raise _first_fault(file, block, count + filled, fields)
-            if count + filled + numbers[0].size > scan.rows:
-                raise changed(file)
-            row = 0
-            while row < numbers[0].size:
-                count_to_copy = min(numbers[0].size - row, rows - filled)
-                for column, values in zip(chunk, numbers, strict=True):
-                    column[filled : filled + count_to_copy] = values[row : row + count_to_copy]
-                row, filled = row + count_to_copy, filled + count_to_copy
-                if filled == rows:
-                    yield _chunk_table(file, scan, chunk, count)
-                    chunk, count, filled = _allocate_columns(fields, rows), count + rows, 0
-    if filled:
-        yield _chunk_table(file, scan, [column[:filled] for column in chunk], count)
-    if count + filled != scan.rows:
-        raise changed(file)
-
-
 def changed(file: str) -> LogFormatError:
     """The error of a log that is another when it is read again."""
     return LogFormatError(
         f"{file}: it changed while it was read", hint="wait until the logger has closed it"
     )
-
-
-def _chunk_table(file: str, scan: Scan, columns: list[Array], first: int) -> Table:
-    """Table of the rows of a file from a first one on."""
-    import pandas as pd
-
-    frame = pd.DataFrame(dict(zip(scan.header, columns, strict=True)), copy=False)
-    return Table(file, scan.sha256, frame.set_axis(frame.index + first))
-
-
-def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatError:
-    """The error of the first line of a block, `rows` rows into a file, that is not one of
-    numbers.
-    """
-    lines = block.splitlines(keepends=True)
-    odd = next(
-        (k for k, line in enumerate(lines) if not _parse(line, _allocate_columns(fields, 1))), 0
-    )
-    return LogFormatError(
-        f"{file}:{rows + odd + 2}: found"
-        f" {lines[odd].decode('ascii', 'backslashreplace').strip()!r}, expected {fields} numbers",
-        hint=f"repair the row, or leave it out: {advise_exclude(file, lines=[rows + odd + 2])}",
-    )
-
-
-def _allocate_columns(fields: int, rows: int) -> list[Array]:
-    """Columns [rows] to put numbers in."""
-    return [np.empty(rows) for _ in range(fields)]
 
 
 def _read_header(first: bytes, file: str) -> list[str] | None:

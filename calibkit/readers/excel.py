@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.errors import LogFormatError
+from calibkit.errors import LogFormatError, SeveralTablesError
 from calibkit.readers import limited, optional, tokens
 from calibkit.readers.table import Guess, Table
 
@@ -62,29 +62,14 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
         sheets = {name: book.get_sheet_by_name(name) for name in book.sheet_names}
         cells = {name: sheet.to_python(skip_empty_area=False) for name, sheet in sheets.items()}
-        name = _find_sheet(cells, file, table)
+        with_cells = [
+            name for name, rows in cells.items() if any(cell != "" for row in rows for cell in row)
+        ]
+        name = _choose_sheet(with_cells, file, table)
         filled = _fill_merged(cells[name], sheets[name].merged_cell_ranges or ())
     content = "".join(_format_row(row) + "\n" for row in cells[name]).encode()
     arrays = {"content": np.frombuffer(content, np.uint8)}
     return limited.Parsed(arrays, {"sheet": name, "filled": filled})
-
-
-def list_sheets(path: Path, file: str) -> tuple[str, ...]:
-    """Names of the sheets of a workbook that hold cells; raises LogFormatError."""
-    from calibkit.readers import delimited
-
-    optional.require_library("python_calamine", "excel", file)
-    data, _ = delimited.read_bytes(path, file)
-    return tuple(limited.parse(parse_sheets, file, data).facts["sheets"])
-
-
-def parse_sheets(data: bytes, file: str) -> limited.Parsed:
-    """Names of the sheets that hold cells."""
-    calamine = optional.import_library("python_calamine", "excel", file)
-    with optional.refuse_damaged(file, "Excel"):
-        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
-        names = [name for name in book.sheet_names if book.get_sheet_by_name(name).to_python()]
-    return limited.Parsed(facts={"sheets": names})
 
 
 def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ...]:
@@ -111,25 +96,21 @@ def _format_row(row: Sequence[Any]) -> str:
     return "\t".join(fields) if any(fields) else ""
 
 
-def _find_sheet(sheets: dict[str, list[list[Any]]], file: str, table: str) -> str:
+def _choose_sheet(filled: Sequence[str], file: str, table: str) -> str:
     """Name of the sheet that the recipe names, or of the only one that holds cells."""
-    filled = [
-        name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)
-    ]
-    if table:
-        if table not in filled:
-            raise LogFormatError(
-                f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}"
-            )
-        return table
+    if table and table not in filled:
+        raise LogFormatError(
+            f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}"
+        )
     if not filled:
         raise LogFormatError(f"{file}: no sheet holds cells", hint="check the workbook")
-    if len(filled) > 1:
-        raise LogFormatError(
+    if len(filled) > 1 and not table:
+        raise SeveralTablesError(
             f"{file}: {len(filled)} sheets hold cells: {', '.join(filled)}",
             hint="name one in [logs] table of the recipe",
+            tables=filled,
         )
-    return filled[0]
+    return table or filled[0]
 
 
 def _format_cell(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)

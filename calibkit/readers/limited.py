@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.errors import CalibkitError, LogFormatError, UsageError
+from calibkit.errors import CalibkitError, LogFormatError, SeveralTablesError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -38,7 +38,7 @@ MEGABYTES, PER_BYTE = 1000.0, 30.0
 SECONDS, PER_MEGABYTE = 60.0, 3.0
 """Seconds for any file, and for each megabyte of it: a workbook takes about one."""
 MOST_COLUMNS = 10_000
-_REFUSALS = {error.__name__: error for error in (LogFormatError, UsageError)}
+_REFUSALS = {kind.__name__: kind for kind in (LogFormatError, SeveralTablesError, UsageError)}
 """Refusals of a parser, which are those of the command."""
 
 
@@ -127,7 +127,7 @@ class _Process:
         if not complete:
             return None
         if "error" in answer:
-            raise _REFUSALS[answer["error"]](answer["message"], hint=answer["hint"])
+            raise _REFUSALS[answer.pop("error")](**answer)
         return None if "memory" in answer else Parsed(arrays, answer["facts"])
 
     def end(self) -> None:
@@ -204,7 +204,8 @@ def _answer_request(
         return {"memory": True}, []
     except CalibkitError as error:
         refusal = {"error": type(error).__name__, "message": error.message, "hint": error.hint}
-        return refusal, []
+        tables = {"tables": error.tables} if isinstance(error, SeveralTablesError) else {}
+        return refusal | tables, []
     array_headers = [(name, array.dtype.str, array.shape) for name, array in numeric.items()]
     return {"arrays": array_headers, "facts": parsed.facts}, list(numeric.values())
 

@@ -5,13 +5,14 @@ any other.
 import hashlib
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
+import scratch
 from calibkit.errors import LogFormatError
-from calibkit.readers import clean, text
+from calibkit.readers import clean, scratch_files, text
 from calibkit.recipe.logs import Logs
+from calibkit.records.frame import Log
 
 NAMES = ("time_s", "temp_case_degc", "gyro_dph")
 NUMBERS = st.one_of(
@@ -166,28 +167,16 @@ def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_pyth
 
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
-def test_a_line_that_is_no_row_of_numbers_is_named_in_pieces(tmp_path, monkeypatch, kernels):
-    """A field of a number's bytes that is none gets by the scan; the piece that holds it names
-    file, line and what it found.
-    """
+@pytest.mark.parametrize("size", [50, 1 << 20])
+def test_blocks_joined_are_the_log_in_memory_and_on_disk(tmp_path, monkeypatch, kernels, size):
+    """Blocks that end anywhere hold the rows of the log, wherever its columns lie."""
     compiled(monkeypatch, use=kernels)
-    path = tmp_path / "log.csv"
-    path.write_bytes(text_of([("1", "2", "3")] * 50 + [("1", "2-3", "4")] + [("1", "2", "3")] * 9))
-    scan = clean.scan_file(path, "log.csv")
-    with pytest.raises(LogFormatError, match=r"log\.csv:52: found '1,2-3,4', expected 3 numbers"):
-        list(clean.read_chunks(path, "log.csv", scan, 20))
-
-
-@pytest.mark.parametrize("rows", [1, 7, 60, 1000])
-def test_pieces_joined_are_the_log(tmp_path, monkeypatch, rows):
-    """Pieces of any size, from blocks that end anywhere, are the rows of the log; all but the last
-    have that size.
-    """
-    monkeypatch.setattr(clean, "BLOCK", 50)
+    monkeypatch.setattr(clean, "BLOCK", size)
     values = np.random.default_rng(7).normal(size=(60, 3))
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([tuple(map(repr, row)) for row in values.tolist()]))
-    tables = list(clean.read_chunks(path, "log.csv", clean.scan_file(path, "log.csv"), rows))
-    assert [len(table.frame) for table in tables[:-1]] == [rows] * (len(tables) - 1)
-    joined = pd.concat([table.frame for table in tables])
-    assert joined.equals(clean.read(path, "log.csv").frame)
+    for megabytes in ("0", "100"):
+        monkeypatch.setenv(scratch_files.SETTING, megabytes)
+        frame = clean.read(path, "log.csv").frame
+        assert frame.to_numpy().tobytes() == values.tobytes()
+        assert scratch.on_disk(Log("log", "log.csv", "", 60, frame)) == (megabytes == "0")

@@ -12,8 +12,9 @@ from calibkit import instruments, recipe
 from calibkit.check import examination
 from calibkit.commands import pipeline
 from calibkit.instruments.bias import ramps
-from calibkit.logs import log_files, logs_on_disk, write_back
+from calibkit.logs import log_files, write_back
 from calibkit.numeric import anomalies
+from calibkit.readers import scratch_files
 from calibkit.records import store
 from calibkit.records.frame import Log
 from sample_runs import DATE, SERIAL, sample_logs, sample_run
@@ -66,7 +67,7 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
     """
     log, there = prepared(folder)
     assert scratch.on_disk(log)
-    monkeypatch.setenv(logs_on_disk.SETTING, "1000")
+    monkeypatch.setenv(scratch_files.SETTING, "1000")
     whole, here = prepared(folder)
     assert not scratch.on_disk(whole)
     same(there, here)
@@ -81,8 +82,7 @@ def files_of(folder):
 
 def in_pieces(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
-    monkeypatch.setenv(logs_on_disk.SETTING, "0")
-    monkeypatch.setattr(logs_on_disk, "ROWS", 700)
+    monkeypatch.setenv(scratch_files.SETTING, "0")
 
 
 FIELD = {
@@ -126,7 +126,7 @@ def test_check_tells_of_a_log_on_disk_what_it_tells_of_one_in_memory(folder, mon
     spec = instruments.parse_recipe(recipe.find("fog_thermal"))
     reports = []
     for megabytes in ("1000", "0"):
-        monkeypatch.setenv(logs_on_disk.SETTING, megabytes)
+        monkeypatch.setenv(scratch_files.SETTING, megabytes)
         examined = examination.examine_log(instruments.find("fog_thermal"), spec, folder, FILE)
         reports.append(examined.report)
     assert reports[0] == reports[1]
@@ -159,7 +159,7 @@ def long_log():
     made["gyro_dph"] = 0.1 * case + RNG.normal(0.0, 1.0, time.size)
     columns = {}
     for name, column in made.items():
-        columns[name] = logs_on_disk._allocate_column(column.size)
+        columns[name] = scratch_files.allocate_column(column.size)
         columns[name][:] = column
     frame = pd.DataFrame(columns, copy=False)
     return Log("a", "a.csv", "", len(frame), frame)
