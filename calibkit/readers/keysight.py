@@ -12,6 +12,7 @@ can be either way round (the instrument writes month first, BenchLink what Windo
 order that runs forwards is taken, or the recipe's time_format.
 """
 
+import re
 from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
@@ -28,6 +29,7 @@ from calibkit.records.frame import values
 SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
 """Names of the column that counts scans, in lower case."""
 _MOST_LINES = 400
+_CLOCK = re.compile(r"\d:\d\d:\d\d")
 
 
 def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
@@ -58,7 +60,8 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
 
 def _find_header(content: str, file: str) -> tuple[int, str]:
     """Lines above the header, and the delimiter."""
-    for number, line in enumerate(content.split("\n", _MOST_LINES)[:_MOST_LINES]):
+    lines = content.split("\n", _MOST_LINES)[:_MOST_LINES]
+    for number, line in enumerate(lines):
         for delimiter in (",", ";", "\t"):
             fields = tokens.split_line(line, delimiter)
             if (
@@ -66,11 +69,23 @@ def _find_header(content: str, file: str) -> tuple[int, str]:
                 and fields[0].lower() in SCAN_NUMBERS
                 and fields[1].lower().startswith("time")
             ):
+                _require_no_scan(lines[:number], delimiter, file)
                 return number, delimiter
     raise LogFormatError(
         f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {_MOST_LINES} lines",
         hint="the log is not a scan of this instrument; try format = 'text'",
     )
+
+
+def _require_no_scan(lines: list[str], delimiter: str, file: str) -> None:
+    """Refuse a scan above the header: it would pass for a line about the instrument and be lost."""
+    for number, line in enumerate(lines, start=1):
+        fields = tokens.split_line(line, delimiter)
+        if len(fields) > 2 and fields[0].isdigit() and _CLOCK.search(fields[1]):
+            raise LogFormatError(
+                f"{file}:{number}: a scan stands above the header",
+                hint="the lines are not in the order of the instrument; export the log again",
+            )
 
 
 def _alarm_columns(dialect: Dialect) -> tuple[str, ...]:

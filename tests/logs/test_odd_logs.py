@@ -137,6 +137,16 @@ REFUSED = {
         Odd(text(SEMICOLONS, "0.0;20.0;1,002.5", "2.0;21.0;1003.5", "4.0;22.0;1,004.5")),
         ("a.csv:2", "'1,002.5' has a mark between its thousands", "'1003.5' in line 3 has none"),
     ),
+    "scans above the header of their log": (
+        Odd(
+            text(
+                "1,03/21/2014 17:00:00:000,20.5,9.1",
+                "Sweep #,Time,Chan 101 (C),Chan 102 (VDC)",
+                "2,03/21/2014 17:00:02:000,20.6,9.2",
+            )
+        ),
+        ("a.csv:1: a scan stands above the header",),
+    ),
     "rows that are not there": (
         Odd(text(HEADER, *BODY), head=exclude("rows = [121]")),
         ("no row with number 121; check rows",),
