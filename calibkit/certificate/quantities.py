@@ -151,6 +151,20 @@ class Quantity:
             for entry in self.inputs
         }
 
+    def spread(self) -> list[dict[str, float]]:
+        """Points with every input: of each group that is compared the first, at the ends and in the
+        middle of the first input.
+        """
+        points = []
+        for group in self.compared:
+            levels: list[At] = [{}]
+            if self.inputs and self.inputs[0].column not in group[0]:
+                first = self.inputs[0]
+                middle = (first.low + first.high) / 2.0
+                levels = [{first.column: x} for x in (first.low, middle, first.high)]
+            points += [self.complete({**group[0], **level}) for level in levels]
+        return points
+
     def outside(self, input_values: At) -> str:
         """Why the model does not hold at a point with every input; empty where it holds."""
         if self.beyond is None:

@@ -1,6 +1,6 @@
 """Reports of `calibkit check` on the logs of a folder: a document for scripts, lines for people."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -89,28 +89,24 @@ class LogReport:
 
 @dataclass(frozen=True, slots=True)
 class Reached:
-    """Expanded uncertainty of a result, the largest over a range of use, and what limits it."""
+    """Expanded uncertainty of a result, the largest over where it is used, and what limits it."""
 
     name: str
     unit: str
     expanded_uncertainty: float
     coverage_factor: float
-    range_degc: tuple[float, float] | None
-    """None where no temperature is logged."""
-    limits: Mapping[str, float]
-    """Source → its share of the mean variance."""
+    where: str
+    """Range or point of its inputs; empty where it has none."""
+    largest_part: str
     wanted: float | None = None
-    """What the plan wanted at most."""
+    """What the plan wanted at most; None for what the fit on trial states."""
 
     def __str__(self) -> str:
-        low, high = self.range_degc or (0.0, 0.0)
-        ends = dict.fromkeys((f"{low:.0f}", f"{high:.0f}"))
-        range_text = f", {' to '.join(ends)} °C" if self.range_degc else ""
-        largest_part = max(self.limits, key=lambda name: self.limits[name])
         limit_text = "" if self.wanted is None else f", wanted at most {concise(self.wanted)}"
+        where = f"{self.where}; " if self.where else ""
         return (
             f"U of {self.name} {concise(self.expanded_uncertainty)} {self.unit}{limit_text}"
-            f" (k = {self.coverage_factor:g}{range_text}; largest part: {largest_part})"
+            f" ({where}k = {self.coverage_factor:.3g}; largest part: {self.largest_part})"
         )
 
 
@@ -125,8 +121,10 @@ class Judgement:
     exports: bool | None
     verdict: str = ""
     exit_code: int = 0
+    reached: tuple[Reached, ...] = ()
+    """Uncertainty of results by the fit on trial."""
     predicted: tuple[Reached, ...] = ()
-    """Uncertainty of results over a range of use, as `plan` judges it."""
+    """Uncertainty of the results that a plan wants, as it judges them over its range."""
 
     def lines(self) -> list[str]:
         """The last paragraph of a check."""
@@ -136,9 +134,10 @@ class Judgement:
         return [
             f"This campaign determines: {determined}",
             *(f"  missing: {lack}" for lack in self.lacks),
+            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
+            *(f"  {result}" for result in self.reached),
             *(f"  {prediction}" for prediction in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),
-            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
         ]
 
     def _outcome(self) -> str:

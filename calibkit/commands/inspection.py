@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from calibkit import instruments, recipe
+from calibkit.certificate.quantities import state
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.uncertainty import TypeBTerms
+from calibkit.certificate.words import unit_mark
 from calibkit.check import examination
 from calibkit.check.report import CheckedCampaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
@@ -17,8 +20,9 @@ from calibkit.planning import comparison, equipment, search
 from calibkit.planning.bench import COVERAGE, Task
 from calibkit.recipe import type_b
 from calibkit.records import new_files
-from calibkit.records.frame import values
+from calibkit.records.coefficients import Identity
 from calibkit.report import budget, figures
+from calibkit.results.still_good import state_place
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,7 +36,6 @@ if TYPE_CHECKING:
     from calibkit.records.coefficients import StageResult
     from calibkit.records.frame import Log
 
-CASE = "temp_case_degc"
 LARGEST_TRIAL = 50_000_000
 """Bytes of logs up to which a campaign is judged by a fit on trial."""
 
@@ -133,10 +136,10 @@ def _judge(
         cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
         return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
     determined = tuple(_describe(result) for result in fitted.results)
-    reached = _predict(instrument, spec, data, files, fitted, planned)
+    predicted = _predict(instrument, spec, data, files, fitted, planned) if planned else ()
     missed = (
         f"{prediction}: calibkit plan RECIPE --have {data} plans what is missing"
-        for prediction in reached
+        for prediction in predicted
         if prediction.wanted is not None and prediction.expanded_uncertainty > prediction.wanted
     )
     return Judgement(
@@ -144,8 +147,43 @@ def _judge(
         (*fitted.lacks, *missed),
         exports=fitted.exports,
         verdict=fitted.summary.verdict,
-        predicted=reached,
+        reached=tuple(_state_largest(spec, fitted)),
+        predicted=predicted,
     )
+
+
+def _state_largest(spec: recipe.Recipe, fitted: Fitted[Any]) -> Iterator[Reached]:
+    """Largest uncertainty of each result that runs are compared by, as the fit on trial states it:
+    at the ends and in the middle of the first input.
+    """
+    list_results = instruments.optional(spec.procedure, "results")
+    if list_results is None or not fitted.results:
+        return
+    identity = Identity("", 0, "", "", "", fitted.inputs)
+    records = {result.file: result.as_record(identity, "") for result in fitted.results}
+    source = TypeBTerms.merge(spec.type_b, ())
+    basis = Stated(records, source, (), spec.reference_temp_degc, fitted.sensitivities)
+    quantities = list_results(records, spec)
+    names = Counter(quantity.words.en for quantity in quantities)
+    for quantity in quantities:
+        points = [point for point in quantity.spread() if not quantity.outside(point)]
+        results = [state(basis, quantity, point) for point in points]
+        known = [(result, result.uncertainty) for result in results if result.uncertainty]
+        if not known:
+            continue
+        result, largest = max(known, key=lambda pair: pair[1].expanded_uncertainty)
+        part = max(largest.contributions, key=lambda part: part.contribution)
+        expanded, unit = largest.expanded_uncertainty, unit_mark(quantity.unit)
+        if quantity.relative and result.value:
+            expanded, unit = 1e6 * expanded / abs(result.value), "ppm"
+        name = quantity.words.en
+        if names[name] > 1:
+            name = f"{name} of {quantity.model}"
+        yield Reached(
+            *(name, unit, expanded, largest.coverage_factor),
+            state_place(result),
+            part.name.en,
+        )
 
 
 def _predict(
@@ -154,35 +192,32 @@ def _predict(
     data: Path,
     files: Sequence[str],
     fitted: Fitted[Any],
-    planned: Plan | None,
+    planned: Plan,
 ) -> tuple[Reached, ...]:
-    """Uncertainty of results that logs tell over the range of a plan, else over their own: with
-    noise and shared errors as the fit found them, others as on the sample bench. Empty for what is
-    not planned, or not determined.
+    """Uncertainty of what a plan wants over its range: with noise and shared errors as the fit
+    found them, others as on the sample bench. Empty for what is not determined.
     """
     prepare = instruments.optional(spec.procedure, "prepare_plan")
-    if prepare is None:
+    if prepare is None or planned.range_degc is None:
         return ()
     logs = tuple(instrument.read(spec, data, file) for file in files)
-    range_degc = planned.range_degc if planned else None
-    logged = [values(log.frame, CASE) for log in logs if CASE in log.frame.columns]
-    if range_degc is None and any(degc.size for degc in logged):
-        degc = np.concatenate(logged)
-        range_degc = float(np.nanmin(degc)), float(np.nanmax(degc))
     earlier = {f"{result.stage}.json": result for result in fitted.results}
     bench = equipment.read_equipment(None)
     try:
-        task = Task(bench, range_degc=range_degc, earlier=earlier, have=logs)
+        task = Task(bench, range_degc=planned.range_degc, earlier=earlier, have=logs)
         predictions = search.judge(prepare(spec, task))
     except (UsageError, FitError, FrameError):
         return ()
-    targets = planned.wanted if planned else {}
+    low, high = planned.range_degc
+    where = " to ".join(dict.fromkeys((f"{low:.0f}", f"{high:.0f}")))
     return tuple(
         Reached(
-            *(result.name, result.unit, result.expanded, COVERAGE, range_degc, result.limits),
-            targets.get(result.name),
+            *(result.name, result.unit, result.expanded, COVERAGE, f"{where} °C"),
+            max(result.limits, key=lambda source: result.limits[source]),
+            planned.wanted[result.name],
         )
         for result in predictions
+        if result.name in planned.wanted
     )
 
 

@@ -3,10 +3,11 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.commands import inspection, plans
+from calibkit.commands import inspection, pipeline, plans
 from calibkit.errors import UsageError
 from calibkit.instruments.inclinometer import root_choice, simulate
 from calibkit.instruments.inclinometer.plan import azimuth_slopes
@@ -14,6 +15,7 @@ from calibkit.instruments.inclinometer.published import Components
 from calibkit.numeric import earth
 from calibkit.planning import document, equipment, search
 from calibkit.planning.bench import Task
+from calibkit.results.evaluation import RunResults
 from conftest import ROOT, load_script
 
 WISHES = {
@@ -103,14 +105,35 @@ def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
         ("gyro_pair", True),
         ("inclinometer", True),
         ("gyro_noise", False),
-        ("accelerometer_magnitude", False),
+        ("accelerometer_magnitude", True),
     ],
 )
-def test_check_predicts_what_the_sample_logs_determine(procedure, logged):
-    """With the temperatures of the logs, where they have any."""
+def test_check_states_uncertainties_of_the_fit_on_trial(procedure, logged):
+    """With the temperature at which each is largest, where the result depends on it."""
     found = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).judgement
-    assert found.predicted
-    assert all(("°C" in str(one)) == logged for one in found.predicted)
+    assert found.reached
+    assert not found.predicted
+    assert any("°C" in str(result) for result in found.reached) == logged
+
+
+def test_check_of_few_soaks_states_what_the_fit_does(tmp_path):
+    """Four soaks leave one degree of freedom to errors that a soak shares: k is 14, which a plan,
+    that knows their sizes, leaves out.
+    """
+    rows = pd.read_csv(ROOT / "datasets" / "accelerometer" / "positions.csv", comment="#")
+    soaks = np.round(rows["temp_case_degc"], -1)
+    few = rows[np.isin(soaks, (-20.0, 30.0, 80.0, 130.0))].groupby(soaks).head(42)
+    few.to_csv(tmp_path / "positions.csv", index=False)
+    source = recipe.find("accelerometer")
+    found = inspection.check(source, tmp_path).judgement
+    out = tmp_path / "runs"
+    run = pipeline.fit(source, tmp_path, "ACC-9", out, "2026-11-21", instruments.silent).run
+    results = RunResults.read(run)
+    for letter, result in zip("xyz", found.reached, strict=True):
+        (corrected,) = (q for q in results.quantities if q.name == f"corrected_{letter}")
+        largest = max(results.state(corrected, point).U for point in corrected.spread())
+        assert result.expanded_uncertainty == pytest.approx(largest, rel=1e-12)
+        assert result.coverage_factor > 10.0
 
 
 def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
