@@ -559,11 +559,11 @@ def test_dwells_of_a_plan_of_0_2_have_the_noise_that_it_states(procedure):
 
 
 @pytest.mark.parametrize("procedure", ["accelerometer", "fog_thermal", "rate_table", "gyro_triad"])
-def test_check_predicts_what_each_planned_procedure_determines(procedure):
-    """Over the temperatures of the sample logs."""
+def test_check_states_the_uncertainty_of_each_planned_procedure(procedure):
+    """By the fit on trial."""
     found = inspection.check(recipe.find(procedure), ROOT / "datasets" / procedure).judgement
-    assert found.predicted
-    assert all(one.expanded_uncertainty > 0.0 for one in found.predicted)
+    assert found.reached
+    assert all(one.expanded_uncertainty > 0.0 for one in found.reached)
 
 
 def test_simulated_logs_have_the_columns_that_the_recipe_maps(bench, tmp_path):

@@ -57,4 +57,4 @@ def test_every_procedure_is_judged(procedure):
     judged = inspection.check(source, DATA / procedure).judgement
     assert judged.exports
     assert judged.determines
-    assert judged.lines()[-1] == "  fit would export this: accepted"
+    assert "  fit would export this: accepted" in judged.lines()
