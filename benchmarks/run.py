@@ -215,6 +215,7 @@ def main(given: Sequence[str] | None = None) -> int:
     lines, versions = merged(asked, *measure(asked, tell))
     shown = [goal for goal in goals() if any(line.name == goal.name for line in lines)]
     print(page.summary(shown, lines))
+    print(page.notes(shown))
     print(page.growth(shown, lines))
     whole = not (asked.only or asked.quick or asked.rows or asked.here)
     if place := asked.page or (PAGE if whole else None):

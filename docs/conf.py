@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from docutils import nodes
 from latex2mathml.converter import convert
 
 from calibkit import __version__
+
+sys.path.insert(0, str(Path(__file__).parent))
+from reference import insert_parts
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -31,8 +36,6 @@ html_extra_path = ["schemas"]
 autodoc_typehints = "none"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
-# JSON schemas and sources that pages link to are files beside them, not pages
-suppress_warnings = ["myst.xref_missing"]
 
 
 def inline_math(translator: HTML5Translator, node: nodes.math) -> None:
@@ -49,8 +52,9 @@ def display_math(translator: HTML5Translator, node: nodes.math_block) -> None:
 
 def setup(app: Sphinx) -> None:
     """Equations become MathML, which browsers draw without a script: the pages are whole on a
-    machine without a network.
+    machine without a network. What the code states is put into the pages.
     """
+    app.connect("source-read", insert_parts)
     app.add_html_math_renderer(
         "mathml", inline_renderers=(inline_math, None), block_renderers=(display_math, None)
     )

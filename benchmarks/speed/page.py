@@ -93,6 +93,11 @@ def summary(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
     return table(("part", "beside", "target", "measured", "digits that agree", "reached"), rows)
 
 
+def notes(goals: Sequence[Goal]) -> str:
+    """What both sides of a goal do, where its title does not say it."""
+    return "".join(f"- {goal.title}: {goal.note}.\n" for goal in goals if goal.note)
+
+
 def growth(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
     """One row a goal and size: ratios by both clocks, memory, and how the time of both sides grew
     from the size before.
@@ -151,14 +156,11 @@ def measured(
     goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str], conditions: str
 ) -> str:
     """What stands between the markers of the page; `conditions` say under which it was measured."""
-    notes = "".join(f"- {goal.title}: {goal.note}.\n" for goal in goals if goal.note)
     packages = ", ".join(
         f"{name} {number}" for name, number in sorted(versions.items()) if name != "Python"
     )
     return (
-        f"{summary(goals, lines)}\n{notes}\n"
-        f"Measured on {machine()}; {conditions}. Versions: {packages}.\n\n"
-        f"## Growth with the rows\n\n{growth(goals, lines)}"
+        f"{summary(goals, lines)}\nMeasured on {machine()}; {conditions}. Versions: {packages}.\n"
     )
 
 

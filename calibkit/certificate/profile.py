@@ -37,17 +37,24 @@ class Party(Table):
     (ISO 3166-1).
     """
 
+    #: Name.
     name: str = ""
+    #: Street and town.
     address: str = ""
+    #: Code of two letters (ISO 3166-1).
     country: Annotated[str, Field(pattern=r"^([A-Z]{2})?$")] = ""
+    #: Address for electronic mail.
     email: str = ""
+    #: Telephone number.
     phone: str = ""
 
 
 class Laboratory(Party):
     """The laboratory, the place where the work was done, and its code at the accreditation body."""
 
+    #: Code at the accreditation body or in the house.
     code: str = ""
+    #: Where the work was done.
     place_of_work: str = ""
 
 
@@ -56,8 +63,11 @@ class _Accreditation(Table):
     to the profile. What is in the scope is stated by [[cmc]].
     """
 
+    #: Accreditation body.
     body: str = ""
+    #: Number of the accreditation.
     number: str = ""
+    #: Mark as an SVG or PNG file, relative to the profile.
     mark: str = ""
 
     @model_validator(mode="after")
@@ -72,8 +82,11 @@ class Capability(Table):
     their keys, with * for any part of them; in the unit of the result, or a share of it.
     """
 
+    #: Key of the results, with * for any part of it.
     result: Annotated[str, Field(min_length=1)]
+    #: Unit of the result, or ppm or % of it.
     unit: Annotated[str, Field(min_length=1)]
+    #: Smallest expanded uncertainty of the scope.
     expanded_uncertainty: Positive
 
 
@@ -82,23 +95,28 @@ class _Numbering(Table):
     changed.
     """
 
+    #: Number of the certificate.
     number: str = ""
+    #: Title in place of the usual one.
     title: str = ""
+    #: Number of the customer's order.
     order: str = ""
-    """Number of the customer's order."""
+    #: Sentence in place of the usual one on traceability.
     traceability: str = ""
+    #: Clause in place of the usual one on reproduction.
     reproduction: str = ""
-    """Sentences in place of the usual ones."""
+    #: The item's certificate before this one.
     previous: str = ""
+    #: Digest of the file of that certificate.
     previous_sha256: Annotated[str, Field(pattern=SHA256)] = ""
-    """The item's calibration certificate before this one, and the digest of its file."""
+    #: Certificate that this one replaces.
     amends: str = ""
+    #: Date of issue of that certificate.
     amends_issued: dt.date | None = None
+    #: What changed against it.
     changes: Annotated[tuple[str, ...], Many] = ()
+    #: Font files for scripts that the built-in fonts lack, relative to the profile.
     fonts: Annotated[tuple[str, ...], Many] = ()
-    """Font files for scripts that the built-in fonts lack, Chinese above all; relative to the
-    profile.
-    """
 
     _dates = field_validator("amends_issued", mode="before")(_as_date)
 
@@ -118,18 +136,26 @@ class _Numbering(Table):
 class _Item(Table):
     """The calibrated item; its serial number is the run's."""
 
+    #: Kind of instrument.
     type: str = ""
+    #: Manufacturer.
     maker: str = ""
+    #: Model.
     model: str = ""
+    #: Further identification.
     identification: str = ""
+    #: Condition on receipt.
     condition: str = ""
 
 
 class _Dates(Table):
     """When the item came, and when the work was done."""
 
+    #: Date of receipt.
     received: dt.date | None = None
+    #: First day of the work.
     performed: dt.date | None = None
+    #: Last day of the work.
     performed_until: dt.date | None = None
 
     _dates = field_validator("received", "performed", "performed_until", mode="before")(_as_date)
@@ -151,51 +177,70 @@ class _Method(Table):
     only as "none".
     """
 
+    #: Procedure.
     name: str = ""
+    #: Its revision.
     revision: str = ""
+    #: Deviations from it; "none" is an answer.
     deviations: str = ""
+    #: Work of others; "none" is an answer.
     external_providers: str = ""
 
 
 class _LabConditions(Table):
     """What may have influenced the results."""
 
+    #: Temperatures and times of the chamber.
     chamber: str = ""
+    #: Temperature of the laboratory.
     laboratory_temperature: str = ""
+    #: Local gravity, in words.
     local_gravity: str = ""
+    #: Local gravity as a number, by which the DCC states values in g.
     local_gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
-    """Local gravity as a number [m/s²], by which the DCC states values in g where the run does not
-    know it.
-    """
+    #: Latitude, in words.
     latitude: str = ""
+    #: What was done with the earth's rate.
     earth_rate: str = ""
+    #: Supply of the instrument.
     supply: str = ""
+    #: Warm-up time.
     warm_up: str = ""
+    #: Further conditions.
     others: Annotated[tuple[str, ...], Many] = ()
 
 
 class Standard(Table):
     """A reference standard or measuring equipment that makes the results traceable."""
 
+    #: Name of the standard.
     name: str = ""
+    #: Refused; only in attached profiles of 0.2.
     dcc: str = ""
+    #: Refused; only in attached profiles of 0.2.
     result: str = ""
-    """Only in attached profiles of 0.2: the file that the other keys were read from, and which
-    quantity in it.
-    """
+    #: Serial number.
     serial: str = ""
+    #: Number of its certificate.
     certificate: str = ""
+    #: Digest of the certificate's file.
     sha256: Annotated[str, Field(pattern=SHA256)] = ""
-    """Digest of the certificate's file."""
+    #: Date of the certificate.
     date: dt.date | None = None
+    #: End of its validity.
     valid_until: dt.date | None = None
+    #: Who issued it.
     laboratory: str = ""
+    #: Range it was calibrated in.
     range: str = ""
+    #: Expanded uncertainty of the standard.
     expanded_uncertainty: Positive | None = None
+    #: Coverage factor of that.
     coverage_factor: Annotated[float, Field(ge=1.0)] = 2.0
+    #: Unit of that.
     unit: str = ""
+    #: Input whose error it is: U is then a type B term.
     quantity: str = ""
-    """Input whose error it is: its U is then a type B term."""
 
     _dates = field_validator("date", "valid_until", mode="before")(_as_date)
 
@@ -235,20 +280,25 @@ class Standard(Table):
 class _Person(Table):
     """Who calibrated, checked or authorised."""
 
+    #: Name.
     name: str = ""
+    #: Function.
     role: str = ""
+    #: Address for electronic mail.
     email: str = ""
 
 
 class _Adjustment(Table):
     """Statement on adjustments, where no validation gives as-found and as-left results."""
 
+    #: Sentence on adjustments, where there is no validation.
     statement: str = ""
 
 
 class _TypeBNone(Table):
     """Why principal results have no type B contribution, where there is none to state."""
 
+    #: Why principal results have no type B contribution.
     reason: str = ""
 
 
@@ -257,7 +307,9 @@ class _Results(Table):
     none.
     """
 
+    #: Temperatures at which values are stated; without them round ones of the range.
     temperatures_degc: Annotated[tuple[float, ...], Many] = ()
+    #: Decision rule where a specification names none.
     decision_rule: Rule = "guarded"
 
 
@@ -266,12 +318,19 @@ class Specification(Table):
     it.
     """
 
+    #: Key of the results, with * for any part of it.
     result: Annotated[str, Field(min_length=1)]
+    #: Unit of the limits.
     unit: Annotated[str, Field(min_length=1)]
+    #: Name of the specification.
     name: str = ""
+    #: Where it stands.
     source: str = ""
+    #: Lower limit.
     lower: float | None = None
+    #: Upper limit.
     upper: float | None = None
+    #: Decision rule of this one.
     rule: Rule | None = None
 
     @model_validator(mode="after")
@@ -306,6 +365,7 @@ class Profile(Table):
     specification: Annotated[tuple[Specification, ...], Many] = ()
     type_b: Annotated[tuple[TypeB, ...], Many] = ()
     type_b_none: _TypeBNone = _TypeBNone()
+    #: Sentences at the end of the certificate.
     remarks: Annotated[tuple[str, ...], Many] = ()
 
     @property

@@ -105,6 +105,7 @@ def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
     count = len(log.frame)
     if count >= minimum:
         return []
+    # finding rows: fewer rows than the recipe asks for
     return [
         Finding(
             log.file,
@@ -136,6 +137,7 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
                 observation = (
                     f"{first:.3g} {unit} ({bad.size} such or missing value{plural} from here on)"
                 )
+            # finding missing: a value that is needed is missing, infinite or impossibly large
             finding = finding_at_row(
                 log,
                 int(bad[0]),
@@ -167,6 +169,7 @@ def find_copied_rows(log: Log, columns: Sequence[str]) -> list[Finding]:
     if not copied_rows.size:
         return []
     row = int(copied_rows[0])
+    # finding copied_rows: rows hold the same numbers as earlier rows of the log, in the same order
     return [
         Finding(
             log.place(row),
@@ -192,6 +195,7 @@ def find_unordered_times(log: Log) -> list[Finding]:
         return []
     k = int(back[0])
     word = "stands still" if time[k + 1] == time[k] else "runs backwards"
+    # finding clock: time stands still or runs backwards
     return [
         finding_at_row(
             log,
@@ -244,6 +248,7 @@ def _refuse_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
             "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
             " the recipe"
         )
+    # finding gap: rows are missing for longer than the recipe allows
     return finding_at_row(
         log, k + 1, "time_s", observation, f"at most {limit_s:g} s", advice, "gap", figure=step
     )
@@ -254,6 +259,7 @@ def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
     if not before.size:
         return []
     k = int(before[0])
+    # finding gap: rows are missing for less long than that
     return [
         finding_at_row(
             log,
@@ -300,6 +306,7 @@ def find_constant_columns(log: Log, columns: Sequence[str]) -> list[Finding]:
     for column in columns:
         low, high = log.extremes(column)
         if low == high:
+            # finding constant: a column that must vary does not
             finding = finding_of_column(
                 log,
                 column,
@@ -351,6 +358,7 @@ def find_out_of_range(
         return []
     first = float(data[rows[0]])
     advice = advice or f"state the log's unit in [columns.{column}], or leave the rows out:"
+    # finding range: values that no such sensor gives: a sentinel, or another unit
     return [
         finding_at_row(
             log,

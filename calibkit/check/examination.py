@@ -59,11 +59,13 @@ def examine_log(procedure: _Examiner, spec: object, data: Path, file: str) -> _E
     try:
         log = procedure.read(spec, data, file)
     except (LogFormatError, FrameError, FitError) as error:
+        # finding unreadable: the log cannot be read
         finding = Finding.of(error, name="unreadable")
         return _Examination(LogReport(file, "", (), (), None, (), (finding,)), None)
     try:
         examined = procedure.faults(spec, log)
     except (FrameError, FitError) as error:
+        # finding unusable: the log is read, and cannot be used as the message states
         examined = Examined((Finding.of(error),))
     findings, log_facts = examined.findings, facts.Facts.describe(log)
     conditions = tuple(_describe_held(log, part) for part in examined.held)
@@ -147,6 +149,8 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     other.
     """
     logs = [outcome.content for outcome in outcomes if outcome.content is not None]
+    # finding copy: the same measurement under two names: the same bytes, the same values, or these
+    # with another start, fewer rows or fewer digits
     return [
         (file, Finding(file, original, "another log", copies.KEEP_ONE, name="copy"))
         for file, original in copies.find_copies(logs)

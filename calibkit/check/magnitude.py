@@ -78,6 +78,7 @@ def check_gyro_unit(log: Log, column: str) -> list[Finding]:
         )
     else:
         return []
+    # finding unit: a gyro at rest indicates too much or too little for °/h
     return [finding_at_row(log, 0, column, *words, "unit", severity="warn", figure=span)]
 
 
@@ -99,6 +100,7 @@ def check_sampling_unit(log: Log) -> list[Finding]:
     step = log.steps.usual
     if step < SLOWEST_SAMPLING_S:
         return []
+    # finding unit: samples of a record are minutes apart: a clock in another unit
     return [
         finding_of_column(
             log,
@@ -130,6 +132,7 @@ def check_time_unit(
         advice = MILLISECONDS
     else:
         return []
+    # finding unit: a temperature changes as in no chamber: a clock in another unit
     return [
         finding_of_column(
             log,
@@ -158,6 +161,7 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
         else "state the log's unit"
     )
     observation = f"{', '.join(axes)} have a length of {usual:.4g} g in most rows"
+    # finding unit: the indications of a triad at rest are not one g long
     return [finding_of_column(log, axes[0], observation, "1 g", advice, "unit", usual)]
 
 
@@ -169,6 +173,7 @@ def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
     correlation = _correlation(data, table_rate)
     if correlation > -0.9:
         return []
+    # finding sign: counts of a gyro fall while the table turns faster
     return [
         finding_of_column(
             log,
@@ -193,6 +198,7 @@ def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> 
     for column in columns:
         source = recipe.columns[column].source if column in recipe.columns else column
         if COMPENSATED.search(source):
+            # finding double_compensation: a column is called compensated
             finding = Finding(
                 f"{log.file}:1: column '{column}'",
                 f"its column in the log is called '{source}'",
@@ -235,6 +241,7 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
         agree = float(np.max(np.abs(other_slopes - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
             opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
+            # finding double_compensation: a log does not drift as the others of the gyro do
             finding = Finding(
                 f"{file}: column 'gyro_dph'",
                 f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by"
@@ -286,6 +293,7 @@ def find_turned_logs(levels: Mapping[str, tuple[float, float]]) -> list[tuple[st
     if abs(positive.mean() + negative.mean()) >= OPPOSITE * distance:
         return []
     minority, majority = sorted(groups, key=len)
+    # finding sign: logs of a gyro at rest indicate the opposite rate of the others
     return [
         (
             file,

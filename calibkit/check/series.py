@@ -109,6 +109,7 @@ def find_turn_back(log: Log, column: str) -> list[Finding]:
     if back[k] <= max(TURNED_BACK_DEGC, TURNED_BACK * span):
         return []
     first = int(np.argmax(course[: k + 1]))
+    # finding turned_back: the case goes back in a log that otherwise goes one way
     return [
         finding_at_row(
             log,
@@ -195,6 +196,7 @@ def _report_spikes(
     worst = int(spike_rows[np.argmax(height)])
     count = int(np.sum(np.diff(spike_rows, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]
+    # finding spike: a deviation from the neighbours that is gone after at most three rows
     return [
         finding_at_row(
             log,
@@ -227,6 +229,8 @@ def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str)
         name, advice = "saturated", RANGE_ENDED
     span = f" ({_format_times(log, first, stop)})" if "time_s" in log.frame.columns else ""
     further_text = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
+    # finding stuck: equal values for longer than chance explains
+    # finding saturated: equal values at the extreme of the column
     return [
         finding_at_row(
             log,
@@ -255,6 +259,7 @@ def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Findi
         return []
     count, value = pile
     rows = np.flatnonzero(data == value)
+    # finding saturated: values pile up at the extreme of the column
     return [
         finding_at_row(
             log,
@@ -278,6 +283,7 @@ def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]
         return []
     k = int(np.argmax(np.abs(change)))
     further_text = f", the largest of {rows.size}" if rows.size > 1 else ""
+    # finding jump: the bias changes suddenly and stays
     return [
         finding_at_row(
             log,
@@ -303,6 +309,7 @@ def _check_start_up(log: Log, column: str, data: Array, unit: str) -> list[Findi
         return []
     after = float(np.median(data[count : count + 100]))
     advice = f"leave them out: {log.advise_exclude(range(count))}"
+    # finding start_up: rows at the head lie off the line through the rows behind them
     return [
         finding_at_row(
             log,
@@ -329,6 +336,7 @@ def _check_resolution(log: Log, column: str, data: Array, unit: str) -> list[Fin
         return []
     if step < COARSE * anomalies.scatter(data) and distinct > 4:
         return []
+    # finding quantisation: an indication has so few values that its steps hide its noise
     return [
         finding_at_row(
             log,

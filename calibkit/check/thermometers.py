@@ -179,6 +179,8 @@ def check_stations(log: Log, station: str, column: str) -> list[Finding]:
     if run_lengths[k] >= _SAME and is_only_run and run_starts.size > 2 * _SAME:
         stays = f"{level[run_starts[k]]:g} °C at {run_lengths[k]} stations in a row"
         outliers.append((first[run_starts[k]], stays, "readings that differ, as elsewhere", 0.0))
+    # finding thermometer: a thermometer jumps within or between stations, or stays while the tool
+    # warms
     return [
         finding_at_row(
             log,
@@ -211,6 +213,7 @@ def check_steps(log: Log, column: str) -> list[Finding]:
     if step <= _STEPS * float(np.quantile(steps, 0.9)):
         return []
     row = k + 1 + int(np.argmax(np.abs(np.diff(data[k : k + 2 * LEVEL_ROWS]))))
+    # finding thermometer: a thermometer steps further between two rows than a chamber can
     return [
         finding_at_row(
             *(log, row, column),
@@ -247,6 +250,7 @@ def find_lost_sign(log: Log, column: str) -> list[Finding]:
         and np.all(turn > TURNS_AT_ONCE * course)
     ):
         return []
+    # finding lost_sign: a temperature falls to 0 °C and rises at once as fast: it lost its sign
     return [
         finding_at_row(
             log,
@@ -285,6 +289,7 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
     thinned = slice(None, None, a.size // 20_000 + 1)
     correlation = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
     if correlation < -0.5:
+        # finding sign: case and chamber air move against each other
         return [
             finding_of_column(
                 log,
@@ -329,6 +334,7 @@ def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
         if misfit_in_degf < FOLLOWS * in_degc and misfit_in_degf < MISFIT_DEGC:
             gain = lead.gain if column == case else 1.0 / lead.gain
             offset = lead.offset if column == case else -lead.offset / lead.gain
+            # finding unit: one of case and chamber air is in °F
             finding = finding_of_column(
                 log,
                 column,
@@ -364,6 +370,7 @@ def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Findi
     """A case that does not come to the air's temperature in a soak."""
     for of_case, of_air in _soak_means(a, b):
         if abs(of_case - of_air) > APART_DEGC:
+            # finding unit: the case does not come to the temperature of the air in a soak
             finding = finding_of_column(
                 log,
                 case,
@@ -381,6 +388,7 @@ def _find_exchange(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
     """A case that runs ahead of the air that drives it."""
     if lead.correlation > -SURE or lead.swing < LEAST_LEAD_DEGC:
         return []
+    # finding swapped: the case runs ahead of the air that drives it: the columns are exchanged
     return [
         finding_of_column(
             log,
@@ -435,6 +443,7 @@ def check_stated_rate(log: Log, air: str, recipe_rate: float, measured: float) -
             'the temperatures look like °F (9/5): state unit = "degF" of each in [columns]; or'
             " correct the rate"
         )
+    # finding unit: a ramp is not at the rate that the recipe or the logs' names state
     return [
         finding_of_column(
             log,
@@ -483,6 +492,8 @@ def find_late(ramps: Mapping[str, tuple[float, float, float]]) -> list[tuple[str
         )
         delay_degc = (lag - other_lag) * rate / 60.0
         if same_ramp and delay_degc > LATE_DEGC and lag - other_lag > LATE * other_lag:
+            # finding thermometer: the case follows the air later than in another ramp of the same
+            # rate
             finding = Finding(
                 f"{late}: column 'temp_case_degc'",
                 f"it follows the air {delay_degc:.1f} °C later ({lag:.0f} s) than in {early}"
@@ -552,6 +563,7 @@ def _find_unnamed_levels(ends: Mapping[str, Array], column: str) -> list[tuple[s
         file = deviating[0]
         is_only_one = len(agreeing) >= ALIKE_NAMES and len(deviating) == 1
         if is_only_one and deviation[file] > MISNAMED_DEGC:
+            # finding thermometer: a log's temperatures belie the set point in its name
             finding = Finding(
                 f"{file}: column '{column}'",
                 "{:.1f} to {:.1f} °C".format(*ends[file]) + f", its name says {set_point[file]:g}",
@@ -608,6 +620,7 @@ def _in_degf(
     file: str, column: str, ends: Array, equivalent: str, severity: Severity = "refuse"
 ) -> Finding:
     """Finding on a log's thermometer in °F."""
+    # finding unit: a log's temperatures are in °F beside other logs in °C
     return Finding(
         f"{file}: column '{column}'",
         "{:.1f} to {:.1f}".format(*ends) + f", in °F {equivalent}",
@@ -647,6 +660,7 @@ def _find_fahrenheit(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str
         return []
     file = next(iter(ratios))
     ordered, measured = rates[file]
+    # finding unit: all temperatures are in °F: the chamber was 9/5 as fast as ordered
     finding = Finding(
         file,
         f"{abs(measured):.3g} °C/min where {abs(ordered):g} was ordered, and as much too fast in"

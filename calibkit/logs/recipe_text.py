@@ -232,7 +232,7 @@ def _write_header(choice: RecipeChoice, group: Group, unread_groups: Sequence[Gr
         )
         if other.second_logger:
             lines.append(
-                "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md"
+                "# These look like a second logger's (a chamber's): see [chamber] in docs/logs.md"
                 " to join them."
             )
     # names come from files that anybody may have written: a line end would end the comment

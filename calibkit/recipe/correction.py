@@ -22,11 +22,17 @@ class Correction(Table):
     column.
     """
 
+    #: Column of a thermometer, table or attitude reference.
     column: str
+    #: Number of its certificate.
     certificate: Annotated[str, Field(min_length=1)]
+    #: Name of the instrument.
     instrument: str = ""
+    #: Indications of the certificate, ascending, in the column's unit.
     indication: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+    #: Corrections at these: reference = indication + correction.
     correction: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+    #: "hold" keeps the correction of the end outside the certificate's points.
     beyond: Literal["refuse", "hold"] = "refuse"
 
     @model_validator(mode="after")

@@ -71,17 +71,27 @@ class TextSpec(Table):
     recorded in run.json.
     """
 
+    #: Encoding of the characters.
     encoding: Literal["auto", "utf-8", "utf-16", "utf-16-le", "utf-16-be", "gb18030", "cp1252"] = (
         "auto"
     )
+    #: Mark between fields; "space": any number of blanks, "fixed": columns of `widths`.
     delimiter: Literal["auto", ",", ";", "\t", "|", "space", "fixed"] = "auto"
+    #: Decimal mark.
     decimal: Literal["auto", ".", ","] = "auto"
+    #: Lines above the header; of single logs { "run1.txt" = 5 }.
     skip_lines: Count | Auto | dict[str, Count] = "auto"
+    #: 0, 1 (names), or 2 (names, and units below them).
     header_lines: Annotated[int, Field(ge=0, le=2)] | Auto = "auto"
+    #: Lines below the rows, of every format that has lines.
     footer_lines: Count = 0
+    #: "drop" leaves out a last line without a line end: it was still being written.
     last_line: Literal["refuse", "drop"] = "refuse"
+    #: "drop" leaves out lines with another number of fields or a torn number.
     torn_lines: Literal["refuse", "drop"] = "refuse"
+    #: Largest number of torn lines; more are refused.
     torn_limit: Annotated[int, Field(ge=1)] = 10
+    #: Characters of each column of fixed width.
     widths: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
@@ -105,12 +115,19 @@ class _FieldSpec(Table):
     + offset.
     """
 
+    #: Name of the field, which `[columns]` maps.
     name: Annotated[str, Field(min_length=1)]
+    #: Integer or float of so many bytes; "skip" leaves bytes out.
     type: Literal["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8", "skip"]
+    #: Number of bytes that "skip" leaves out.
     bytes: Annotated[int, Field(ge=1)] = 1
+    #: Factor on the stored number.
     scale: float = 1.0
+    #: Added behind the factor.
     offset: float = 0.0
+    #: Unit of the number after factor and offset.
     unit: str = ""
+    #: Byte order of this field where it is not that of the record.
     byte_order: Literal["record", "little", "big"] = "record"
 
 
@@ -119,9 +136,12 @@ class BinarySpec(Table):
     without gaps.
     """
 
+    #: Order of the bytes of a number.
     byte_order: Literal["little", "big"]
+    #: Bytes before the first record.
     header_bytes: Count = 0
     fields: Annotated[tuple[_FieldSpec, ...], Field(min_length=1, strict=False)]
+    #: Hexadecimal bytes that each record begins with.
     sync: str = ""
 
     @field_validator("fields")
@@ -157,14 +177,24 @@ class BinarySpec(Table):
 class Logs(Table):
     """Which files of the data folder are logs, and how they are written."""
 
+    #: Patterns of file names below the data folder.
     files: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    #: Format of the files; "auto" recognises it. Plugins add their own names.
     format: str = AUTO
+    #: Names of the columns, in order, of a log without a header or of a matrix.
     names: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    #: Sheet, group, struct, topic or member that is the table; "*": all groups of one clock side
+    #: by side.
     table: str = ""
+    #: Tables of the same columns that follow each other as one log.
     tables: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    #: Files that differ in the number behind their name are parts of one log.
     split: bool = False
+    #: Sampling rate of a log without a time column.
     rate_hz: Positive | None = None
+    #: "drop" leaves out rows that lack a needed value, and lists them.
     missing: Literal["refuse", "drop"] = "refuse"
+    #: Further numbers and words that mean "no value".
     sentinels: Annotated[tuple[float | str, ...], Field(strict=False)] = ()
     text: TextSpec = TextSpec()
     _excluded_lines: dict[str, frozenset[int]] = PrivateAttr(default_factory=dict)

@@ -37,16 +37,27 @@ class ColumnMapping(Table):
     Without a unit the one that the log's header states holds, and without that the canonical one.
     """
 
+    #: Name of the column in the log; a unit in brackets behind it may be left out.
     source: Annotated[str, Field(alias="from", min_length=1)]
+    #: Unit of the logged numbers; without it that of the header, else that of the key.
     unit: str = ""
+    #: -1 turns the direction that counts as positive.
     sign: Literal[1, -1] = 1
+    #: Factor on the logged number.
     scale: float = 1.0
+    #: Added behind the factor, in `unit`.
     offset: float = 0.0
+    #: "ignored" overrules a header that states a wrong unit.
     header_unit: Literal["must agree", "ignored"] = "must agree"
+    #: Pattern of written times, in the letters of strptime; "excel": days of a spreadsheet.
     time_format: str = ""
+    #: Column that holds the date of a time of day.
     date: str = ""
+    #: The column is a running total, whose differences are the counts.
     accumulated: bool = False
+    #: Number at which a counter or a clock begins again at 0.
     wraps_at: Positive | None = None
+    #: Interval that counts per sample were counted in; without it the time since the row before.
     interval_s: Positive | None = None
 
     @field_validator("unit")
@@ -68,8 +79,11 @@ class ColumnMapping(Table):
 class Site(Table):
     """Where the laboratory, or the place of use, is."""
 
+    #: Geographic latitude, north positive.
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
+    #: Height above the ellipsoid, for gravity from the latitude.
     height_m: float = 0.0
+    #: Local gravity as measured; without it computed from latitude and height.
     gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
 
     def local_gravity(self) -> float | None:
@@ -88,14 +102,23 @@ class Exclude(Table):
     data rows (from 1), lines of the file, positions or stations.
     """
 
+    #: Log, by its file name with or without the suffix.
     log: Annotated[str, Field(min_length=1)]
+    #: Start of the range that is left out, counted from the first row.
     from_s: float | None = None
+    #: End of that range.
     to_s: float | None = None
+    #: Data rows, counted from 1; "7-12" is a range.
     rows: Numbers = ()
+    #: Lines of the file as messages count them; they need not be rows.
     lines: Numbers = ()
+    #: Numbers in the column `position`.
     positions: Numbers = ()
+    #: Numbers in the column `station`.
     stations: Numbers = ()
+    #: Why it is left out; stands in run.json and on the certificate.
     reason: Annotated[str, Field(min_length=1)]
+    #: Who decided it.
     person: Annotated[str, Field(min_length=1)]
 
     @model_validator(mode="after")
@@ -157,16 +180,27 @@ class SecondLogger(Logs):
     In `files`, "{log}" stands for the name of the log that a file belongs to.
     """
 
+    #: Canonical columns that come from this logger.
     provides: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    #: Mapping of its columns, as `[columns]` maps those of the log.
     columns: dict[str, ColumnMapping] = {}
+    #: Offset of its clock: found from a shared quantity, stated, or zero.
     clock: Literal["estimate", "stated", "same"]
+    #: Column of this logger that the log measured too.
     shared: str = ""
+    #: The log's own column of the shared quantity.
     log_column: ColumnMapping | None = None
+    #: Whether the clocks may run at different rates (clock = "estimate").
     drift: bool = True
+    #: Added to the stamps of this logger: positive for a clock that is behind.
     offset_s: float = 0.0
+    #: Rate of its clock less that of the log's (clock = "stated").
     drift_ppm: float = 0.0
+    #: Standard uncertainty of a stated offset.
     standard_uncertainty_s: NonNegative | None = None
+    #: Offsets are searched up to this far from `offset_s`.
     search_s: Positive = 120.0
+    #: Largest standard uncertainty of an offset that is found.
     max_uncertainty_s: Positive = 1.0
 
     @model_validator(mode="after")
@@ -194,10 +228,15 @@ class ErrorComponent(Table):
     the degrees of freedom of that knowledge.
     """
 
+    #: Group of observations that share the error.
     group: Annotated[str, Field(min_length=1)]
+    #: What the error does to them.
     effect: Annotated[str, Field(min_length=1)]
+    #: Standard deviation of the error.
     value: NonNegative
+    #: Unit of `value`; any unit of its kind.
     unit: str
+    #: Degrees of freedom of that knowledge.
     dof: Positive
 
     @field_validator("unit")
@@ -221,7 +260,9 @@ class ErrorComponent(Table):
 class Errors(Table):
     """Errors that observations share: which groups are tried, and which components are known."""
 
+    #: Groups whose shared errors are tried; [] for none.
     groups: Literal["auto"] | Annotated[tuple[str, ...], Field(strict=False)] = "auto"
+    #: "history" pools the components of earlier runs of devices of this `type`.
     source: Annotated[Literal["none", "history"], Field(alias="from")] = "none"
     component: Annotated[tuple[ErrorComponent, ...], Field(strict=False)] = ()
 
@@ -238,9 +279,13 @@ class Errors(Table):
 class Pin(Table):
     """A held condition that the recipe states, in place of those found in the log."""
 
+    #: Log, by its file name with or without the suffix.
     log: Annotated[str, Field(min_length=1)]
+    #: What was held: a temperature, a temperature rate, a table rate, an attitude.
     kind: Literal["soak", "ramp", "rate", "dwell"]
+    #: Start, counted from the first row.
     from_s: float
+    #: End.
     to_s: float
 
     @model_validator(mode="after")
@@ -253,7 +298,10 @@ class Pin(Table):
 class ExportTable(Table):
     """How the corrections of a run become firmware."""
 
+    #: Full scale of an indication, for the second error bound that a C header states.
     full_scale: dict[str, Positive] = {}
+    #: "padded": devices of one model form share a loader; "fitted": terms that are 0 are left
+    #: out.
     layout: Literal["padded", "fitted"] = "padded"
 
 
@@ -268,12 +316,18 @@ class Recipe(Table):
     full_scales: ClassVar[Mapping[str, float]] = {}
     """Indication with its unit → full scale of the firmware where the recipe states none."""
 
+    #: Procedure that fits the logs.
     procedure: str
+    #: Type of device, for pooled components and shared firmware layouts.
     type: str = ""
+    #: Title of the report.
     title: str = ""
+    #: Serial number where --serial states none.
     serial: str = ""
+    #: Temperature at which a drift is zero, clamped to the fitted range.
     reference_temp_degc: Annotated[float, Field(ge=-273.15)] = 25.0
     logs: Logs
+    #: Mapping of columns that have other names, units or signs than the canonical ones.
     columns: dict[str, ColumnMapping] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()

@@ -50,16 +50,28 @@ class TypeB(Table):
     or 1 where the quantity is the result itself. Without `dof` the degrees of freedom are infinite.
     """
 
+    #: Name on the certificate; a term of the profile replaces one of the recipe with the same
+    #: name.
     name: Words
+    #: Canonical column, site value, or result that may be off.
     quantity: Words
+    #: Unit of the size below: one of the quantity's kind, or ppm or % of it.
     unit: Words
+    #: Size as a standard uncertainty.
     standard_uncertainty: Positive | None = None
+    #: Size as half the width of the distribution.
     half_width: Positive | None = None
+    #: Size as an expanded uncertainty, with its coverage factor.
     expanded_uncertainty: Positive | None = None
+    #: Coverage factor k of `expanded_uncertainty`.
     coverage_factor: Annotated[float, Field(ge=1.0)] | None = None
+    #: Distribution; without it rectangular for a half width, else normal.
     distribution: Literal["normal", "rectangular", "triangular", "arcsine"] | None = None
+    #: Degrees of freedom; infinite where not stated.
     dof: Positive | None = None
+    #: Change of `result` for one `unit`; without it the procedure's own derivative.
     sensitivity: float | None = None
+    #: Result that `sensitivity` is of.
     result: str = ""
 
     @field_validator("unit")

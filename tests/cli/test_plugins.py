@@ -320,7 +320,7 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     format of the package, and run.json states the package.
     """
     environment = Environment(tmp_path)
-    environment.follow(ROOT / "docs" / "how_to" / "10_a_format_of_my_own.md")
+    environment.follow(ROOT / "docs" / "how_to" / "format_of_my_own.md")
     run = tmp_path / "runs" / "FOG-0001" / "r001"
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
     validators()["calibkit-run/2"].validate(document)
@@ -350,7 +350,7 @@ def test_the_instrument_of_the_page_is_installed_and_calibrates(tmp_path):
     soaks, and run.json states the package.
     """
     environment = Environment(tmp_path)
-    environment.follow(ROOT / "docs" / "how_to" / "11_an_instrument_of_my_own.md")
+    environment.follow(ROOT / "docs" / "how_to" / "instrument_of_my_own.md")
     run = tmp_path / "runs" / "T-0001" / "r001"
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
     validators()["calibkit-run/2"].validate(document)

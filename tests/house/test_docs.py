@@ -13,15 +13,15 @@ from pathlib import Path
 
 import pytest
 
-from conftest import ROOT, slow_after
+from conftest import ROOT, load_script, slow_after
 from house import pages
 from house.pages import validators
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-PLUGIN_PAGES = {"10_a_format_of_my_own", "11_an_instrument_of_my_own"}
+PLUGIN_PAGES = {"format_of_my_own", "instrument_of_my_own"}
 # run in an environment of their own by test_plugins
 HOW_TO = sorted((ROOT / "docs" / "how_to").glob("*.md"))
-QUICK = {"4_gyro_pair", "3_rate_table"}
+QUICK = {"rate_table", "inclinometer"}
 PAGES = [*TUTORIALS, *(page for page in HOW_TO if page.stem not in PLUGIN_PAGES)]
 PAGES.sort(key=lambda page: page.stem not in QUICK)
 
@@ -70,7 +70,7 @@ def test_a_tutorial_runs_in_a_shell(tmp_path):
     (tmp_path / "datasets").symlink_to(ROOT / "datasets")
     path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    text = (ROOT / "docs" / "tutorials" / "4_gyro_pair.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "tutorials" / "inclinometer.md").read_text(encoding="utf-8")
     script = "".join(block for language, block in pages.BLOCK.findall(text) if language == "sh")
     done = subprocess.run(
         ["bash", "-euc", script],
@@ -154,3 +154,17 @@ def test_the_pages_build_without_a_warning(tmp_path):
         text = page.read_text(encoding="utf-8")
         assert "<math" in text
         assert re.search(r"\\(frac|hat|omega|text)\b|\$\$", text) is None, page.name
+
+
+def test_every_recipe_key_and_every_finding_has_a_sentence():
+    """Pages that are made from the code have no empty cell, and state each finding."""
+    pytest.importorskip("sphinx")
+    reference = load_script(ROOT / "docs" / "reference.py")
+    for part in (reference.describe_keys(), reference.describe_profile()):
+        assert [line for line in part.splitlines() if line.endswith("|  |")] == []
+    findings = reference.describe_findings()
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "calibkit").rglob("*.py"))
+    checks = re.findall(r'Finding\((?:[^()]|\([^()]*\))*?name="(\w+)"', source)
+    assert [
+        name for name in sorted({*checks, "stuck", "aliased"}) if f"| `{name}` |" not in findings
+    ] == []

@@ -65,7 +65,7 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
     assert text.startswith("before\n<!-- measured")
     assert text.endswith("<!-- end of what is measured -->\nafter\n")
     assert "BEFORE" not in text
-    assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 2
+    assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 1
 
 
 def test_calibkits_side_of_every_row_runs():

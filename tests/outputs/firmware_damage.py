@@ -2,7 +2,7 @@
 addresses and undefined behaviour: every bit wrong and every truncation, bursts of wrong bits, and
 mutants whose CRC was made right again. It counts what is accepted, how long the longest load took,
 and by how many tolerances an accepted mutant whose vectors are intact differs from the blob over
-300 calls. The command prints the table of docs/firmware.md.
+300 calls. The command prints what was taken, a row per chain.
 
     PYTHONPATH=.:tests python tests/outputs/firmware_damage.py [COUNT] [SEED]
 

@@ -124,6 +124,7 @@ def find_implausible(
         else:
             fault, due, column = _describe_dwell(dwells, expected, row, by_attitude=by_attitude)
             figure = float(departure[row])
+        # finding implausible: a dwell that its attitude and the other dwells contradict
         findings.append(
             Finding(
                 *(dwells.place[row], fault, due, advice),
@@ -160,6 +161,7 @@ def _find_turned_axes(dwells: DwellSet, spec: AccelerometerRecipe) -> Finding | 
         for axis, k in enumerate(order)
         if k != axis or sign[axis] < 0.0
     )
+    # finding sign: axes of the triad have the wrong sign or order
     return Finding(
         dwells.place[0].rpartition(":")[0],
         f"axes of wrong sign or order: {axes_shown} (as they are, they disagree with the"

@@ -19,28 +19,35 @@ Name = Annotated[str, Field(min_length=1)]
 class Bias(Table):
     """One polynomial: which column, against which, to which order."""
 
+    #: Channel whose bias is fitted.
     indication: Annotated[str, Field(min_length=1)]
+    #: Order of its polynomial.
     order: Annotated[int, Field(ge=0, le=9)]
 
 
 class Polynomials(Table):
     """The polynomials that share an abscissa."""
 
+    #: Column that the biases are polynomials of.
     abscissa: Annotated[str, Field(min_length=1)]
     bias: Annotated[tuple[Bias, ...], Field(min_length=1, strict=False)]
+    #: A log with fewer rows is refused.
     min_rows: Annotated[int, Field(ge=3)] = 10
+    #: A log with a longer gap is refused.
     max_gap_s: Positive = 60.0
 
 
 class BiasAcceptance(Table):
     """Limits on each channel; a limit that is not stated is not tested."""
 
+    #: Residual rms over the noise that the fit measures.
     max_residual_over_noise: Positive | None = None
 
 
 class _DriftOutput(Table):
     """Columns that `apply` adds to the compensated channels."""
 
+    #: Whether `apply` adds the drift that it took off.
     drift: bool = False
 
 
@@ -70,7 +77,9 @@ class BiasTemperatureRecipe(Recipe):
 class _PowerOn(Table):
     """An instant at which the instrument was switched on again within a log."""
 
+    #: Log, by its file name.
     log: Name
+    #: Time of the switch-on, counted from the first row.
     at_s: float
 
 
@@ -79,8 +88,11 @@ class _Withheld(Table):
     the lags.
     """
 
+    #: Log, by its file name.
     log: Name
+    #: Start, counted from the first row.
     from_s: float
+    #: End.
     to_s: float
 
     @model_validator(mode="after")
@@ -93,12 +105,20 @@ class _Withheld(Table):
 class ThermalTable(Table):
     """Channels, choice of their terms, and power-ons."""
 
+    #: Columns whose bias is fitted.
     channels: Annotated[tuple[Name, ...], Field(min_length=1, strict=False)]
+    #: "level": no lags; "lagged": first-order lags; "auto" chooses on left-out stretches.
     model: Literal["auto", "level", "lagged"] = "auto"
+    #: Means that are fitted and that firmware updates by; "auto": 10 s, or the step of a slower
+    #: log.
     interval_s: Positive | Literal["auto"] = "auto"
+    #: A log with fewer rows is refused.
     min_rows: Annotated[int, Field(ge=3)] = 200
+    #: Logs whose temperature changes by less are refused.
     min_span_degc: Positive = 5.0
+    #: A longer gap is a new power-on.
     max_gap_s: Positive = 60.0
+    #: Logs of one power-on, where their clocks do not tell.
     sessions: Annotated[
         tuple[Annotated[tuple[Name, ...], Field(min_length=1, strict=False)], ...],
         Field(strict=False),
@@ -133,12 +153,14 @@ class ThermalTable(Table):
 class _ThermalOutput(_DriftOutput):
     """Columns that `apply` adds to the compensated channels."""
 
+    #: Whether `apply` adds the standard uncertainty of the correction.
     rate_uncertainty: bool = False
 
 
 class _ThermalAcceptance(BiasAcceptance):
     """Limits on each channel; a limit that is not stated is not tested."""
 
+    #: Smallest ratio of the errors on left-out data without and with the model.
     min_reduction: NonNegative | None = None
 
 
@@ -179,26 +201,37 @@ HIGHEST_RATE_ORDER = 5
 class _Checks(Table):
     """Requirements on a log for a fit."""
 
+    #: A log with fewer rows is refused.
     min_rows: Annotated[int, Field(ge=3)] = 100
+    #: Longest gap in a log that is bridged, also by `apply` and firmware.
     max_gap_s: Positive = 60.0
 
 
 class _Segments(Table):
     """Detection of soaks and ramps from the measured rate of the chamber air."""
 
+    #: Window over which the rate of the chamber air is measured.
     slope_window_s: Positive = 60.0
+    #: Smallest rate of a ramp.
     ramp_min_degc_min: Positive = 0.3
+    #: Smallest change of temperature of a ramp.
     ramp_min_span_degc: Positive = 5.0
 
 
 class Denoise(Table):
     """Lifting-wavelet denoising of the indication of each log."""
 
+    #: Whether indications are denoised for the published scheme and the figures.
     enabled: bool = True
+    #: `haar`, `cdf53`, `db2`, `cdf97`, or any discrete wavelet of PyWavelets.
     wavelet: str = "cdf97"
+    #: Levels of the transform.
     levels: Annotated[int, Field(ge=1, le=20)] | Literal["auto"] = "auto"
+    #: Rule that sets the threshold of a level.
     threshold: Literal["universal", "sure", "bayes", "minimax"] = "universal"
+    #: What is done to details beyond the threshold.
     rule: Literal["soft", "hard", "garrote", "firm"] = "firm"
+    #: How the log goes on beyond its ends.
     extension: Literal["trend", "antisymmetric", "symmetric"] = "trend"
 
     @field_validator("wavelet")
@@ -218,19 +251,28 @@ class Drift(Table):
     is that of a_j over the temperature rate.
     """
 
+    #: Drift model; "auto" chooses on left-out ramps, "gradient_rate" is the published scheme.
     model: Literal["auto", "gradient_rate", "level", "lagged", "bank"] = "auto"
+    #: Model interval: means that are fitted and that firmware updates by.
     interval_s: Positive = 10.0
+    #: Published scheme: its equation summed from the start of a ramp, or differences.
     estimate: Literal["levels", "increments"] = "levels"
+    #: Published scheme: order of a_j over the temperature rate.
     order: Annotated[int, Field(ge=0, le=HIGHEST_RATE_ORDER)] | Literal["auto"] = "auto"
+    #: Published scheme: heating and cooling apart, or together.
     sides: Literal["separate", "joint"] = "separate"
+    #: "recursive" keeps the true rate; "one_step", as published, removes it.
     compensation: Literal["recursive", "one_step"] = "recursive"
+    #: Log → temperature rate that was ordered, held against the measured one.
     rates_degc_min: dict[str, float] = {}
 
 
 class _InputAxis(Table):
     """Direction of the gyro's input axis: elevation above horizontal, azimuth from north [°]."""
 
+    #: Elevation above the horizontal, 90 is up.
     elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    #: Azimuth from north; needed where the axis is not vertical.
     azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
 
     @model_validator(mode="after")
@@ -246,8 +288,11 @@ class _InputAxis(Table):
 class _FogAcceptance(_ThermalAcceptance):
     """Acceptance limits of fits and validations; a limit that is None is not tested."""
 
+    #: Largest drift rms after compensation.
     max_drift_rms_dph: Positive | None = None
+    #: Smallest share of the 100 s means of a log within U.
     min_share_within_uncertainty: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    #: Largest departure of the rate gain from 1.
     rate_gain_tolerance: Positive = 1e-3
 
 

@@ -148,6 +148,7 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         present = int(np.count_nonzero(~np.isnan(rate)))
         infinite = int(np.count_nonzero(np.isinf(rate)))
         if present < spec.min_rows or infinite:
+            # finding unusable: too few finite values for a record of noise
             findings.append(
                 Finding(
                     f"{log.file}: column '{column}'",
@@ -175,6 +176,7 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         low, high = chunks.extremes_of_present(values(log.frame, CASE))
         if high - low > STEADY_DEGC:
             # drift is then in every figure of the longer averaging times
+            # finding unsteady_temperature: the case moved during a record of noise
             findings.append(
                 Finding(
                     f"{log.file}: column '{CASE}'",

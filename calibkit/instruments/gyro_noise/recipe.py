@@ -60,12 +60,19 @@ def find_sensor(column: str) -> Sensor:
 class _Noise(Table):
     """Which columns are indications, and what is estimated from them."""
 
+    #: Indications: `gyro_dph`, `gyro_<axis>_dph`, `accel_<axis>_g`.
     columns: Annotated[tuple[Indication, ...], Field(min_length=1, strict=False)] = ("gyro_dph",)
+    #: Averaging times per octave or decade.
     points: Annotated[int, Field(ge=1, le=20)] = 1
+    #: What `points` counts in.
     spacing: Literal["octave", "decade"] = "octave"
+    #: Probability of the confidence limits.
     probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.95
+    #: Orthogonal wavelet of the wavelet deviation.
     wavelet: str = "db2"
+    #: Averaging times of the bias stability.
     bias_stability_s: Annotated[tuple[Positive, ...], Field(strict=False)] = (10.0, 100.0)
+    #: A log with fewer rows is refused.
     min_rows: Annotated[int, Field(ge=64)] = 1000
 
     @field_validator("columns")
@@ -90,14 +97,23 @@ class _Noise(Table):
 class NoiseAcceptance(Table):
     """Limits; one on a term that is not observable is held against what the term can be at most."""
 
+    #: Standard deviation of the record over the noise within 1/32 of it.
     max_residual_over_noise: Positive | None = None
+    #: Largest N of a gyro [°/√h].
     max_angle_random_walk: Positive | None = None
+    #: Largest B of a gyro.
     max_bias_instability_dph: Positive | None = None
+    #: Largest K of a gyro [°/h/√h].
     max_rate_random_walk: Positive | None = None
+    #: Largest bias stability of a gyro.
     max_bias_stability_dph: Positive | None = None
+    #: Largest N of an accelerometer [µg/√Hz].
     max_velocity_random_walk: Positive | None = None
+    #: Largest B of an accelerometer.
     max_bias_instability_mg: Positive | None = None
+    #: Largest K of an accelerometer [mg/√h].
     max_acceleration_random_walk: Positive | None = None
+    #: Largest bias stability of an accelerometer.
     max_bias_stability_mg: Positive | None = None
 
 

@@ -30,21 +30,29 @@ Gyros = Annotated[
 class _TableSpec(Table):
     """Rate table: direction of its axis for positive rates, and source of its reference rate."""
 
+    #: Direction of the table axis for positive rates.
     axis: Literal["up", "down"] = "up"
+    #: Source of the reference rate: the logged rate, or the logged angle.
     reference: Literal["rate", "angle"] = "rate"
 
 
 class PlateauSpec(Table):
     """Criteria of a held rate."""
 
+    #: Shortest held rate.
     shortest_s: Positive = 2.0
+    #: Fewest rows of a held rate.
     shortest_samples: Annotated[int, Field(ge=4)] = 8
+    #: Time behind each change of rate that is left out.
     settle_s: NonNegative = 1.0
+    #: Largest variation of a held rate, as a share of it.
     relative: Positive = 1e-3
+    #: Variation that is allowed at any rate.
     floor_dps: Positive = 1e-4
+    #: Fewest different rates of a log.
     min_rates: Annotated[int, Field(ge=3)] = 3
+    #: Each row is the mean over a held rate.
     one_row: bool = False
-    """Whether each row is the mean over a held rate."""
 
 
 class GyroRecipe(Recipe):
@@ -59,6 +67,7 @@ class GyroRecipe(Recipe):
 
     table: _TableSpec = _TableSpec()
     plateaus: PlateauSpec = PlateauSpec()
+    #: Counts per degree that "before" is judged by; without it the fitted mean.
     nominal_scale_factor: float | None = None
 
     @property
@@ -128,15 +137,20 @@ class GyroRecipe(Recipe):
 class LineAcceptance(Table):
     """Limits on lines; a limit that is not stated is not tested."""
 
+    #: Largest nonlinearity over full scale.
     max_nonlinearity_ppm: Positive | None = None
+    #: Largest asymmetry (GJB 2426A).
     max_asymmetry_ppm: Positive | None = None
+    #: Residuals about the line of a run over the noise of the means.
     max_residual_over_noise: Positive | None = None
 
 
 class OwnAxisRecipe(GyroRecipe):
     """Gyros that are compensated about their own axes, independently of each other."""
 
+    #: "auto" also fits powers of the rate where left-out runs ask for them.
     response: Literal["line", "auto"] = "line"
+    #: What stays in the rate: nothing of the laboratory, or the earth's rate.
     compensation: Literal["laboratory", "inertial"] = "laboratory"
 
     def own_axis(self, gyro: str) -> str:
@@ -156,7 +170,9 @@ class OwnAxisRecipe(GyroRecipe):
 class _OfBoth(Table):
     """A value for each gyro of a pair."""
 
+    #: Value of gyro A.
     a: float
+    #: Value of gyro B.
     b: float
 
 
@@ -165,10 +181,14 @@ class _PairLogs(Table):
     temperature, where runs are not at one temperature.
     """
 
+    #: Log, or pattern of the logs, of the table axis of gyro A.
     axis_a: str = "table_axis_a.csv"
+    #: Log, or pattern of the logs, of the table axis of gyro B.
     axis_b: str = "table_axis_b.csv"
     temperature_coefficients_ppm_degc: _OfBoth | None = None
+    #: Standard uncertainty of stated temperature coefficients.
     temperature_coefficient_uncertainty_ppm_degc: Positive = 5.0
+    #: What a scale factor can change by, where none are stated.
     largest_temperature_coefficient_ppm_degc: Positive = 100.0
 
     @model_validator(mode="after")
@@ -183,8 +203,11 @@ class _PairLogs(Table):
 class PairAcceptance(LineAcceptance):
     """Limits of a pair; a limit that is not stated is not tested."""
 
+    #: Largest change of a scale factor on unseen logs.
     max_scale_factor_error_ppm: Positive | None = None
+    #: Largest standard uncertainty of γ.
     max_gamma_uncertainty: Positive | None = None
+    #: Largest orthogonality error.
     max_orthogonality_error_deg: Positive | None = None
 
 
@@ -209,8 +232,11 @@ class GyroPairRecipe(OwnAxisRecipe):
 class RateTableAcceptance(LineAcceptance):
     """Limits of rate-table runs; a limit that is not stated is not tested."""
 
+    #: Largest change of K on unseen logs.
     max_scale_factor_error_ppm: Positive | None = None
+    #: Largest repeatability over runs.
     max_repeatability_ppm: Positive | None = None
+    #: Largest temperature sensitivity of K.
     max_temperature_sensitivity_ppm_degc: Positive | None = None
 
 
@@ -226,6 +252,7 @@ class RateTableRecipe(OwnAxisRecipe):
     }
 
     procedure: Literal["rate_table"]
+    #: Gyros that the logs hold, by the name in their columns.
     gyros: Gyros = ("x",)
     acceptance: RateTableAcceptance = RateTableAcceptance()
 
@@ -233,17 +260,24 @@ class RateTableRecipe(OwnAxisRecipe):
 class _TriadLogs(Table):
     """Logs of each table axis, by file name patterns."""
 
+    #: Patterns of the logs in which the table turns about x.
     x: Patterns = ("about_x*.csv",)
+    #: Patterns of the logs in which it turns about y.
     y: Patterns = ("about_y*.csv",)
+    #: Patterns of the logs in which it turns about z.
     z: Patterns = ("about_z*.csv",)
 
 
 class TriadAcceptance(LineAcceptance):
     """Limits of gyros over three table axes; a limit that is not stated is not tested."""
 
+    #: Largest orthogonality error.
     max_orthogonality_error_deg: Positive | None = None
+    #: Largest standard uncertainty of an angle.
     max_angle_uncertainty_deg: Positive | None = None
+    #: Largest error of the rate along the turned axis, of full scale.
     max_rate_error_ppm: Positive | None = None
+    #: Largest rate across the turned axis, of full scale.
     max_cross_axis_ppm: Positive | None = None
 
 
@@ -255,6 +289,7 @@ class GyroTriadRecipe(GyroRecipe):
     error_groups: ClassVar[tuple[str, ...]] = ("mounting", "run")
 
     procedure: Literal["gyro_triad"]
+    #: Gyros that the logs hold, by the name in their columns.
     gyros: Gyros = ("x", "y", "z")
     axes: _TriadLogs = _TriadLogs()
     acceptance: TriadAcceptance = TriadAcceptance()

@@ -228,6 +228,7 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], HeldMeans | 
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
         expected = "held rates of the table"
+        # finding held_rates: the table held no rate
         findings.append(Finding(log.file, error.message, expected, advice, name="held_rates"))
         return findings, None
     findings += _find_wrong_rates(spec, log, means)
@@ -266,6 +267,7 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
     if rates.size < rules.min_rates:
         rates_text = ", ".join(f"{rate:.4g}" for rate in rates)
         count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
+        # finding held_rates: the table held too few different rates
         yield Finding(
             log.file,
             f"{count} ({rates_text} °/s) on {means.rate_dps.size} plateaus",
@@ -281,6 +283,8 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
     if not slow.all():
         fast = turn[~slow]
         slower_text = f"the {int(slow.sum())} slower ones" if slow.any() else "none"
+        # finding aliased: the table turns by half a turn or more from row to row, so that its
+        # angle cannot check the rate
         yield Finding(
             place,
             f"the table turns by up to {fast.max():.0f}° from row to row at {fast.size} held rates",
@@ -302,11 +306,14 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
         sign = "one of the two has the other sign: state sign = -1"
         advice = f"{sign if ratio < 0.0 else 'state the unit'} in [columns.{ANGLE}] or"
         advice = f"{advice} [columns.{forms.RATE}]"
+        # finding unit: table angle and table rate are not of one table: another unit or sign
         yield Finding(place, text, "the same rate from both", advice, name="unit", figure=ratio)
         return
     off, left = ratio - 1.0, angle - ratio * rate
     u = float(np.sqrt(left @ left / max(rate.size - 1, 1) / power))
     if spec.table.reference == "rate" and abs(off) > max(LEAST_OFF, CERTAIN * u):
+        # finding rate_and_angle: the logged angle turns at another rate than the logged one, by
+        # more than 3 ppm and five standard uncertainties
         yield Finding(
             place,
             f"it turns at a rate {1e6 * off:+.2g} ± {2e6 * u:.1g} ppm off '{forms.RATE}': by the"
@@ -358,6 +365,7 @@ def _find_late(log: Log, means: HeldMeans, column: str) -> list[Finding]:
     least_rows = 0.9 if np.median(rows_between) >= 1.0 else 1.5
     if abs(delay) < least_rows * log.steps.usual:
         return []
+    # finding late: a gyro comes to the next held rate seconds after the table, or before it
     return [
         finding_of_column(
             log,
@@ -421,6 +429,7 @@ def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterat
                 first, expected = (first, expected) if lost else (a + int(low[0]), F0 + K * rate)
                 lost += low.size
         if lost:
+            # finding dropout: rows in which a gyro indicates nothing while the table turns
             yield check.finding_at_row(
                 log,
                 first,

@@ -166,6 +166,7 @@ def _find_open_stations(
         for number in np.flatnonzero(complete & (np.abs(closure) > limit)).tolist():
             rows = np.flatnonzero(stations == number)
             row = int(rows[0])
+            # finding closure: the four readings of a station do not close: the tool was moved
             findings.append(
                 Finding(
                     f"{log.place(row)}: station {number + 1}: {name}",

@@ -113,6 +113,7 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
             fault = _position_fault(position[rows])
             if fault is not None:
                 line = dwelt.log.line(int(rows[fault[0]]))
+                # finding positions: a station lacks a position or has one twice
                 findings.append(
                     Finding(
                         f"{log.file}:{line}: station {name:g}",
