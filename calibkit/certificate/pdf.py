@@ -13,7 +13,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from calibkit.certificate import plots
 from calibkit.certificate.content import Attachment, Certificate
+from calibkit.certificate.results import Block
 from calibkit.certificate.sheet import sheet
 from calibkit.certificate.words import HEADINGS, SENTENCES, Lang, character_code
 from calibkit.errors import OutputError, RecipeError, UsageError
@@ -93,6 +95,8 @@ def render(
         "attachments": [_describe_attachment(a) for a in certificate.attachments],
         "mark": list(mark),
     }
+    for laid_out, block in zip(data["blocks"], certificate.blocks, strict=True):
+        _add_drawings(laid_out["figures"], block)
     typst = load_typst()
     with _scratch_folder() as folder:
         data["families"] = _families(fonts, Path(folder))
@@ -117,6 +121,13 @@ def render(
                 hint="give a PNG, or a whole SVG without linked images",
             ) from None
     return document if document.endswith(b"\n") else document + b"\n"
+
+
+def _add_drawings(laid_out: list[dict[str, Any]], block: Block) -> None:
+    """Put the drawings of a block's figures beside their words."""
+    size_mm = plots.ALONE_MM if len(laid_out) == 1 else plots.BESIDE_MM
+    for words, figure in zip(laid_out, block.drawn_figures, strict=True):
+        words |= {"svg": plots.draw(figure, size_mm), "width": size_mm[0]}
 
 
 def _describe_attachment(attached: Attachment) -> dict[str, str]:

@@ -1,99 +1,87 @@
-"""Figures as data → what the PDF's template draws: ticks with labels, and curves in shares of the
-plot's width and height.
+"""Figures of a certificate: drawn by matplotlib as those of a report, with the words beside them,
+which the PDF's template sets in the certificate's own fonts.
 """
 
-import math
-from dataclasses import replace
-from typing import Any
+from __future__ import annotations
 
-from calibkit.certificate.results import CertificateFigure, Series
-from calibkit.certificate.words import Lang
+from typing import TYPE_CHECKING, Any
 
-MARGIN = 0.06
-"""Share of a span that is left free around the curves."""
-MOST_TICKS = 6
-STEPS = (1.0, 2.0, 5.0, 10.0)
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from calibkit.certificate.results import CertificateFigure, Series
+    from calibkit.certificate.words import Lang
+
+COLOURS = ("#1d3c5e", "#cc3311", "#228833", "#aa3377", "#996600", "#0077aa")
+MARKS = {"●": "o", "■": "s", "▲": "^", "◆": "D"}
+"""Mark of a curve in a legend, and what matplotlib calls it."""
+ALONE_MM, BESIDE_MM = (120.0, 52.0), (84.0, 46.0)
+"""Width and height of a block's only figure, and of one of several."""
+FONT = "Libertinus Serif"
+"""Font of the numbers at the axes, which is that of the pages."""
+INCH_MM = 25.4
+
+
+def list_curves(figure: CertificateFigure) -> list[Series]:
+    """Curves that have points."""
+    return [series for series in figure.series if series.x]
 
 
 def lay_out_figure(figure: CertificateFigure, lang: Lang) -> dict[str, Any]:
-    """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
-    plotted, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
-    x_span = _span([x for series in plotted.series for x in series.x])
-    y_span = _span([y for series in plotted.series for edge in _edges(series) for y in edge])
+    """JSON object of the words of a figure: title, axes, and a legend of several curves."""
+    curves = list_curves(figure)
+    legend = [
+        [mark, COLOURS[k % len(COLOURS)], series.label.of(lang)]
+        for k, series in enumerate(curves)
+        for mark in [[*MARKS][k % len(MARKS)]]
+    ]
     return {
         "title": figure.title.of(lang),
         "x_label": figure.x_label.of(lang),
         "y_label": figure.y_label.of(lang),
-        "x_ticks": ticks(*x_span),
-        "y_ticks": ticks(*y_span),
-        "series": [_curve(series, x_span, y_span, lang) for series in plotted.series if series.x],
+        "legend": legend if len(curves) > 1 else [],
     }
 
 
-def _logarithmic(figure: CertificateFigure) -> CertificateFigure:
-    """The same figure of decimal logarithms; bars become those of the upper side."""
-    series = []
-    for s in figure.series:
-        x, y = tuple(map(math.log10, s.x)), tuple(map(math.log10, s.y))
-        pairs = zip(s.y, s.y_u, strict=True) if s.y_u else ()
-        y_u = tuple(math.log10((value + u) / value) for value, u in pairs)
-        ends = tuple((math.log10(low), math.log10(high)) for low, high in s.ends)
-        series.append(replace(s, x=x, y=y, y_u=y_u, ends=ends))
-    return replace(figure, series=tuple(series))
+def draw(figure: CertificateFigure, size_mm: tuple[float, float]) -> str:
+    """SVG of a figure without its words: the same for the same figure."""
+    from matplotlib.figure import Figure
+
+    from calibkit.report import figures, svg
+
+    width_mm, height_mm = size_mm
+    with figures.styled():
+        drawing = Figure(figsize=(width_mm / INCH_MM, height_mm / INCH_MM), layout="constrained")
+        ax = drawing.subplots()
+        if figure.log:
+            ax.set(xscale="log", yscale="log")
+            for axis in (ax.xaxis, ax.yaxis):
+                axis.set_major_formatter("{x:g}")
+        else:
+            ax.ticklabel_format(useOffset=False)
+        ax.tick_params(labelsize=7.5)
+        for k, series in enumerate(list_curves(figure)):
+            _draw_curve(ax, series, COLOURS[k % len(COLOURS)], [*MARKS.values()][k % len(MARKS)])
+    figures.settle([drawing])
+    (image,), _ = svg.inline([drawing])
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" font-family="{FONT}"'
+    return image.replace("<svg", head, 1)
 
 
-def _edges(series: Series) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Lower and upper edge of a curve."""
-    if not (series.y_u or series.ends):
-        return series.y, series.y
-    pairs = series.ends or [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=True)]
-    return tuple(low for low, _ in pairs), tuple(high for _, high in pairs)
-
-
-def _curve(
-    series: Series, x_span: tuple[float, float], y_span: tuple[float, float], lang: Lang
-) -> dict[str, Any]:
-    """One series in shares of the plot, y upwards."""
-    low, high = ([_share(y, y_span) for y in edge] for edge in _edges(series))
-    return {
-        "label": series.label.of(lang),
-        "style": series.style,
-        "points": [
-            [_share(x, x_span), _share(y, y_span)] for x, y in zip(series.x, series.y, strict=True)
-        ],
-        "low": low,
-        "high": high,
-        "bars": bool(series.y_u or series.ends),
-    }
-
-
-def _share(value: float, span: tuple[float, float]) -> float:
-    """Place of a value in a span, to a ten-thousandth."""
-    return round((value - span[0]) / (span[1] - span[0]), 4)
-
-
-def _span(values: list[float]) -> tuple[float, float]:
-    """Range of values with a margin; never empty."""
-    low, high = min(values, default=0.0), max(values, default=1.0)
-    width = (high - low) or abs(high) or 1.0
-    return low - MARGIN * width, high + MARGIN * width
-
-
-def _decades(low: float, high: float) -> list[dict[str, Any]]:
-    """Ticks at powers of ten between two logarithms."""
-    return [
-        {"at": _share(k, (low, high)), "label": f"{10.0**k:g}"}
-        for k in range(math.ceil(low), math.floor(high) + 1)
-    ]
-
-
-def _ticks(low: float, high: float) -> list[dict[str, Any]]:
-    """At most six round numbers inside a span, with their places and labels."""
-    scale = 10.0 ** math.floor(math.log10((high - low) / MOST_TICKS))
-    step = next(f * scale for f in STEPS if (high - low) / (f * scale) <= MOST_TICKS)
-    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
-    first, last = math.ceil(low / step), math.floor(high / step)
-    return [
-        {"at": _share(k * step, (low, high)), "label": f"{k * step:.{decimals}f}".replace("-", "−")}
-        for k in range(first, last + 1)
-    ]
+def _draw_curve(ax: Axes, series: Series, colour: str, mark: str) -> None:
+    """One curve or set of points with ± U as bars, of a curve as a band too."""
+    is_line = series.style == "line"
+    ax.plot(
+        series.x,
+        series.y,
+        color=colour,
+        marker=mark,
+        markersize=3.0,
+        linewidth=0.9 if is_line else 0.0,
+    )
+    low_high = series.ends or [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=False)]
+    if low_high:
+        low, high = zip(*low_high, strict=True)
+        ax.vlines(series.x, low, high, color=colour, linewidth=0.6)
+        if is_line and len(series.x) > 1:
+            ax.fill_between(series.x, low, high, color=colour, alpha=0.2, linewidth=0.0)

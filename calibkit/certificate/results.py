@@ -175,6 +175,11 @@ class Block:
         """Every result in the order of printing."""
         return tuple(result for table in self.tables for result in list_results(table))
 
+    @property
+    def drawn_figures(self) -> list[CertificateFigure]:
+        """The figures that have points to draw."""
+        return [figure for figure in self.figures if any(s.x for s in figure.series)]
+
 
 def list_results(table: ListTable | GridTable) -> list[Result]:
     """Every result of a table in the order of printing."""

@@ -34,6 +34,7 @@ from sample_runs import ISSUED, sample_run
 pytest.importorskip("typst")
 pypdf = pytest.importorskip("pypdf")
 
+pytestmark = pytest.mark.drawn
 CHINESE = Path("/usr/share/fonts/truetype/wqy/wqy-zenhei.ttc")
 LANGUAGES = [
     "en",

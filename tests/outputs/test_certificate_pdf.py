@@ -19,6 +19,7 @@ pytest.importorskip("typst")
 pikepdf = pytest.importorskip("pikepdf")
 
 PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
+pytestmark = pytest.mark.drawn
 CHINESE = Path("/usr/share/fonts/truetype/wqy/wqy-zenhei.ttc")
 needs_pdftotext = pytest.mark.skipif(
     shutil.which("pdftotext") is None, reason="pdftotext is not installed"
