@@ -73,18 +73,6 @@ def damage_xml(content, generator):
     return content[:at] + bytes([generator.randrange(256)]) + content[at + 1 :]
 
 
-def damage_pdf(content, generator):
-    """Up to five bytes changed, the end cut off, or bytes put behind."""
-    kind, changed = generator.randrange(4), bytearray(content)
-    if kind == 0:
-        return content[: generator.randrange(len(content))]
-    if kind == 1:
-        return content + generator.randbytes(generator.randrange(1, 40))
-    for _ in range(generator.randrange(1, 6)):
-        changed[generator.randrange(len(changed))] = generator.randrange(256)
-    return bytes(changed)
-
-
 def attack(path, damage, count, seed):
     """Return number of attacks on `verify` and those that were not survived; `damage(generator)`
     makes the bytes of each.

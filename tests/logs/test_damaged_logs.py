@@ -16,7 +16,7 @@ from conftest import slow_after
 from logs.dialects import DIALECTS, NAMES, Clean, Dialect
 
 ROWS = 60
-SEEDED, DRAWN = 1600, 400
+SEEDED = 1600
 PLAIN = "clean CSV"
 
 

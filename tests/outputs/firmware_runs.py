@@ -13,8 +13,6 @@ from calibkit.records import store
 from sample_runs import sample_run
 
 HOWEVER_WELL = ("acceptance.max_residual_over_noise=100",)
-HOWEVER_MOUNTED = ("acceptance.max_residual_rms_g=0.1", "acceptance.max_toolface_error_sin_deg=9.0")
-"""Limits for a correction that leaves how the triad is mounted."""
 RUNS = {
     "lagged": ("fog_thermal", ("drift.model=lagged",)),
     "bank": ("fog_thermal", ("drift.model=bank",)),

@@ -6,14 +6,9 @@ of one recipe; those of 0.2.0 stand in `numbers.json`, and the test compares the
 
 import csv
 import json
-import os
 import re
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
 
 ROOT = Path(__file__).resolve().parents[2]
 FOLDER = ROOT / "tests" / "golden" / "0.2"
@@ -30,13 +25,11 @@ class Sample:
     """How a recipe is used."""
 
     logs: str = ""
-    """Folder of its logs below datasets/; empty: simulated by `warm_up`."""
+    """Folder of its logs below datasets/; empty: a simulated warm-up."""
     withheld: bool = False
     """Whether unseen logs lie in `withheld` there; else the run was fitted to noisier ones."""
     field: str = ""
     """Log that is compensated; empty: the procedure compensates none."""
-    overrides: tuple[str, ...] = ()
-    """Keys of the recipe that are stated."""
     inputs: tuple[str, ...] = ()
     """Points at which results are evaluated, inputs of each divided by blanks."""
     firmware: bool = True
@@ -46,7 +39,6 @@ class Sample:
 
 
 AT_A_POINT = "temp_case=40 accel_x=0.1 accel_y=0.2 accel_z=0.97"
-BIASES = "{indication='gyro_x_dph',order=3},{indication='accel_x_g',order=2}"
 SAMPLES = {
     "accelerometer": Sample("accelerometer", field="positions.csv", inputs=(AT_A_POINT,), runs=1),
     "accelerometer_magnitude": Sample(
@@ -57,7 +49,6 @@ SAMPLES = {
     ),
     AUTOPILOT: Sample(
         field="warm_up_9.csv",
-        overrides=(f"polynomials.bias=[{BIASES}]",),
         inputs=("temp_case=40",),
     ),
     "fog_thermal": Sample(
@@ -73,7 +64,6 @@ SAMPLES = {
         "gyro_triad",
         withheld=True,
         field="withheld/about_x_40.csv",
-        overrides=("site.latitude_deg=34.2",),
         inputs=("temp_case=40",),
         runs=1,
     ),
@@ -90,33 +80,6 @@ SAMPLES = {
     ),
 }
 """Recipe → how it is used."""
-
-
-def warm_up(seed, rows=900):
-    """Log of a gyro and an accelerometer at rest in an instrument that warms up."""
-    rng = np.random.default_rng(seed)
-    time = 2.0 * np.arange(rows)
-    case = 20.0 + 30.0 * (1.0 - np.exp(-time / 500.0)) + 0.5 * np.sin(time / 300.0)
-    gyro = 3.0 + 0.04 * (case - 25.0) + 4e-4 * (case - 25.0) ** 2 + rng.normal(0.0, 0.2, rows)
-    accel = 1e-4 * (case - 25.0) + rng.normal(0.0, 1e-4, rows)
-    rows = (
-        f"{a:.1f},{b:.3f},{c:.5f},{d:.7f}"
-        for a, b, c, d in zip(time, case, gyro, accel, strict=True)
-    )
-    return "\n".join(["time_s,temp_case_degc,gyro_x_dph,accel_x_g", *rows]) + "\n"
-
-
-def noisier(text, seed):
-    """A log with noise of 2e-6 of their largest value on its indications."""
-    header, *rows = csv.reader(text.splitlines())
-    values = np.array([[float(cell) for cell in row] for row in rows])
-    rng = np.random.default_rng(seed)
-    for column, name in enumerate(header):
-        if name.startswith(("gyro", "accel")):
-            size = 2e-6 * np.abs(values[:, column]).max()
-            values[:, column] += rng.normal(0.0, size, len(values))
-    body = (",".join(repr(value) for value in row) for row in values.tolist())
-    return "\n".join([",".join(header), *body]) + "\n"
 
 
 def code_numbers(path):
@@ -228,14 +191,3 @@ def unseen_logs(recipe):
     if not sample.logs:
         return FOLDER / recipe / "unseen"
     return ROOT / "datasets" / sample.logs / ("withheld" if sample.withheld else "")
-
-
-def command_line(*arguments, codes=(0, 1)):
-    """Run calibkit in a process of its own."""
-    environment = {**os.environ, "CALIBKIT_SIGN_PASSPHRASE": "a secret"}
-    command = [sys.executable, "-m", "calibkit", *map(str, arguments)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-    if ended.returncode not in codes:
-        message = f"{' '.join(command)}: exit code {ended.returncode}: {ended.stderr}"
-        raise RuntimeError(message)
-    return ended.stdout
