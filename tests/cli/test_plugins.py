@@ -114,20 +114,6 @@ def test_a_log_in_the_format_of_a_plugin_is_read_and_names_the_plugin(tmp_path, 
     assert set(asdict(plugin)) == {"name", "distribution", "version", "sha256"}
 
 
-def test_the_digest_of_an_editable_installation_is_over_its_sources(tmp_path, install, monkeypatch):
-    """A record that does not list the module: another source is another digest."""
-    digests = []
-    for comment in ("", "# changed\n"):
-        site = install("pairs", READER + comment, version=f"1.{len(digests)}")
-        record = next(site.glob("*.dist-info")) / "RECORD"
-        record.write_text("__editable__.pairs_reader.pth,,\n", encoding="utf-8")
-        (site / "__editable__.pairs_reader.pth").write_text("/somewhere", encoding="utf-8")
-        plugins.installed.cache_clear()
-        digests.append(read(tmp_path, PAIRS, format="pairs").plugins[0].sha256)
-        monkeypatch.delitem(plugins.sys.modules, "pairs_reader")
-    assert digests[0] != digests[1]
-
-
 @pytest.mark.parametrize(
     ("source", "found"),
     [
@@ -192,16 +178,6 @@ def test_what_calibkit_reads_by_itself_no_plugin_takes(tmp_path, install):
     for content in (b"time_s,gyro_dph\n0,1\n1,2\n", b"time_s;gyro_dph\n0,5;1\n1,5;2\n"):
         assert read(tmp_path, content).plugins == ()
     assert read(tmp_path, b"time_s,gyro_dph\n0,1\n", format="csv").plugins == ()
-
-
-def test_a_log_that_nothing_recognises_is_refused_as_without_plugins(tmp_path, install):
-    """The message is that of calibkit's own readers."""
-    with pytest.raises(LogFormatError) as alone:
-        read(tmp_path, b"\0\1\2\3")
-    install("pairs", READER)
-    with pytest.raises(LogFormatError) as together:
-        read(tmp_path, b"\0\1\2\3")
-    assert str(alone.value) == str(together.value)
 
 
 def test_whatever_a_reader_raises_is_an_error_of_the_log(tmp_path, install):

@@ -7,7 +7,6 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import forms, published
-from calibkit.instruments.accelerometer.equation import read_terms
 
 RNG = np.random.default_rng(17)
 INDICATION = RNG.uniform(-1.0, 1.0, (7, 3))
@@ -124,27 +123,6 @@ def test_the_gradient_is_the_derivative_of_the_result(name):
         slope = (moved[0] - moved[1]) / (2.0 * step)
         scale = np.abs(slope).max()
         np.testing.assert_allclose(gradient[..., column], slope, atol=1e-6 * scale + 1e-9)
-
-
-def test_units_follow_from_the_power_of_the_temperature():
-    """1/°C to a power for scale factors, g per that for zero offsets, 1/g for second orders."""
-    assert (
-        *("1", "1/degC", "1/degC2", "1/degC3"),
-        *("g", "g/degC", "g/degC2", "g/degC3"),
-        *("1", "1"),
-    ) == published.K_UNITS
-    units = {
-        "c_xy": "1",
-        "d_xy": "1/degC",
-        "k_z1": "1/degC",
-        "z_x2": "g/degC2",
-        "n_x_xy": "1/g",
-        "n_z_zzz": "1/g2",
-        "tilt_north_rad": "rad",
-        "fixture_x_rad": "rad",
-    }
-    terms = read_terms(tuple(units))
-    assert dict(zip(terms.names, terms.units, strict=True)) == units
 
 
 @pytest.mark.parametrize("wrong", ["coefficient", "covariance", "residual"])

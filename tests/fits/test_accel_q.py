@@ -11,7 +11,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import published
 from calibkit.instruments.accelerometer.equation import name_terms
 from calibkit.numeric import attitude
-from fits.triad_dwells import collect, expanded, fit_triad, recipe, values
+from fits.triad_dwells import collect, fit_triad, recipe, values
 
 AUTHORITY = json.loads((Path(__file__).parents[1] / "authorities" / "accel_q.json").read_text())
 AXES = np.array(AUTHORITY["axes"])
@@ -60,12 +60,6 @@ def test_published_matrices_come_out_of_the_axes():
     np.testing.assert_allclose(small_angle_matrix(q), AUTHORITY["Q_small_angle"], atol=1e-12)
 
 
-def test_exact_correction_gives_the_true_components():
-    """Components measured along the axes of the worked example become orthogonal ones to 1e-12."""
-    corrected = np.array(AUTHORITY["measured"]) @ EXACT.T
-    np.testing.assert_allclose(corrected, AUTHORITY["true"], atol=1e-12)
-
-
 def test_exact_form_is_the_published_recursion():
     """The matrix does what v1, v2, v3 say, line by line."""
     for m in np.array(AUTHORITY["measured"]):
@@ -109,15 +103,6 @@ def test_fit_recovers_a_triad_in_a_fixture():
     np.testing.assert_allclose(turned_axes, axes @ rotation, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(sensitivity, axis=1), scale, rtol=1e-12)
     np.testing.assert_allclose(z / k, bias, atol=1e-12)
-
-
-def test_intervals_of_q_cover_the_truth():
-    """Over simulated sets the 95 % intervals of Q1, Q2, Q3 cover 93 to 97 %."""
-    rng = np.random.default_rng(1)
-    indicated = 1.02 * (REFERENCE @ published.axes_from_angles(Q).T) + 0.01
-    fits = [fit_q(indicated + rng.normal(0.0, 2e-5, REFERENCE.shape))[0] for _ in range(100)]
-    covered = [np.abs(values(q) - Q) <= expanded(q) for q in fits]
-    assert 0.93 <= np.mean(covered) <= 0.97
 
 
 def test_a_reversed_axis_is_refused():

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import t
 
 from calibkit.errors import FrameError, RecipeError
-from calibkit.instruments.accelerometer import forms, shared_errors
+from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.corrections import Correction, DwellErrors
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.findings import remark_on_dwells
@@ -215,13 +215,6 @@ def test_a_component_that_is_stated_narrows_the_interval():
     alone, given = (fit_triad(measured, spec).k[0].coefficients[4] for spec in (PLAIN, known))
     assert alone.effective_dof < 20.0
     assert given.effective_dof > 100.0
-
-
-def test_a_temperature_that_is_visited_twice_is_two_soaks():
-    """Up and down again: the second visit has a zero of its own."""
-    temperature = np.repeat([0.0, 50.0, 0.0], 6)
-    soak = shared_errors.number_soaks(temperature, np.zeros(18, dtype=np.int64))
-    assert np.array_equal(soak, np.repeat([0, 1, 2], 6))
 
 
 def test_a_single_soak_cannot_show_how_another_differs():

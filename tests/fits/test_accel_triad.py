@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scipy.spatial.transform import Rotation
 
-from calibkit.errors import FitError
 from calibkit.fit.complex_step import derivative
 from calibkit.instruments.accelerometer.equation import AXES, name_terms, read_terms
 from calibkit.instruments.accelerometer.triad import solve_triad
@@ -184,28 +183,6 @@ def test_covariance_of_the_correction_is_that_of_many_fits():
         stated.append(np.mean(np.einsum("nip,pq,niq->ni", slopes, triad.fit.covariance, slopes)))
     scatter = np.mean(np.var(corrected, axis=0, ddof=1))
     assert scatter == pytest.approx(np.mean(stated), rel=0.12)
-
-
-def test_lengths_alone_give_scale_and_zero_over_temperature():
-    """Without attitudes, a triangular model over temperature is within 4 u of its truth, a wild
-    dwell is named, and one temperature is refused.
-    """
-    lengths = recipe(loss="least_squares", reference={"kind": "magnitude"})
-    terms = of_orders(2, 0, 2, triangular=True)
-    truth = drawn(terms, 12)
-    indicated = indications(terms, truth, REFERENCE, 13)
-
-    def fitted(temperature, loss):
-        return solve_triad(collect(indicated, temperature), terms, lengths, loss=loss)
-
-    triad = fitted(TEMPERATURE, "least_squares")
-    assert np.max(np.abs(scores(triad, truth))) < 4.0
-    assert triad.residuals.shape == (len(ROWS), 1)
-    wandering = 25.0 + np.random.default_rng(14).uniform(-0.2, 0.2, len(ROWS))
-    with pytest.raises(FitError, match="1 distinct temperatures do not determine order 2"):
-        fitted(wandering, "least_squares")
-    indicated[5] *= 1.5
-    assert fitted(TEMPERATURE, "robust").suspects == (5,)
 
 
 FACES = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)], dtype=float)

@@ -223,23 +223,6 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
     assert bounds["Q1_low_95"] < again[0] < bounds["Q1_high_95"]
 
 
-def test_apply_clamps_the_temperature_and_says_so(tmp_path, calibkit, log_writer):
-    """A dwell at 200 °C is corrected as at the calibration's hottest and flagged."""
-    log_writer(tmp_path / "logs" / "positions.csv", **vector_columns())
-    fit(calibkit, tmp_path / "logs", tmp_path / "runs")
-    hot = log_writer(
-        tmp_path / "hot.csv",
-        temp_case_degc=[200.0, 125.0],
-        accel_x_g=[0.1] * 2,
-        accel_y_g=[0.2] * 2,
-        accel_z_g=[0.9] * 2,
-    )
-    applied = calibkit("apply", "A", runs=tmp_path / "runs", data=hot, out=tmp_path / "o.csv")
-    assert "clamped to -20.0 … 125.0 °C over 50.0 %" in applied.err
-    found = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
-    assert found["accel_x_g"][0] == found["accel_x_g"][1]
-
-
 @pytest.mark.parametrize(
     ("setting", "words"),
     [

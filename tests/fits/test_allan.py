@@ -221,18 +221,6 @@ def test_limits_of_the_wavelet_deviation_cover_its_mean(case, wavelet):
     assert np.all(curves[0].dof <= 1.5 * 600.0 / curves[0].factor)
 
 
-def test_flicker_phase_noise_is_a_type_of_its_own():
-    """Differences of an angle that flickers are neither quantization nor angle random walk, and
-    their degrees of freedom are at most those of angle random walk.
-    """
-    angle = flicker(np.random.default_rng(45), 20_000, 1.0)
-    curve = allan.overlapping(np.diff(angle), 1.0)
-    assert set(curve.noise[:3]) == {"flicker_phase_noise"}
-    runs = np.array([angle.size - 1])
-    white = [confidence.equivalent_dof(m, runs, "angle_random_walk") for m in curve.factor.tolist()]
-    assert np.all(curve.dof[:3] <= white[:3])
-
-
 @pytest.mark.parametrize("symbol", ["Q", "N", "B", "K", "QNK"])
 def test_noise_types_are_those_of_the_peer(symbol):
     """At every averaging time with 30 blocks and more the type is that of allantools' lag-1 test
@@ -246,15 +234,6 @@ def test_noise_types_are_those_of_the_peer(symbol):
         if 8192 // factor >= 30:
             exponent = allantools.autocorr_noise_id(rate, factor, data_type="freq")[0]
             assert noise == confidence.TYPES[2 - min(max(exponent, -2), 2)], factor
-
-
-def test_gaps_do_not_pass_for_noise():
-    """A random walk of which every seventh sample is missing is still one, at the averaging times
-    between its gaps.
-    """
-    rate = record(np.random.default_rng(44), 20_000, 1.0, K=0.1)
-    rate[::7] = np.nan
-    assert set(allan.overlapping(rate, 1.0).noise) == {"rate_random_walk"}
 
 
 def test_limits_of_a_noise_follow_from_chi_square():
@@ -411,17 +390,6 @@ def test_every_term_comes_back_from_its_own_curve_in_its_own_unit():
         "R": "deg/h/h",
     }
     assert units == expected
-
-
-def test_terms_mixed_in_one_curve_come_apart():
-    """Quantization, angle random walk, bias instability and rate random walk together come back to
-    nine digits.
-    """
-    truth = {"N": 0.002, "B": 0.05, "K": 0.3, "Q": 0.1}
-    fit = fit_noise(exact_curve(**truth))
-    assert {term.symbol: pytest.approx(term.value, rel=1e-8) for term in fit.terms} == truth
-    assert fit.misfit < 1e-12
-    np.testing.assert_allclose(fit.model, exact_curve(**truth).deviation, rtol=1e-9)
 
 
 def test_values_scale_with_the_rate_and_with_time():

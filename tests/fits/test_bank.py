@@ -13,7 +13,7 @@ from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.thermal import fits, left_out
 from calibkit.numeric.thermal.pooled_fit import thermal_blocks
 from calibkit.numeric.thermal.terms import TERMS, Valid
-from conftest import ROOT, load_script, slow_after
+from conftest import ROOT, load_script
 from fits.drift_fits import on_levels
 
 BANK = [one for one in choice.CANDIDATES if one.form == "bank"]
@@ -279,23 +279,3 @@ def test_a_posterior_is_that_of_dense_normal_equations():
 
     apart = restricted(variances) - restricted(np.array([1.0, 0.5, 1.0]))
     assert value - other == pytest.approx(apart - 0.5 * float(np.sum((theta / 3.0) ** 2)), rel=1e-9)
-
-
-@pytest.mark.parametrize("seed", slow_after(1, [714_103, 714_109, 714_111]))
-def test_white_noise_is_what_the_fit_leaves(seed):
-    """Three gyros whose second differences show 11 to 15 % less white noise than there is: the rest
-    is not taken for flicker noise, which is 0.0005 to 0.002 °/h and is stated below 0.01 °/h.
-    """
-    _, found = fitted(seed)
-    assert found.model.noise.flicker < 0.01
-
-
-def test_the_search_for_variances_ends_at_the_largest_evidence():
-    """No variance of a fitted bank can be changed by a tenth to a larger evidence."""
-    coil = plant().draw(204)
-    stacked = choice.Stack.of_logs(blocks(plant().campaign(coil, 204)))
-    found = bank_fit.solve(bank_fit.state_problem(fits.level_basis(stacked).rows))
-    best = found.posterior
-    for step in 0.1 * np.concatenate([np.eye(best.theta.size), -np.eye(best.theta.size)]):
-        there = evidence.condition(found.gram, found.problem.prior, best.theta + step)[2]
-        assert there < best.log_evidence + 0.01

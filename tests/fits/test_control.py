@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
 
 from calibkit.numeric import control
 from conftest import slow_after
@@ -54,24 +53,6 @@ def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
     assert control.Control.chart(values).outliers[0] == 13
     assert set(control.Control.chart(values).outliers) == {2, 5, 7, 11, 13}
     assert np.max(np.abs(values - values.mean())) / values.std(ddof=1) < control._limit(20)
-
-
-@given(
-    values=st.lists(st.floats(-1e3, 1e3, allow_subnormal=False), min_size=1, max_size=40),
-    scale=st.sampled_from([-4.0, 0.5, 1024.0]),
-)
-def test_the_unit_of_a_figure_changes_nobodys_z(values, scale):
-    """A change of scale by a power of two scales centre and sigma exactly and leaves the z but for
-    their sign.
-    """
-    one, other = (
-        control.Control.chart(np.array(values)),
-        control.Control.chart(scale * np.array(values)),
-    )
-    assert other.centre == scale * one.centre
-    assert other.sigma == abs(scale) * one.sigma
-    np.testing.assert_array_equal(other.z, np.sign(scale) * one.z)
-    assert set(one.outliers) == set(other.outliers)
 
 
 def test_the_limit_falls_while_the_spread_gets_known_and_rises_with_the_number_of_chances():

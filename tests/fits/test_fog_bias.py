@@ -3,15 +3,13 @@ in a run of fog_thermal.
 """
 
 import json
-from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import RecipeError
-from calibkit.instruments.bias import at_rest as bias, certificate
+from calibkit.instruments.bias import certificate
 from calibkit.numeric import earth
 from calibkit.records import store
 from calibkit.results.evaluation import RunResults
@@ -122,17 +120,6 @@ def test_without_a_model_on_levels_no_rate_at_rest_is_stated(calibkit, campaign,
     assert any("no rate at rest and no bias are stated" in flag for flag in document["flags"])
 
 
-def test_a_reference_beyond_the_fitted_temperatures_is_said(calibkit, campaign, tmp_path):
-    """400 °C: the rate is that of the warmest fitted temperature and the run says so; below
-    absolute zero is refused.
-    """
-    arguments = ("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
-    outcome = calibkit(*arguments, "--set", "reference_temp_degc=400.0")
-    assert outcome.code == 0, outcome.err
-    assert "reference_temp_degc = 400 lies outside the fitted temperatures" in outcome.out
-    assert calibkit(*arguments, "--set", "reference_temp_degc=-300.0").code == 2
-
-
 def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
     """0.5° at 34.2° are 0.5 π/180 · 15.04 cos 34.2° = 0.109 °/h, combined with type A."""
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
@@ -211,30 +198,3 @@ def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit
     before, left = (found[f"hysteresis{side}_at_22.5_degc"] for side in ("_before", ""))
     assert before["value"] == pytest.approx(0.4 * (1.0 - 2.5 / 20.0), abs=0.05)
     assert 4.0 * left["standard_uncertainty"] < left["value"] < before["value"]
-
-
-def stair(steps_degc, minutes):
-    """What a log knows of a stair of soaks of some minutes with ramps of 5 °C/min between them."""
-    case, ramps = [np.full(6 * minutes, steps_degc[0])], []
-    for low, high in pairwise(steps_degc):
-        ramp = np.linspace(low, high, int(6 * abs(high - low) / 5.0))
-        first = sum(map(len, case))
-        ramps.append(SimpleNamespace(start=first, stop=first + ramp.size))
-        case += [ramp, np.full(6 * minutes, high)]
-    whole = np.concatenate(case)
-    raw = SimpleNamespace(case=whole, time=10.0 * np.arange(whole.size))
-    return SimpleNamespace(raw=raw, ramps=ramps)
-
-
-def test_where_the_drift_at_rest_was_observed_is_said(run):
-    """Soaks at the ends, as the sample has them, say nothing of an anomaly between; soaks every
-    10 °C do; a stop of two minutes is no soak.
-    """
-    flags = json.loads((run / "run.json").read_text(encoding="utf-8"))["flags"]
-    assert sum("the drift at rest was observed at -37, 63 °C" in flag for flag in flags) == 1
-    assert bias._say_where_observed([stair([-20.0, -10.0, 0.0, 10.0], 60)]) == []
-    (said,) = bias._say_where_observed([stair([-20.0, 0.0, 50.0], 60)])
-    assert "at -20, 0, 50 °C" in said
-    assert "narrower than 50 °C" in said
-    (said,) = bias._say_where_observed([stair([-20.0, 0.0], 60), stair([0.0, 10.0, 30.0], 2)])
-    assert "at -20, 0 °C" in said

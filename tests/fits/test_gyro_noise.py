@@ -205,33 +205,6 @@ def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
     assert (run.folder / "report.html").read_bytes().startswith(b"<!DOCTYPE html>")
 
 
-@pytest.mark.parametrize(
-    ("column", "factor", "said"),
-    [
-        ("gyro_dph", 1.0 / 3600.0, 'unit = "deg/s"'),
-        ("time_s", 1000.0, 'unit = "ms"'),
-        ("time_s", 1.0, ""),
-    ],
-)
-def test_a_record_in_another_unit_is_suspected(
-    calibkit, tmp_path, log_writer, column, factor, said
-):
-    """A simulated record in °/s, or with its time in ms, names the unit; as it was made nothing is
-    said of units.
-    """
-    from calibkit.instruments.gyro_noise import simulate as gyro_noise
-
-    text = gyro_noise.campaign(5, hours=1.0).files()["static.csv"].decode().splitlines()
-    data = np.array([row.split(",") for row in text[1:]], dtype=float)
-    columns = dict(zip(text[0].split(","), data.T, strict=True))
-    log_writer(tmp_path / "logs" / "a.csv", **columns | {column: columns[column] * factor})
-    document = calibkit("check", "gyro_noise", "--data", tmp_path / "logs", "--json").json
-    found = [
-        entry for log in document["logs"] for entry in log["findings"] if entry["name"] == "unit"
-    ]
-    assert [said in str(entry) for entry in found] == [True] * bool(said)
-
-
 def states(run):
     """Tables and figures of a run on its certificate."""
     stated = Stated(run.records, TypeBTerms(()), (), 25.0)

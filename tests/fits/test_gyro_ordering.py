@@ -52,20 +52,6 @@ def test_time_and_response_are_told_apart_and_k_is_within_its_half_width(decisio
         assert abs(line + found.shift - K) <= found.half_width + 0.8e-6 * K
 
 
-def test_without_times_or_with_an_unknown_effect_of_temperature_nothing_is_decided():
-    """No hours, or a run that warms by 1 °C at one temperature: None."""
-    rows, _ = runs(0, warming=200e-6)
-    zero = rows.line
-    unlogged = equation.RateRows(
-        rows.rate_dps, rows.indication, rows.run, rows.row_degc, np.zeros(51), zero, zero
-    )
-    assert ordering.decide(unlogged, rows.indication) is None
-    warm = equation.RateRows(
-        rows.rate_dps, rows.indication, rows.run, 25.0 + rows.hours * 6.0, rows.hours, zero, zero
-    )
-    assert ordering.decide(warm, rows.indication) is None
-
-
 def test_a_sine_with_its_powers_is_a_response():
     """A gyro without feedback, bent by 3 % at the fastest rate: the powers to the fifth that its
     equation has are the response, and K stays that of the line.

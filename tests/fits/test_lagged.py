@@ -237,15 +237,6 @@ def test_evaluation_at_1_hz_agrees_with_evaluation_on_blocks():
     assert fast[::10] == pytest.approx(slow, abs=1e-9)  # °/h
 
 
-def test_the_drift_knows_no_future():
-    """Two logs that are equal up to an instant have equal drift up to it."""
-    model = fit_lagged(campaign())
-    time, case = case_of(6.0, 4000.0)
-    other = np.where(time > 2000.0, case + 5.0, case)
-    a, b = (bank.evaluate(model, time, x, x).drift for x in (case, other))
-    assert np.array_equal(a[time <= 2000.0], b[time <= 2000.0])
-
-
 def test_sensitivities_are_the_derivatives_of_the_drift():
     """A coefficient or a lag moved by a millionth moves the drift as stated."""
     from dataclasses import replace

@@ -78,22 +78,6 @@ def test_any_attitude_comes_back_through_the_root_that_c_labels(attitude):
     assert abs(wrapped(np.degrees(back[0]) - psi)) < 1e-6 / abs(C)
 
 
-@given(ATTITUDES)
-@settings(max_examples=100, deadline=None)
-def test_a_computed_azimuth_agrees_with_the_root_it_came_from(attitude):
-    """C of either root's azimuth has that root's sign: C labels and cannot choose."""
-    theta, phi, psi, latitude, s = attitude
-    gravity, rate = forward(theta, phi, psi, latitude, s)
-    x, y = gravity[:1], gravity[1:2]
-    found = published.attitude(x, y)
-    plus, minus, _ = published.scale_roots(rate[:1], rate[1:2], found, latitude)
-    for root, sign in ((plus, 1.0), (minus, -1.0)):
-        if plus[0] - minus[0] < 2e-3 or root[0] <= 0.0:
-            continue
-        own = published.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
-        assert sign * published.root_label(found.inclination, own, latitude)[0] > -1e-9
-
-
 @pytest.mark.parametrize("sensor", ["x", "y"])
 def test_four_differences_cancel_a_constant_bias(sensor):
     """Readings of one sensor in four positions, by matrices, with a bias: the components of the

@@ -78,25 +78,6 @@ def prior_of(count, s=1.0, u=0.01):
     return root_choice.ScalePrior(np.full(count, s), np.full(count, u))
 
 
-@pytest.mark.parametrize("sensor", ["x", "y"])
-@pytest.mark.parametrize(
-    "station", STATIONS, ids=lambda station: f"theta {station['expected']['inclination_deg']:g}"
-)
-def test_the_worked_examples_are_solved_without_being_told_the_root(station, sensor):
-    """From a prior of 1 ± 0.01 the right root is chosen; without noise s and ψ come back to
-    1e-9.
-    """
-    parts = replace(vector_components(station, sensor), covariance=np.full((1, 4, 4), 0.0))
-    found = solved(parts, station["latitude_deg"], prior_of(1))
-    expected = station["expected"]
-    assert found.status == ("",)
-    assert found.s[0] == pytest.approx(expected["s"], abs=1e-9)
-    assert abs(wrapped(found.azimuth_deg[0] - expected["azimuth_deg"])) < 1e-9
-    assert label_of(found, station["latitude_deg"])[0] == pytest.approx(expected["C"], abs=1e-9)
-    assert found.root[0] == (1 if expected["C"] > 0.0 else -1)
-    assert found.weight[0] == 1.0
-
-
 def test_of_two_positive_roots_the_prior_chooses():
     """The station of roots 3.32 and 1.003: a prior of 1 takes the −, a prior of 3.3 the + root."""
     station = STATIONS[8]

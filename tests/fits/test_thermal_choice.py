@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.bias import (
-    at_rest,
     compensate,
     simulate_fog as fog,
 )
@@ -26,7 +25,7 @@ from calibkit.numeric.thermal.left_out import Candidate, LeftOutErrors
 from calibkit.numeric.thermal.pooled_fit import BlockNoise
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
-from fits.drift_fits import block_log, fit_lagged, fit_level
+from fits.drift_fits import block_log, fit_level
 
 INTERVAL_S = 10.0
 WITHHELD = "withheld/"
@@ -357,21 +356,3 @@ def test_noise_is_told_into_white_and_flicker():
 
 
 # hysteresis
-
-
-def test_hysteresis_is_shown_by_cooling_against_heating():
-    """A play of 20 % of the drift, which no model has, stands out ten times of the same gyro's
-    without.
-    """
-    some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
-    terms = ("b0", "b1", "b2", "b3")
-    shown, quiet = (
-        at_rest.compare_directions(
-            fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs)
-        )
-        for logs in (some, none)
-    )
-    assert shown.temperature.size > 15
-    assert np.all(np.diff(shown.temperature) > 0.0)
-    assert np.max(np.abs(shown.difference / shown.standard_uncertainty)) > 2.5
-    assert shown.rms > quiet.rms

@@ -27,16 +27,6 @@ def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
         assert dispersion.median(values) == np.median(values)
 
 
-@pytest.mark.parametrize("size", [2, 5, 200_000])
-def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
-    """Shortest, longest and median step; of one row they are unknown."""
-    time = np.cumsum(np.random.default_rng(size).uniform(0.5, 1.5, size))
-    time[size // 2 :] += 20.0
-    step = np.diff(time)
-    assert intervals.Steps.find(time) == intervals.Steps(step.min(), step.max(), np.median(step))
-    assert np.isnan(intervals.Steps.find(time[:1]).usual)
-
-
 @given(st.lists(st.booleans(), max_size=80))
 @settings(max_examples=100, deadline=None)
 def test_runs_of_a_mask_are_those_of_a_loop(chosen):

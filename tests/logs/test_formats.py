@@ -73,23 +73,6 @@ def test_a_byte_that_does_not_fit_is_never_replaced(tmp_path, raw, pins, fragmen
     assert fragment in str(refused.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "encoding"),
-    [
-        ("T (°C);b", "cp1252"),
-        ("Gehäuse;Größe", "cp1252"),
-        ("温度(℃);电压", "gb18030"),
-        ("µg;m/s²", "cp1252"),
-    ],
-)
-def test_degree_signs_are_not_taken_for_chinese(tmp_path, text, encoding):
-    """`°C` in Windows-1252 is also a character of GB18030; the header comes out as it was
-    written.
-    """
-    table = read(tmp_path, f"{text}\n1;2\n3;4\n".encode(encoding), format="text", needed=())
-    assert list(table.frame.columns) == text.split(";")
-
-
 def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
     """Without a header nothing stands above the rows: a first row with a field too many or too few
     is refused.

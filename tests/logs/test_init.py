@@ -226,55 +226,6 @@ def test_a_log_without_names_gets_names_from_its_numbers(tmp_path, calibkit):
     assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
 
 
-def workbook_of(sheets):
-    """Bytes of a workbook with these sheets."""
-    import openpyxl
-
-    book = openpyxl.Workbook()
-    book.remove(book.active)
-    for name, rows in sheets.items():
-        sheet = book.create_sheet(name)
-        for row in rows:
-            sheet.append(list(row))
-    return dialects.saved(book.save)
-
-
-def test_a_workbook_with_several_sheets_gets_a_recipe(tmp_path, calibkit):
-    """The sheet that a procedure recognises is taken and named, the others are listed; --sheet
-    takes another.
-    """
-    time, *_, rate, case = imu()
-    runs = {
-        name: [("time_s", "temp_case_degc", "gyro_dph"), *zip(time, case, rate + k, strict=True)]
-        for k, name in enumerate(("Run 1", "Run 2"))
-    }
-    notes = {"Limits": [("name", "limit"), ("bias", 3.0), ("noise", 0.1)]}
-    (tmp_path / "a.xlsx").write_bytes(workbook_of(notes | runs))
-    text = proposed(calibkit, tmp_path)
-    assert tomllib.loads(text)["logs"]["table"] == "Run 1"
-    outcome = calibkit("init", "--from", tmp_path, "--sheet", "Run 2")
-    assert tomllib.loads(outcome.out)["logs"]["table"] == "Run 2"
-    (tmp_path / "r.toml").write_text(outcome.out, encoding="utf-8")
-    assert calibkit("check", tmp_path / "r.toml", "--data", tmp_path).code == 0
-
-
-@pytest.mark.parametrize(
-    ("name", "unit"),
-    [
-        ("case temp degF", "degF"),
-        ("case_temp_degf", "degF"),
-        ("Case temp K", "K"),
-        ("time ms", "ms"),
-        ("table angle rad", "rad"),
-        ("K", ""),
-        ("gyro x", ""),
-    ],
-)
-def test_the_last_of_several_words_of_a_name_states_the_unit(name, unit):
-    """Words apart by a blank as well as by a low line; a name of one word is a name."""
-    assert LogColumn(name, "").stated == unit
-
-
 @pytest.mark.parametrize(
     ("names", "canonical"),
     [

@@ -224,19 +224,3 @@ def test_logs_in_degf_are_told_by_their_names_or_the_ends_of_others(measured, na
     assert {(file.removesuffix(".csv"), found.severity) for file, found in told} == {
         (name, "refuse") for name in names
     }
-
-
-def test_half_of_the_ramps_in_degf_is_refused(ramps, tmp_path, calibkit):
-    """Both thermometers of each second ramp in °F: the fit took them, and check said nothing."""
-    mixed = {
-        name: fahrenheit(columns) if k % 2 else columns
-        for k, (name, columns) in enumerate(sorted(ramps.items())[:4])
-    }
-    data = logs(mixed, tmp_path / "logs", dict)
-    outcome = calibkit("check", "fog_thermal", "--data", data, "--details")
-    assert outcome.code == 3
-    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path / "runs")
-    assert fitted.code == 3
-    for name in sorted(mixed)[1::2]:
-        assert f"{name}: column 'temp_case_degc'" in fitted.err

@@ -11,7 +11,6 @@ from dataclasses import replace
 import pytest
 
 from calibkit import instruments
-from calibkit.errors import CoefficientError
 from calibkit.firmware import blob, c_code, chain, export, formats
 from calibkit.recipe import tables
 from conftest import ROOT, slow_after
@@ -213,30 +212,6 @@ def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(
         ]
         content[offset] = new if content[offset] != new else new + 1
     assert built(export, tmp_path)(sealed(bytes(content))).split()[1:] == [str(reason), "1"]
-
-
-def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
-    """The description names unit and counts; a flipped bit, a changed coefficient with a right CRC
-    and a text are refused.
-    """
-    export = export_of("gradient", "f64", tmp_path_factory)
-    content = blob.render(export)
-    said = blob.verify("unit.bin", content)
-    assert f"{blob.shape(export.program).numbers} numbers" in said
-    assert f"{len(export.vectors.status)} vectors recomputed" in said
-    flipped = bytearray(content)
-    flipped[200] ^= 1
-    with pytest.raises(CoefficientError, match="its length or CRC"):
-        blob.verify("unit.bin", bytes(flipped))
-    tables = [name for name, _ in blob.shape(export.program).tables]
-    lengths = dict(blob.shape(export.program).tables)
-    skip = sum(lengths[name] for name in tables[: len(export.chain.structure.inputs)])
-    changed = bytearray(content)
-    struct.pack_into("<d", changed, blob.HEADER.size + 8 * skip, 123.456)
-    with pytest.raises(CoefficientError, match=r"vectors are not those|steps cannot be read"):
-        blob.verify("unit.bin", sealed(bytes(changed)))
-    with pytest.raises(CoefficientError, match="not a blob"):
-        blob.verify("unit.bin", b"x" * 300)
 
 
 def with_orders(this, order):

@@ -116,30 +116,6 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     assert "#define CAL_VERDICT 0\n#define CAL_ACCEPTED 0\n" in header
 
 
-@pytest.mark.parametrize(
-    ("verdict", "accepted", "stated", "mark"),
-    [
-        ("accepted", True, "1\n#define CAL_ACCEPTED 1", ""),
-        ("no verdict", None, "2\n#define CAL_ACCEPTED 0", ", no verdict"),
-    ],
-)
-def test_a_run_without_a_verdict_is_exported_and_says_so(
-    tmp_path, tmp_path_factory, verdict, accepted, stated, mark
-):
-    """No option is needed; header, comment and verify tell it from an accepted one."""
-    run = cached("k", tmp_path_factory).run
-    run = replace(run, document={**run.document, "verdict": verdict, "accepted": accepted})
-    for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=False):
-        assert re.search(
-            f"{verdict} +(this run met its|the recipe of this run sets no) acceptance limits",
-            path.read_text(),
-        )
-        what = pipeline.verify(path).what
-        assert what.endswith(mark)
-        assert ("no verdict" in what, "REJECTED" in what) == (bool(mark), False)
-    assert f"#define CAL_VERDICT {stated}\n" in (tmp_path / "cal.h").read_text()
-
-
 def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused(tmp_path_factory):
     """There is nothing to export, or something that must not be; exit code 4."""
     record = cached("gradient", tmp_path_factory).record("drift_rate.json")

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, recipe
-from calibkit.firmware import facts, sources
+from calibkit.firmware import sources
 from calibkit.firmware.chain import ChainCorrection
 from outputs.firmware_runs import cached
-
-NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
 
 
 def lines(spec, structure, *corrections):
@@ -72,20 +70,6 @@ def test_the_factor_is_what_reading_the_log_gives(tmp_path):
         " offset = -0.5)" in said[1]
     )
     np.testing.assert_allclose(read, -9000 * np.array([0.1, 0.3, -0.2]) + 1800, rtol=1e-12)
-
-
-def test_a_column_name_cannot_leave_its_comment():
-    """Ends of comments, line joins, trigraphs, marks of the generator and other alphabets are
-    escaped, one to one.
-    """
-    text = sources._quoted(NASTY)
-    assert text.isascii()
-    assert text.isprintable()
-    for part in ("*", "?", "@", "{", "}", "'"):
-        assert part not in text[1:-1]
-    assert text[1:-1].encode("ascii").decode("unicode_escape") == NASTY
-    commented = facts.comment([f"input {text}"])
-    assert commented.count("*/") == 1
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from calibkit.commands import pipeline
-from calibkit.firmware import parameters, targets
 from calibkit.records import coefficients, store
 from outputs.firmware_runs import ORDERS, UNITS, warmed_up
 
@@ -211,18 +210,6 @@ def test_a_chain_that_an_autopilot_cannot_hold_is_refused_with_the_reason(
     assert not (tmp_path / "o").exists()
 
 
-def test_a_degree_that_an_autopilot_cannot_hold_is_refused():
-    """Degree 4 is named beside the limit of 3."""
-    from fractions import Fraction
-
-    from calibkit.errors import OutputError
-
-    with pytest.raises(OutputError, match="gyro_x_dph has degree 4, at most 3"):
-        parameters._channel("gyro_x_dph", (Fraction(1),) * 5, "PX4")
-    with pytest.raises(OutputError, match="no gyro or accelerometer of an axis"):
-        parameters._channel("gyro_dph", (Fraction(1),) * 2, "PX4")
-
-
 @pytest.mark.parametrize("target", ["blob", "hex", "px4"])
 def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, target):
     """A file a unit and one manifest with every digest; a file that is exchanged for another unit's
@@ -295,14 +282,3 @@ def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):
         assert outcome.code in {2, 4}
         assert said in outcome.err
         assert not (tmp_path / "o").exists()
-
-
-def test_the_same_run_gives_the_same_bytes_in_every_target(calibkit, runs, tmp_path):
-    """Exported twice, byte for byte."""
-    for target in targets.TARGETS:
-        for name in ("one", "two"):
-            export(calibkit, runs, tmp_path / name / target, target)
-        for path in (tmp_path / "one" / target).iterdir():
-            assert path.read_bytes() == (tmp_path / "two" / target / path.name).read_bytes(), (
-                path.name
-            )
