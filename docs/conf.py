@@ -27,6 +27,7 @@ html_static_path = ["static"]
 html_css_files = ["equations.css"]
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
+smartquotes = False  # keys and options are copied as they stand
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = f"calibkit {release}"
