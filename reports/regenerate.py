@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 
 from calibkit import instruments, recipe
 from calibkit.certificate import certify
-from calibkit.commands import pipeline
+from calibkit.commands import pipeline, run_content
 from calibkit.instruments import silent
 from calibkit.instruments.bias import compensate, ramps
 from calibkit.instruments.bias.figures import DriftReport
 from calibkit.logs import log_files
-from calibkit.report import documents, pdf
+from calibkit.report import documents
 from calibkit.report.figures import png
 
 if TYPE_CHECKING:
@@ -59,8 +59,7 @@ def report(name: str, out: Path, runs: Path) -> store.StoredRun:
     outcome = pipeline.fit(source, ROOT / "datasets" / name, SAMPLES[name], runs, DATE, silent)
     for file in (documents.TEXT, *((documents.PAGE,) if name in PAGES else ())):
         (out / f"{name}{Path(file).suffix}").write_bytes((outcome.run.folder / file).read_bytes())
-    page = (outcome.run.folder / documents.PAGE).read_bytes()
-    (out / f"{name}.pdf").write_bytes(pdf.render_page(page, DATE))
+    (out / f"{name}.pdf").write_bytes(run_content.read_report(outcome.run, ".pdf"))
     return outcome.run
 
 

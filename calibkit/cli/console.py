@@ -195,9 +195,11 @@ def error_console() -> Console:
 
 def print_summary(summary: Summary) -> None:
     """Print a summary on stdout."""
+    from calibkit.report import screen
+
     if SETTINGS.log:
-        log_line("summary", summary.text())
-    summary.show(_console())
+        log_line("summary", screen.plain_text(summary))
+    screen.show(summary, _console())
 
 
 def print_screen(
@@ -218,15 +220,15 @@ def print_screen(
         return
     from rich.text import Text
 
-    from calibkit.report.screen import MOST, compose_screen
-    from calibkit.report.summary import STYLES
+    from calibkit.report import screen
 
     console = _console()
     if SETTINGS.log:
-        log_line("summary", summary.text())
-    for line in compose_screen(summary, tail, console.width, max_lines=MOST - lines_below):
+        log_line("summary", screen.plain_text(summary))
+    max_lines = screen.MOST - lines_below
+    for line in screen.compose_screen(summary, tail, console.width, max_lines=max_lines):
         verdict = bool(line) and summary.last_line.startswith(line)
-        style = STYLES[summary.verdict] if verdict else ""
+        style = screen.STYLES[summary.verdict] if verdict else ""
         console.print(Text(line, style=style), soft_wrap=True)
 
 

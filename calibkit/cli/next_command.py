@@ -50,14 +50,14 @@ def follow_fit(
     """Last lines of a fit's screen: where the report is, which files firmware takes and how, or
     what a rejected run and a procedure without firmware ask for.
     """
-    run, page_content = outcome.run, outcome.page_content
+    run, shown = outcome.run, outcome.shown
     report = f"Report: {run.folder / PAGE}"
     if run.document["verdict"] == "rejected":
         changed = (word for text in overrides for word in ("--set", text))
         return report, f"Next: {_command_line('check', name, '--data', data, *changed)}"
-    if page_content.no_firmware or not page_content.exported:
-        why = f"No firmware: {page_content.no_firmware}. " if page_content.no_firmware else ""
+    if shown.no_firmware or not shown.exported:
+        why = f"No firmware: {shown.no_firmware}. " if shown.no_firmware else ""
         return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
     out = f"firmware/{run.document['serial']}"
     call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)
-    return report, f"Firmware takes {', '.join(page_content.exported)}. Next: {call}"
+    return report, f"Firmware takes {', '.join(shown.exported)}. Next: {call}"

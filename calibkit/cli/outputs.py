@@ -10,7 +10,7 @@ import click
 from calibkit.cli.console import SETTINGS, print_flags, print_message, print_result
 from calibkit.cli.options import DETAILS, DRY, JSON, PATH, RUN, RUNS, command
 from calibkit.cli.progress import working
-from calibkit.errors import CoefficientError, UsageError
+from calibkit.errors import UsageError
 from calibkit.records.clock import date_or_today, now
 
 if TYPE_CHECKING:
@@ -314,24 +314,15 @@ def report(run: str, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> 
 
     The PDF has the content and the figures of the page, set by typst (calibkit[pdf]).
     """
+    from calibkit.commands import run_content
     from calibkit.records import new_files, store
-    from calibkit.report import pdf
-    from calibkit.report.documents import PAGE
 
     if out.suffix not in (".pdf", ".html"):
         raise UsageError(f"--out {out}: neither .pdf nor .html", hint="name report.pdf")
     new_files.refuse_existing(out)
     stored_run = store.load(store.find(run, runs))
-    path = stored_run.folder / PAGE
-    if not path.is_file():
-        raise CoefficientError(
-            f"{stored_run.name} keeps no {PAGE}",
-            hint="an older calibkit wrote it; see report.pdf there",
-        )
-    content = store.read_bytes(path)
-    if out.suffix == ".pdf":
-        with working("typesetting"):
-            content = pdf.render_page(content, stored_run.document["effective_from"])
+    with working("typesetting"):
+        content = run_content.read_report(stored_run, out.suffix)
     new_files.write_new(out, content, dry_run=dry_run)
     document = {"run": stored_run.name, "out": str(out)}
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)

@@ -15,8 +15,8 @@ from calibkit.readers import in_memory
 from calibkit.recipe import toml_text
 from calibkit.records import run_document, sealed, store
 from calibkit.report import documents
-from calibkit.report.html import first_screen_of
 from calibkit.report.overview import merge_flags
+from calibkit.report.page import first_screen_of
 from calibkit.report.run import RUN_COLUMNS, list_numbers
 from calibkit.results.model import RunModel
 
@@ -182,9 +182,8 @@ class Run(store.StoredRun):
     def _by_name(self) -> dict[str, Figure]:
         """Name → figure: what its title says behind the run, a number where it stands twice."""
         figures: dict[str, Figure] = {}
-        for figure in self._fitted(
-            "figures, but report.html shows them"
-        ).page_content.drawn.figures:
+        outcome = self._fitted("figures, but report.html shows them")
+        for figure in outcome.drawn.figures:
             title = figure.get_suptitle().partition(": ")[2]
             name = title.partition(" (")[0].partition(":")[0].partition(",")[0].partition(" =")[0]
             repeats = sum(other.partition(" #")[0] == name for other in figures)

@@ -37,7 +37,8 @@ if TYPE_CHECKING:
     from calibkit.firmware.export import FirmwareRun
     from calibkit.instruments import Progress
     from calibkit.logs.write_back import Applied, Rewritten
-    from calibkit.report.html import Shown
+    from calibkit.report.documents import Drawn
+    from calibkit.report.run import Shown
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
 
@@ -55,8 +56,10 @@ class FitOutcome:
     """Where each log and its second logger's file overlap, and how their clocks differ."""
     files: Mapping[str, bytes]
     """Content of every file of the run folder."""
-    page_content: Shown
+    shown: Shown
     """What the report shows."""
+    drawn: Drawn
+    """Its figures."""
     residuals: Callable[[], Mapping[str, object]]
     """Columns of the residuals of the fit, or none."""
 
@@ -108,7 +111,7 @@ def fit(
         )
         summary = dates.flag_date_order(fit_summary, out, serial, revision, date)
         summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
-        document, records, files, page_content = run_content.build_run(
+        document, records, files, shown, drawn = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded
         )
         folder = store.save(out, serial, revision, files, dry_run=dry_run)
@@ -116,14 +119,12 @@ def fit(
             run = store.StoredRun(folder, document, records)
             break
     residuals = getattr(fitted.drawing, "residuals", dict)
-    summary = replace(
-        page_content.drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}"
-    )
+    summary = replace(drawn.summary, title=f"{run.name}: {spec.title or spec.procedure}")
     guesses = run_content.list_guesses(run.document["inputs"])
     last = f"effective from {dated}, the date of the last row of the logs; --date states another"
     overlaps = tuple(f"{log.name}: {log.overlap}" for log in fitted.inputs if log.overlap)
     guesses = (*guesses, last) if dated else guesses
-    return FitOutcome(run, summary, guesses, overlaps, files, page_content, residuals)
+    return FitOutcome(run, summary, guesses, overlaps, files, shown, drawn, residuals)
 
 
 def run_recipe(run: store.StoredRun, overrides: tuple[str, ...]) -> recipe.Recipe:

@@ -11,7 +11,7 @@ from typing import Any
 
 from calibkit import instruments
 from calibkit.check import copies
-from calibkit.errors import CalibkitError
+from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.libraries import plugins
@@ -27,8 +27,9 @@ from calibkit.records import (
     store,
 )
 from calibkit.records.version import SOFTWARE
-from calibkit.report import budget, documents, figures, html
+from calibkit.report import budget, documents, figures, page, pdf, screen, svg
 from calibkit.report.overview import describe_span
+from calibkit.report.run import Shown, compose_page, summarize_run
 from calibkit.report.summary import Summary
 
 _LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
@@ -63,12 +64,14 @@ def build_run(
     revision: int,
     date: str,
     superseded: Mapping[str, str],
-) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes], html.Shown]:
+) -> tuple[
+    dict[str, Any], dict[str, coefficients.Record], dict[str, bytes], Shown, documents.Drawn
+]:
     """Make all files of a run that holds from `date`; `superseded` is the digest of each stage's
     coefficient file in the revision before.
 
-    Returns what run.json and the coefficient files hold, name → bytes of every file, and what the
-    report shows.
+    Returns what run.json and the coefficient files hold, name → bytes of every file, what the
+    report shows, and its figures.
     """
     identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
     records = {
@@ -79,17 +82,52 @@ def build_run(
     with figures.styled():
         drawn = _draw(pooled.recipe.procedure, f"{serial} r{revision:03d}", fitted)
         figures.settle(drawn.figures)
-    files[documents.TEXT] = drawn.summary.text().encode()
+    summary = drawn.summary
+    files[documents.TEXT] = screen.plain_text(summary).encode()
     facts = _run_facts(source, pooled, identity, fitted)
     dates = {log.last_date for log in fitted.inputs if log.last_date}
     measured = " to ".join(dict.fromkeys((min(dates), max(dates)))) if dates else ""
-    page_content = html.Shown(drawn, *_describe_firmware(pooled.recipe, records), measured)
-    files[documents.PAGE] = html.page(
-        facts | {"files": store.list_files(files)}, records, page_content
+    exported, no_firmware = _describe_firmware(pooled.recipe, records)
+    drawings, thinned = svg.inline(drawn.figures)
+    shown = Shown(
+        title=summary.title,
+        verdict=summary.last_line,
+        overview=replace(summary.overview, table=None),
+        tables=summary.tables,
+        checks=tuple(summary.checks),
+        captions=tuple(figure.get_suptitle() for figure in drawn.figures),
+        thinned=thinned,
+        exported=exported,
+        no_firmware=no_firmware,
+        measured=measured,
     )
+    report = compose_page(facts | {"files": store.list_files(files)}, records, shown, drawings)
+    files[documents.PAGE] = page.render(report, shown)
     text = sealed.seal(facts | {"files": store.list_files(files)})
     document = run_document.loads(text, new_files.RUN_FILE)
-    return document, records, {new_files.RUN_FILE: text.encode(), **files}, page_content
+    return document, records, {new_files.RUN_FILE: text.encode(), **files}, shown, drawn
+
+
+def read_report(run: store.StoredRun, suffix: str) -> bytes:
+    """The report of a run again: the page that it keeps, or as .pdf the same content."""
+    path = run.folder / documents.PAGE
+    if not path.is_file():
+        raise CoefficientError(
+            f"{run.name} keeps no {documents.PAGE}",
+            hint="an older calibkit wrote it; see report.pdf there",
+        )
+    content = store.read_bytes(path)
+    if suffix == ".html":
+        return content
+    shown, drawings = page.read_kept(content.decode())
+    if shown is None:  # calibkit 0.2 wrote the page: the results stand in the text beside it
+        text = store.read_bytes(run.folder / documents.TEXT).decode()
+        summary = summarize_run(run.name, run.document, {})
+        captions = ("",) * len(drawings)
+        checks = tuple(summary.checks)
+        shown = Shown("", summary.last_line, checks=checks, captions=captions, text=text)
+    report = compose_page(run.document, run.records, shown, drawings)
+    return pdf.render(report, run.document["effective_from"])
 
 
 def _draw(procedure: str, title: str, fitted: Fitted[Any]) -> documents.Drawn:

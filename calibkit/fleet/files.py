@@ -26,7 +26,7 @@ def make_files(table: FleetTable, plan: DeviceTask, title: str) -> dict[str, byt
     parquet = _parquet(flat)
     if parquet is not None:
         contents["fleet.parquet"] = parquet
-    contents[page.PAGE] = page.make_page(title, table, table.list_outlying())
+    contents[page.PAGE] = page.make_page(title, table)
     if table.charts:
         contents["control_charts.pdf"] = drawing.pdf(control_charts.pages(title, table.charts))
     return {

@@ -8,99 +8,82 @@ from collections.abc import Sequence
 import numpy as np
 
 from calibkit.fleet.table import FleetTable
-from calibkit.report import html
+from calibkit.report import figures, page, svg
+from calibkit.report.blocks import Chart, Findings, Heading, Page, Standing, Text
 from calibkit.report.control_charts import ControlChart
-from calibkit.report.markup import Markup, element, join_markup
+from calibkit.report.table import Cell, Column, Table
 
 PAGE = "fleet.html"
-_WIDTH, _HEIGHT, _EDGE = 360.0, 26.0, 6.0
-"""Size of a distribution and the space at its ends [px]."""
 
 
-def make_page(title: str, table: FleetTable, outlying: Sequence[str]) -> bytes:
+def make_page(title: str, table: FleetTable) -> bytes:
     """The page as UTF-8; it loads nothing."""
     counts = Counter(entry.verdict for entry in table.entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     bad = any(counts[verdict] for verdict in counts if verdict not in ("accepted", "no verdict"))
-    kind = "rejected" if bad else "accepted" if counts["accepted"] else "open"
-    items = [element("li", line) for line in outlying]
-    standing = element("ul", join_markup(items)) if items else element("p", "None.")
-    parts = {
-        "Devices that stand out": [standing],
-        "Distribution of each key value": [_distributions(table.charts)],
-        "Devices": [_devices(table)],
-    }
-    return html.page_of_parts(title, f"{len(table.entries)} devices: {counted}", kind, parts)
+    standing: Standing = "rejected" if bad else "accepted" if counts["accepted"] else "open"
+    outlying = tuple(table.list_outlying())
+    blocks = (
+        Heading("Devices that stand out"),
+        Findings(outlying) if outlying else Text("None."),
+        Heading("Distribution of each key value"),
+        *_distributions(table.charts),
+        Heading("Devices"),
+        _devices(table),
+    )
+    verdict = f"{len(table.entries)} devices: {counted}"
+    return page.render(Page(title, verdict, standing, blocks))
 
 
-def _devices(table: FleetTable) -> Markup:
+def _devices(table: FleetTable) -> Table:
     """A line per device."""
     outliers: dict[str, list[str]] = {}
     for outlier in table.outliers:
         outliers.setdefault(outlier.serial, []).append(outlier.figure)
-    rows = [
+    rows = tuple(
         (
             entry.serial,
             entry.verdict,
             entry.run or "-",
-            str(entry.flags),
-            str(len(outliers.get(entry.serial, ()))),
+            entry.flags,
+            len(outliers.get(entry.serial, ())),
             " ".join(entry.error.split()) or ", ".join(outliers.get(entry.serial, ())),
         )
         for entry in table.entries
-    ]
+    )
     heads = ("serial", "verdict", "run", "flags", "stands out in", "error, or the key values")
-    return html.list_rows("One line per device", heads, rows, (3, 4))
+    return Table("One line per device", heads, rows)
 
 
-def _distributions(charts: tuple[ControlChart, ...]) -> Markup:
-    """A row per key value: a mark for each device, those that stand out in another colour."""
-    rows = [
+def _distributions(charts: Sequence[ControlChart]) -> tuple[Chart | Table | Text, ...]:
+    """Where the devices lie between the smallest and the largest of each key value, and both."""
+    if not charts:
+        return (Text("No device has a key value."),)
+    title = (
+        "Devices between the smallest and the largest of each key value; red: those that stand out"
+    )
+    figure, (ax,) = figures.page(1, 1, title=title, height=1.2 + 0.3 * len(charts))
+    for row, chart in enumerate(charts):
+        low, spread = chart.values.min(), np.ptp(chart.values)
+        share = (chart.values - low) / spread if spread else np.full(chart.values.size, 0.5)
+        outliers = list(chart.control.outliers)
+        usual = np.delete(share, outliers)
+        ax.plot(usual, np.full(usual.size, row), "|", color=figures.DENOISED, ms=9.0)
+        ax.plot(share[outliers], np.full(len(outliers), row), "o", color=figures.ALERT, ms=5.0)
+    ax.set_yticks(range(len(charts)), [chart.name for chart in charts])
+    ax.set_ylim(len(charts) - 0.5, -0.5)
+    ax.set_xticks([0.0, 1.0], ["smallest", "largest"])
+    figures.settle([figure])
+    (drawing,), _ = svg.inline([figure])
+    numbers = [Column(head, ".6g") for head in ("smallest", "median", "largest")]
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             chart.name,
-            _strip(chart),
-            f"{chart.values.min():.6g}",
-            f"{np.median(chart.values):.6g}",
-            f"{chart.values.max():.6g}",
+            *map(float, np.quantile(chart.values, (0.0, 0.5, 1.0))),
             "" if chart.unit == "1" else chart.unit,
-            str(len(chart.serials)),
+            len(chart.serials),
         )
         for chart in charts
-    ]
-    heads = ("key value", "distribution", "smallest", "median", "largest", "unit", "devices")
-    return html.list_rows("Red: devices that stand out", heads, rows, (2, 3, 4, 6))
-
-
-def _strip(chart: ControlChart) -> Markup:
-    """Marks of the devices along a line from the smallest value to the largest."""
-    low, high = float(chart.values.min()), float(chart.values.max())
-    share = (chart.values - low) / (high - low) if high > low else np.full(chart.values.size, 0.5)
-    places = _EDGE + share * (_WIDTH - 2.0 * _EDGE)
-    outliers = set(chart.control.outliers)
-    usual = "".join(
-        f"M{x:.1f} 6V20" for index, x in enumerate(places.tolist()) if index not in outliers
     )
-    marks = [
-        element("path", d=usual, stroke="#4477aa", stroke_width="1", stroke_opacity=".5"),
-        *(
-            element(
-                "circle",
-                element("title", f"{chart.serials[index]}: {chart.values[index]:.6g} {chart.unit}"),
-                cx=f"{places[index]:.1f}",
-                cy="13",
-                r="4",
-                fill="#cc3311",
-            )
-            for index in sorted(outliers)
-        ),
-    ]
-    size = f"{_WIDTH:g}", f"{_HEIGHT:g}"
-    return element(
-        "svg",
-        join_markup(marks),
-        width=size[0],
-        height=size[1],
-        viewBox=f"0 0 {size[0]} {size[1]}",
-        role="img",
-        aria_label=f"distribution of {chart.name}",
-    )
+    columns: tuple[Column | str, ...] = ("key value", *numbers, "unit", "devices")
+    return Chart(drawing, title), Table("Key values", columns, rows)

@@ -9,8 +9,8 @@ from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.planning.bench import WITHHELD, name_source
 from calibkit.planning.search import Proposal
 from calibkit.records.coefficients import at_most
-from calibkit.report import figures, html, svg
-from calibkit.report.markup import Markup, element, join_markup
+from calibkit.report import figures, page, svg
+from calibkit.report.blocks import Block, Chart, Findings, Heading, Page, Standing, Text
 from calibkit.report.overview import Overview, concise
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table, tabulate
@@ -140,13 +140,14 @@ def make_page(summary: Summary, proposal: Proposal) -> bytes:
     ax.legend(loc="upper right")
     figures.settle([figure])
     (drawing,), _ = svg.inline([figure])
-    facts = [element("p", fact) for fact in (summary.overview.sentence, *summary.overview.facts)]
-    parts = {
-        "The campaign": [*facts, element("figure", Markup(drawing))],
-        "Numbers": [html.summary_table(table) for table in summary.tables],
-        "Assumptions": [
-            element("ul", join_markup([element("li", note) for note in summary.flags]))
-        ],
-    }
-    kind = summary.verdict if summary.criteria else "open"
-    return html.page_of_parts(summary.title, summary.last_line, kind, parts)
+    blocks: list[Block] = [
+        Heading("The campaign"),
+        *map(Text, (summary.overview.sentence, *summary.overview.facts)),
+        Chart(drawing, "The campaign"),
+        Heading("Numbers"),
+        *summary.tables,
+        Heading("Assumptions"),
+        Findings(summary.flags),
+    ]
+    standing: Standing = "open" if summary.verdict == "no verdict" else summary.verdict
+    return page.render(Page(summary.title, summary.last_line, standing, tuple(blocks)))

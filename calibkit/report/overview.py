@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from calibkit import units
 from calibkit.numeric import gum
+from calibkit.report.table import Table  # noqa: TC001 (pydantic reads annotations)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from calibkit.records.coefficients import Criterion
-    from calibkit.report.table import Table
 
 _NAMED = 3
 """Flags of one cause that are named beside the first."""

@@ -1,16 +1,24 @@
-"""The first screen of a command: at most 25 lines, the verdict among the first three, one line per
-cause of doubt, and what to do next.
+"""Summaries on a console: in full, and as the first screen of a command, which has at most 25
+lines, the verdict among the first three, one line per cause of doubt, and what to do next.
 """
 
 from __future__ import annotations
 
+import io
 import textwrap
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from rich import box
+from rich.console import Console
+from rich.table import Table as RichTable
+from rich.text import Text
+
 from calibkit.errors import visible
+from calibkit.records.frame import Remark
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from calibkit.report.summary import Summary
     from calibkit.report.table import Table
@@ -22,6 +30,30 @@ _FEWEST_ROWS = 6
 _LONGEST = 3
 """Lines of one finding."""
 MORE = "more: --details"
+STYLES: Mapping[str, str] = {"accepted": "green", "rejected": "bold red", "no verdict": ""}
+
+
+def plain_text(summary: Summary) -> str:
+    """A summary in full as plain text of 110 columns, the same bytes on every machine."""
+    console = _text_console(110)
+    show(summary, console)
+    return "\n".join(_lines(console)) + "\n"
+
+
+def show(summary: Summary, console: Console) -> None:
+    """Print a summary in full."""
+    console.print(Text(visible(summary.title), style="bold"))
+    overview = summary.overview
+    for line in filter(None, (overview.data_extent, overview.sentence, *overview.facts)):
+        console.print(Text(visible(line)))
+    for table in summary.tables:
+        console.print(_draw_table(table, titled=True))
+    for flag in summary.flags:
+        remark = isinstance(flag, Remark)
+        text = visible(flag) if remark else f"! {visible(flag)}"
+        console.print(Text(text, style="" if remark else "yellow"))
+    style = "" if summary.conclusion else STYLES[summary.verdict]
+    console.print(Text(visible(summary.last_line), style=style))
 
 
 def compose_screen(
@@ -50,23 +82,21 @@ def arrange(
     many more there are.
     """
     head = [line for text in texts for line in wrap(text, width, 2)]
-    rows = [
-        line
-        for table in tables
-        for line in ([table.title] if len(tables) > 1 else []) + _align(table, width)
-    ]
+    rows = []
+    for table in tables:
+        rows += [table.title] if len(tables) > 1 else []
+        rows += _table_lines(table, width)
     wrapped_findings = [wrap(f"- {text}", width, _LONGEST) for text in findings]
     doubts = sum(map(len, wrapped_findings)) + bool(wrapped_findings)
     room = max_lines - len(head) - len(tail)
     rows = shorten(rows, max(room - doubts, min(len(rows), _FEWEST_ROWS)))
-    blocks = [[*head], rows, _list_findings(wrapped_findings, room - len(rows)), [*tail]]
+    blocks = [head, rows, _list_findings(wrapped_findings, room - len(rows)), [*tail]]
     blocks = [block for block in blocks if block]
     has_gaps = sum(map(len, blocks)) + len(blocks) - 1 <= max_lines
-    return [
-        line
-        for number, block in enumerate(blocks)
-        for line in (["", *block] if has_gaps and number else block)
-    ]
+    lines: list[str] = []
+    for block in blocks:
+        lines += ["", *block] if has_gaps and lines else block
+    return lines
 
 
 def shorten(lines: Sequence[str], max_lines: int = MOST) -> list[str]:
@@ -103,18 +133,50 @@ def wrap(text: str, width: int, max_lines: int) -> list[str]:
     )
 
 
-def _align(table: Table, width: int) -> list[str]:
-    """Heads and rows of a table as lines, numbers to the right, with as many columns as fit."""
-    rows = [table.heads, *table.texts]
-    count = max(map(len, rows))
-    cells = [[visible(cell) for cell in (*row, *[""] * (count - len(row)))] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-    while len(widths) > 1 and sum(widths) + 2 * len(widths) > width:
-        widths.pop()
-    return [
-        "  ".join(
-            cell.rjust(size) if position else cell.ljust(size)
-            for position, (cell, size) in enumerate(zip(row, widths, strict=False))
-        ).rstrip()
-        for row in cells
-    ]
+def _table_lines(table: Table, width: int) -> list[str]:
+    """Heads and rows of a table, a line each, with as many of its columns as fit."""
+    console = _text_console(10_000)
+    console.print(_draw_table(table, titled=False))
+    lines = _lines(console)
+    if len(table.columns) > 1 and max(map(len, lines)) > width:
+        fewer = tuple(row[: len(table.columns) - 1] for row in table.rows)
+        return _table_lines(replace(table, columns=table.columns[:-1], rows=fewer), width)
+    return lines
+
+
+def _draw_table(table: Table, *, titled: bool) -> RichTable:
+    """A table for a console, its first column to the left: with title and rules, or rows alone."""
+    drawn = RichTable(
+        title=Text(visible(table.title)) if titled else None,
+        title_justify="left",
+        title_style="",
+        box=box.SIMPLE_HEAD if titled else None,
+        padding=(0, 1) if titled else (0, 2, 0, 0),
+        pad_edge=False,
+    )
+    for column, head in enumerate(table.heads):
+        drawn.add_column(
+            Text(visible(head)), justify="right" if column else "left", overflow="fold"
+        )
+    for row in table.texts:
+        drawn.add_row(*(Text(visible(cell, lines=titled)) for cell in row))
+    return drawn
+
+
+def _text_console(width: int) -> Console:
+    """A console that keeps plain text, the same on every machine."""
+    return Console(
+        file=io.StringIO(),
+        width=width,
+        color_system=None,
+        force_terminal=False,
+        force_jupyter=False,  # a notebook would show the text, and there would be none here
+        legacy_windows=False,
+        _environ={},
+    )
+
+
+def _lines(console: Console) -> list[str]:
+    """Lines that were printed on a console of text, without spaces at their ends."""
+    assert isinstance(console.file, io.StringIO)  # noqa: S101 (`_text_console` made it)
+    return [line.rstrip() for line in console.file.getvalue().splitlines()]

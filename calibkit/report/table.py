@@ -1,13 +1,17 @@
 """One record for every table that a person or a script reads: typed cells, and their texts, CSV and
-JSON. The console stands in `summary`, HTML in `html_tables`.
+JSON.
 """
 
 import csv
 import io
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+_NUMBER = re.compile(r"[-−+±<≤≥]? ?\d")
+"""How a text that states a number begins."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +32,7 @@ class Number:
         return f"{value_text} ± {format(self.standard_uncertainty, self.u_digits)}"
 
 
-Cell = str | float | Number | None
+Cell = str | int | float | Number | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +67,8 @@ class Table:
     title: str
     columns: tuple[Column | str, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    failed: tuple[int, ...] = ()
+    """Rows, from 0, that tell of a limit that failed."""
 
     @property
     def formats(self) -> tuple[Column, ...]:
@@ -79,11 +85,22 @@ class Table:
     @property
     def texts(self) -> tuple[tuple[str, ...], ...]:
         """The rows as people read them."""
-        columns = self.formats
-        return tuple(
-            tuple(column.text(cell) for column, cell in zip(columns, row, strict=False))
-            for row in self.rows
-        )
+        texts = []
+        for row in self.rows:
+            cells = (*row, *("",) * (len(self.columns) - len(row)))
+            columns = zip(self.formats, cells, strict=True)
+            texts.append(tuple(column.text(cell) for column, cell in columns))
+        return tuple(texts)
+
+    @property
+    def numbers(self) -> tuple[bool, ...]:
+        """Whether a column holds numbers, which are set to the right; the first one names rows."""
+        rows = self.texts
+        holds_numbers = [False]
+        for k, column in enumerate(self.formats[1:], start=1):
+            stated = [row[k] for row in rows if row[k] not in ("", column.missing, column.zero)]
+            holds_numbers.append(all(_NUMBER.match(text) for text in stated))
+        return tuple(holds_numbers)
 
     def to_objects(self) -> list[dict[str, Any]]:
         """One JSON object per row; null stands where there is no number."""

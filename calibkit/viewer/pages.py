@@ -231,7 +231,7 @@ def _answer(serial: str, old: str, new: str, runs: Path) -> tuple[Markup, list[M
     """
     from calibkit.errors import CalibkitError
     from calibkit.records import store
-    from calibkit.report.html import summary_table
+    from calibkit.report.page import summary_table
     from calibkit.results import comparison, still_good
 
     try:
@@ -291,7 +291,7 @@ def _history(serial: str, entries: Sequence[Entry], runs: Path) -> list[Markup]:
     """Key values over the years."""
     from calibkit.errors import CalibkitError
     from calibkit.records import store
-    from calibkit.report.html import summary_table
+    from calibkit.report.page import summary_table
     from calibkit.results import key_values
 
     loaded, faults = [], []
@@ -316,10 +316,10 @@ def _history(serial: str, entries: Sequence[Entry], runs: Path) -> list[Markup]:
 
 def warm_up() -> None:
     """Import what comparisons and figures need, which takes longer than they do."""
-    from calibkit.report import html, svg
+    from calibkit.report import page, svg
     from calibkit.results import key_values, still_good
 
-    del html, svg, key_values, still_good
+    del page, svg, key_values, still_good
 
 
 def _chart(figure: Figure) -> list[Markup]:

@@ -143,7 +143,7 @@ def test_every_procedure_fits_frames_and_states_its_residuals(procedure, column)
     left = run.residuals()
     assert np.isfinite(left[column]).all()
     assert len(left) > 10
-    assert len(run.figures) == len(run.outcome.page_content.drawn.figures)
+    assert len(run.figures) == len(run.outcome.drawn.figures)
     assert all(run.figure(name).axes for name in run.figures)
     assert {"value", "unit", "standard_uncertainty"} < set(run.numbers().columns)
 

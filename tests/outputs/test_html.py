@@ -23,8 +23,8 @@ from calibkit.records.coefficients import (
     Input,
     StageResult,
 )
-from calibkit.report import figures, html, html_tables, svg
-from calibkit.report.documents import Drawn
+from calibkit.report import figures, page as pages, svg
+from calibkit.report.run import EXACT, Shown, compose_page, quantity_table
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 from conftest import ROOT
@@ -58,8 +58,8 @@ def figure(title=NAME):
     return made
 
 
-def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
-    """Page of a made-up run whose every text is the same."""
+def composed(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
+    """Report of a made-up run whose every text is the same, and what its page keeps."""
     found = model(
         {text: (0.1 + 0.2, text, 1.0 / 3.0), "K1": (-1e-300, "1", 0.0)},
         name=text,
@@ -105,8 +105,23 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
     criteria = (Criterion(text, 2.0, 1.0, text, accepted),)
     summary = Summary(text, (Table(text, (text, text, "u"), ((text, text),)),), (text,), criteria)
     figures.settle(drawings)
-    shown = html.Shown(Drawn(tuple(drawings), summary), ("gyro_scale.json",), "", text)
-    return html.page(document, records, shown)
+    drawn, thinned = svg.inline(drawings)
+    shown = Shown(
+        text,
+        summary.last_line,
+        tables=summary.tables,
+        checks=tuple(summary.checks),
+        captions=tuple(drawing.get_suptitle() for drawing in drawings),
+        thinned=thinned,
+        exported=("gyro_scale.json",),
+        measured=text,
+    )
+    return compose_page(document, records, shown, drawn), shown
+
+
+def made(text=HOSTILE, **options):
+    """Page of a made-up run whose every text is the same."""
+    return pages.render(*composed(text, **options))
 
 
 def tree(page):
@@ -146,7 +161,9 @@ def test_a_page_of_hostile_texts_is_whole_html_and_runs_nothing_but_its_own_scri
     """
     drawn = figure()
     page = tree(made(accepted=accepted, drawings=(drawn,), excluded=True))
-    assert len(page.findall(".//script")) == len(page.findall(".//style")) == 1
+    scripts = [script.attrib for script in page.findall(".//script")]
+    assert scripts == [{"type": "application/json"}, {}]
+    assert len(page.findall(".//style")) == 1
     assert page.findall(".//img") == page.findall(".//iframe") == page.findall(".//link") == []
     assert words(page.find(".//pre")) == SHOWN
     assert words(page).count(SHOWN) > 30
@@ -166,9 +183,8 @@ def test_a_page_asks_nothing_of_any_network():
     page = tree(text.encode())
     policy = page.find(".//meta[@http-equiv='Content-Security-Policy']").attrib["content"]
     for tag in ("style", "script"):
-        digest = base64.b64encode(
-            hashlib.sha256(words(page.find(f".//{tag}")).encode()).digest()
-        ).decode()
+        content = words(page.findall(f".//{tag}")[-1])
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()
         assert f"{tag}-src 'sha256-{digest}';" in policy
     assert policy.startswith("default-src 'none';")
     assert re.findall(r"https?:|//[a-z]|@import|javascript:|data:[a-z]", text) == []
@@ -238,19 +254,19 @@ def test_a_rejected_run_says_so_first_and_everywhere():
 
 
 def numbers(page, caption):
-    """Exact numbers of a table's rows: name → value and standard uncertainty."""
-    table = next(
-        table for table in page.findall(".//table") if words(table.find("caption")) == caption
-    )
-    rows = [row for row in table.findall("./tbody/tr") if len(row) == 4]
-    return [
-        (
-            words(row[0]),
-            *(float(cell.find("data").attrib["value"]) for cell in row[1:3]),
-            words(row[3]),
-        )
-        for row in rows
+    """Exact numbers of the rows of tables whose captions begin so: name, value, u, unit."""
+    rows = [
+        row
+        for table in page.findall(".//table")
+        if words(table.find("caption")).startswith(caption)
+        for row in table.findall("./tbody/tr")
     ]
+
+    def exact(cell):
+        rounded = cell.find("data")
+        return float(words(cell) if rounded is None else rounded.attrib["value"])
+
+    return [(words(row[0]), exact(row[1]), exact(row[2]), words(row[3])) for row in rows]
 
 
 def test_every_number_of_the_tables_is_that_of_the_coefficient_file(fitted):
@@ -261,16 +277,12 @@ def test_every_number_of_the_tables_is_that_of_the_coefficient_file(fitted):
     page = tree((fitted[0] / "report.html").read_bytes())
     assert run.records
     for name, found in run.records.items():
-        held = [entry for each in found.models for entry in each.coefficients]
-        for caption, entries in (
-            (f"Coefficients of {name}", held),
-            (f"Figures of {name}", found.figures),
-        ):
-            if entries:
-                assert numbers(page, caption) == [
-                    (*dataclasses.astuple(entry)[:2], entry.standard_uncertainty, entry.unit)
-                    for entry in entries
-                ]
+        tables = {f"{found.stage}: {each.name} (": each.coefficients for each in found.models}
+        for caption, entries in (tables | {f"Figures of {name}": found.figures}).items():
+            assert numbers(page, caption) == [
+                (*dataclasses.astuple(entry)[:2], entry.standard_uncertainty, entry.unit)
+                for entry in entries
+            ]
     for value in page.findall(
         ".//section[@aria-labelledby='coefficients']//td[@class='number']/data"
     ):
@@ -289,23 +301,17 @@ def test_a_made_up_coefficient_keeps_its_last_bit():
     """0.1 + 0.2 is printed 0.30000000000000004, with its uncertainty's every bit beside the three
     digits.
     """
-    found = numbers(tree(made("plain")), "Coefficients of gyro_scale.json")
+    found = numbers(tree(made("plain")), "gyro_scale: plain (")
     assert found == [("plain", 0.1 + 0.2, 1.0 / 3.0, "plain"), ("K1", -1e-300, 0.0, "1")]
-    assert ">0.30000000000000004</data>" in made("plain").decode()
+    assert ">0.30000000000000004</td>" in made("plain").decode()
 
 
 def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
     """A figure that a fit left as numpy's float64 was printed as "np.float64(0.3)"."""
     one = np.float64(0.1) + np.float64(0.2)
     quantity = Coefficient("drift_rms", one, "deg/h", 0.0)
-    table = html_tables.figures_table(
-        StageResult("drift_rate", (), (quantity,)).as_record(
-            Identity("S-1", 1, "2026-11-21", "calibkit", "00", ()),
-            "",
-        )
-    )
-    (row,) = html_tables.cells(table)
-    assert '<data value="0.30000000000000004">0.30000000000000004</data>' in map(str, row)
+    table = quantity_table("figures", [quantity], head="figure", digits=EXACT)
+    assert ">0.30000000000000004</td>" in str(pages.summary_table(table))
 
 
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):

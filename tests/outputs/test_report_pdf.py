@@ -6,9 +6,11 @@ import subprocess
 
 import pytest
 
+from calibkit.commands import run_content
+from calibkit.records import store
 from calibkit.report import pdf
 from conftest import ROOT
-from outputs.test_html import HOSTILE, figure, made
+from outputs.test_html import HOSTILE, composed, figure
 
 pytestmark = pytest.mark.drawn
 
@@ -61,8 +63,9 @@ def test_hostile_texts_are_only_shown(tmp_path):
     sheet.
     """
     pytest.importorskip("typst")
-    page = made(HOSTILE + "#panic() $x$ *b* _i_ `r` \\", accepted=False, drawings=(figure(),))
-    text = printed(pdf.render_page(page, "2026-11-21"), tmp_path)
+    hostile = HOSTILE + "#panic() $x$ *b* _i_ `r` \\"
+    page, _ = composed(hostile, accepted=False, drawings=(figure(),))
+    text = printed(pdf.render(page, "2026-11-21"), tmp_path)
     assert "#panic() $x$ *b* _i_" in text
     assert all("REJECTED" in sheet for sheet in text.split("\f")[:-1])
 
@@ -77,3 +80,13 @@ def test_what_cannot_be_written_is_refused(run, tmp_path, calibkit, monkeypatch)
     refused = calibkit(*call, tmp_path / "r.pdf")
     assert (refused.code, "calibkit[pdf]" in refused.err) == (4, True)
     assert not (tmp_path / "r.pdf").exists()
+
+
+def test_a_run_of_release_0_2_still_has_a_pdf(tmp_path):
+    """Its page keeps no tables: figures are those of the page, results those of the text."""
+    pytest.importorskip("typst")
+    (folder,) = (ROOT / "tests" / "golden" / "0.2" / "gyro_pair").glob("*/r001")
+    stored = store.load(folder)
+    text = printed(run_content.read_report(stored, ".pdf"), tmp_path)
+    sentence = (folder / "report.txt").read_text(encoding="utf-8").splitlines()[1]
+    assert all(word in text for word in (*sentence.split(), "Figure 1."))
