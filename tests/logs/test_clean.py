@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-import scratch
 from calibkit.errors import LogFormatError
 from calibkit.readers import clean, scratch_files, text
 from calibkit.recipe.logs import Logs
@@ -168,7 +167,9 @@ def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_pyth
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
 @pytest.mark.parametrize("size", [50, 1 << 20])
-def test_blocks_joined_are_the_log_in_memory_and_on_disk(tmp_path, monkeypatch, kernels, size):
+def test_blocks_joined_are_the_log_in_memory_and_on_disk(
+    tmp_path, monkeypatch, is_mapped, kernels, size
+):
     """Blocks that end anywhere hold the rows of the log, wherever its columns lie."""
     compiled(monkeypatch, use=kernels)
     monkeypatch.setattr(clean, "BLOCK", size)
@@ -179,4 +180,4 @@ def test_blocks_joined_are_the_log_in_memory_and_on_disk(tmp_path, monkeypatch, 
         monkeypatch.setenv(scratch_files.SETTING, megabytes)
         frame = clean.read(path, "log.csv").frame
         assert frame.to_numpy().tobytes() == values.tobytes()
-        assert scratch.on_disk(Log("log", "log.csv", "", 60, frame)) == (megabytes == "0")
+        assert is_mapped(Log("log", "log.csv", "", 60, frame)) == (megabytes == "0")

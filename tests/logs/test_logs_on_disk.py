@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
-import scratch
 from calibkit import instruments, recipe
 from calibkit.check import examination
 from calibkit.commands import pipeline
@@ -61,15 +60,15 @@ def same(one, other, rtol=0.0):
     assert one.source == other.source
 
 
-def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monkeypatch):
+def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, is_mapped, monkeypatch):
     """Block means, denoised indication, ramps and digests are equal; the columns do lie in mapped
     files.
     """
     log, there = prepared(folder)
-    assert scratch.on_disk(log)
+    assert is_mapped(log)
     monkeypatch.setenv(scratch_files.SETTING, "1000")
     whole, here = prepared(folder)
-    assert not scratch.on_disk(whole)
+    assert not is_mapped(whole)
     same(there, here)
     assert there.noise == here.noise
     assert log.frame.equals(whole.frame)

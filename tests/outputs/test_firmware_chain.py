@@ -15,17 +15,11 @@ from calibkit.instruments.gyro_scale import forms as gyro_forms
 from calibkit.instruments.inclinometer import forms as inclinometer_forms
 from conftest import ROOT
 from outputs.firmware_log import words
-from outputs.firmware_runs import MEMORYLESS, RUNS, cached
+from outputs.firmware_runs import MEMORYLESS, RUNS
 
 # every temperature that a thermometer of 16 bits over ±128 °C can say
 TEMPERATURES = np.arange(-(2**15), 2**15) / 256.0
 FLOAT64_NOISE = {"drift_dph": 1e-11, "accel_x_g": 1e-14, "gyro_x_dps": 1e-11, "gyro_a_dps": 1e-11}
-
-
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """Return a function that fits one of RUNS, once."""
-    return lambda name: cached(name, tmp_path_factory)
 
 
 def within_ranges(chain, rows, seed, *, full=False):

@@ -12,18 +12,11 @@ from calibkit.instruments.bias import forms
 from calibkit.instruments.bias.numeric import bank
 from conftest import slow_after
 from outputs.firmware_log import run_by_the_clock, words
-from outputs.firmware_runs import cached
 
 INTERVAL = 10.0
 INTERVAL_MS = 10_000
 NOISE = 1e-11
 """Rounding of the float64 model itself [°/h]."""
-
-
-@pytest.fixture(scope="module")
-def runs(tmp_path_factory):
-    """Return a function that fits a run, once."""
-    return lambda name: cached(name, tmp_path_factory)
 
 
 def along(quantised, case, elapsed):
