@@ -201,11 +201,14 @@ def compensate(
     return pipeline.apply(_run(run), Path(log), Path(out), toml_text.write_overrides(settings))[1]
 
 
-def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:
+def validate(
+    run: Run | AnyPath, data: AnyPath, out: AnyPath, **settings: object
+) -> Mapping[str, Any]:
     """Frozen coefficients on logs that they have not seen: the document that is written too;
-    `calibkit validate`.
+    settings like ``logs__files=["*.csv"]`` override the run's recipe; `calibkit validate`.
     """
-    return pipeline.validate(_run(run), Path(data), Path(out), silent)[0]
+    overrides = toml_text.write_overrides(settings)
+    return pipeline.validate(_run(run), Path(data), Path(out), silent, overrides)[0]
 
 
 def certify(

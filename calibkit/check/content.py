@@ -177,7 +177,7 @@ def find_copied_rows(log: Log, columns: Sequence[str]) -> list[Finding]:
             f" {log.place(int(original[row]))} on",
             expected="each measurement once, and repeats that differ by their noise",
             advice="leave the copies out, or repeats in which rounding hides the noise:"
-            f" {log.advise_exclude(copied_rows)}",
+            f" {log.advise_exclude(copied_rows, most=copied_rows.size)}",
             name="copied_rows",
             line=log.line(row),
             figure=float(copied_rows.size),

@@ -232,16 +232,27 @@ def apply(
 @RUN
 @DATA
 @click.option("--out", required=True, type=PATH, help="JSON file to write")
+@SET
 @RUNS
 @DRY
 @DETAILS
 @JSON
-def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> int:
+def validate(
+    run: str,
+    data: Path,
+    out: Path,
+    overrides: tuple[str, ...],
+    runs: Path,
+    *,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
     """Hold frozen coefficients against logs they have not seen: before, after, rate gain.
 
     \b
     calibkit validate FOG-0001 --data withheld --out validation.json
     calibkit validate FOG-0001@r002 --data withheld --out validation.json --json
+    calibkit validate ACC-3 --data withheld --out validation.json --set 'logs.files=["*.csv"]'
     """
     tune_memory()
     from calibkit.commands import pipeline
@@ -249,7 +260,9 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
 
     stored_run = store.load(store.find(run, runs))
     with working("validating") as progress:
-        document, summary = pipeline.validate(stored_run, data, out, progress, dry_run=dry_run)
+        document, summary = pipeline.validate(
+            stored_run, data, out, progress, overrides, dry_run=dry_run
+        )
     if not as_json:
         print_screen(summary)
     print_result(document, (out,), as_json=as_json, dry_run=dry_run)

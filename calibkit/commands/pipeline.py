@@ -198,21 +198,29 @@ def compensate(
 
 
 def validate(
-    run: store.StoredRun, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
+    run: store.StoredRun,
+    data: Path,
+    out: Path,
+    progress: Progress,
+    overrides: tuple[str, ...] = (),
+    *,
+    dry_run: bool = False,
 ) -> tuple[dict[str, Any], Summary]:
     """Write as JSON what `judge_unseen` finds."""
     new_files.refuse_existing(out)
-    text, summary = judge_unseen(run, data, progress)
+    text, summary = judge_unseen(run, data, progress, overrides)
     new_files.write_new(out, text.encode(), dry_run=dry_run)
     return sealed.unseal(text, str(out), run_document.VALIDATION_FORMAT), summary
 
 
 @one_thread()
-def judge_unseen(run: store.StoredRun, data: Path, progress: Progress) -> tuple[str, Summary]:
-    """Hold a run's frozen coefficients against logs that they have not seen; the figures as JSON,
-    and a summary.
+def judge_unseen(
+    run: store.StoredRun, data: Path, progress: Progress, overrides: tuple[str, ...] = ()
+) -> tuple[str, Summary]:
+    """Hold a run's frozen coefficients against logs that they have not seen, as written or named
+    otherwise by overrides of its recipe; the figures as JSON, and a summary.
     """
-    spec, inputs = run_recipe(run, ()), run.document["inputs"]
+    spec, inputs = run_recipe(run, overrides), run.document["inputs"]
     files = log_files.find_logs(spec, data)
     instrument = instruments.find(spec.procedure)
     excluded = instruments.fitted_recipe(run.document).exclude

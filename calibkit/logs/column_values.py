@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -178,8 +178,13 @@ def _resolve_unit(table: Table, source: str, column: ColumnMapping, name: str) -
             )
         return "1/sample"
     if not pinned:
-        if not header:
-            _require_last_word(table, source, name, target)
+        by_name = "" if header else _unit_of_name(source, target)
+        if by_name not in {"", target}:
+            raise FrameError(
+                f"{table.file}: column '{source}': its name says {by_name}, it would be taken in"
+                f" {target}",
+                hint=f'state the unit: [columns.{name}] from = "{source}", unit = "{by_name}"',
+            )
         return header or target
     if header == "1" and pinned in {"1/sample", "1/s"}:
         return pinned  # "counts" in a header does not state the interval
@@ -191,18 +196,6 @@ def _resolve_unit(table: Table, source: str, column: ColumnMapping, name: str) -
             hint=f'correct the unit, or say header_unit = "ignored" in [columns.{name}]',
         )
     return pinned
-
-
-def _require_last_word(table: Table, source: str, name: str, target: str) -> None:
-    """Raise FrameError for a column without a stated unit whose name ends in another unit than it
-    would be taken in.
-    """
-    unit = _unit_of_name(source, target)
-    if unit not in {"", target}:
-        raise FrameError(
-            f"{table.file}: column '{source}': its name says {unit}, it would be taken in {target}",
-            hint=f'state the unit: [columns.{name}] from = "{source}", unit = "{unit}"',
-        )
 
 
 def _unit_of_name(source: str, target: str) -> str:
@@ -232,24 +225,16 @@ def resolve_units(recipe: Recipe, table: Table) -> dict[str, str]:
 def _read_numbers(table: Table, source: str) -> Array:
     """Numbers [n] of a column; raises LogFormatError that names the row of what is none."""
     column = table.frame[source]
-    try:
-        return np.asarray(column.to_numpy(dtype=np.float64), dtype=np.float64)
-    except (TypeError, ValueError):
-        line, field = next(pair for pair in column.items() if not _is_number(pair[1]))
-    raise LogFormatError(
-        f"{table.file}:{int(str(line)) + FIRST_ROW}: column '{source}': found"
-        f" '{str(field)[:40]}', expected a number",
-        hint="repair the row, or leave it out",
-    )
-
-
-def _is_number(field: Any) -> bool:  # noqa: ANN401 (whatever a frame holds)
-    """Whether a field is a number, as the conversion of its column sees it."""
-    try:
-        float(field)
-    except (TypeError, ValueError):
-        return False
-    return True
+    for line, field in column.items() if column.dtype.kind not in "fiub" else ():
+        try:
+            float(field)
+        except (TypeError, ValueError):
+            raise LogFormatError(
+                f"{table.file}:{int(str(line)) + FIRST_ROW}: column '{source}': found"
+                f" '{str(field)[:40]}', expected a number",
+                hint="repair the row, or leave it out",
+            ) from None
+    return np.asarray(column.to_numpy(dtype=np.float64), dtype=np.float64)
 
 
 def read_values(
@@ -273,8 +258,24 @@ def read_values(
     values = units.scaled(raw, column.scale, offset=column.offset)
     per_sample = unit == "1/sample"
     if per_sample:
-        values = values / _counting_interval(column, seconds, name, table)
-        notes += _note_on_spacing(column, seconds, name)
+        spacings = None if seconds is None else np.diff(seconds, prepend=np.nan)
+        interval = spacings if column.interval_s is None else column.interval_s
+        if interval is None:
+            raise RecipeError(
+                f"{table.file}: counts per sample need the interval of a sample",
+                hint=f"give interval_s in [columns.{name}], or map time_s",
+            )
+        values = values / interval
+        if column.interval_s is not None and spacings is not None and spacings.size > 1:
+            spacing_s = float(np.nanmedian(spacings))
+            ratio = spacing_s / column.interval_s
+            if spacing_s > 0.0 and abs(ratio - 1.0) >= _SPACING:
+                note = (
+                    f"column '{name}': rows are {spacing_s:g} s apart, interval_s says that each"
+                    f" one counts {column.interval_s:g} s: rates are {ratio:.4g} times those of a"
+                    " log of every sample"
+                )
+                notes = (*notes, note)
         unit = "1/s"
     try:
         values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
@@ -295,36 +296,6 @@ def read_values(
             reading += (Guess(f"{doubt} (guessed)"),)
     first_lost = column.accumulated or (per_sample and column.interval_s is None)
     return MappedColumn(values if column.sign == 1 else -values, notes, reading, first_lost)
-
-
-def _counting_interval(
-    column: ColumnMapping, seconds: Array | None, name: str, table: Table
-) -> Array | float:
-    """Time [s] over which each row's counts were counted: the recipe's, or since the row before."""
-    if column.interval_s is not None:
-        return column.interval_s
-    if seconds is None:
-        raise RecipeError(
-            f"{table.file}: counts per sample need the interval of a sample",
-            hint=f"give interval_s in [columns.{name}], or map time_s",
-        )
-    return np.concatenate([[np.nan], np.diff(seconds)])
-
-
-def _note_on_spacing(column: ColumnMapping, seconds: Array | None, name: str) -> tuple[str, ...]:
-    """Note on rows whose spacing is not the interval over which the recipe states their counts."""
-    if column.interval_s is None or seconds is None or seconds.size < 2:
-        return ()
-    spacing_s = float(np.nanmedian(np.diff(seconds)))
-    if not spacing_s > 0.0 or abs(spacing_s / column.interval_s - 1.0) < _SPACING:
-        return ()
-    return (
-        (
-            f"column '{name}': rows are {spacing_s:g} s apart, interval_s says that each one counts"
-            f" {column.interval_s:g} s: rates are {spacing_s / column.interval_s:.4g} times those"
-            " of a log of every sample"
-        ),
-    )
 
 
 def _unwrap(raw: Array, modulus: float, source: str) -> tuple[Array, tuple[str, ...]]:

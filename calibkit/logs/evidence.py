@@ -3,18 +3,26 @@
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Self
+
+import numpy as np
 
 from calibkit.logs import column_names, time_units
 from calibkit.logs.column_names import LogColumn
 from calibkit.logs.glimpse import Glimpse
 from calibkit.logs.log_groups import Group
 from calibkit.logs.recipe_text import UNSTATED, Parse, RecipeChoice, write_recipe
+from calibkit.numeric import attitude
 from calibkit.recipe import Recipe, Source
 
 _STEADY_DEGC = 5.0
 """Range of a temperature up to which it is that of a room."""
+_ATTITUDES = ("inclination_deg", "toolface_deg", "table_angle_deg", "position_deg")
+"""Canonical columns that an angle of an attitude may be taken for by its name."""
+_NEAR_GRAVITY = 0.1
+"""Usual distance [g] of a triad's directions from those that its attitudes say."""
 _NO_CHANNEL = re.compile(r"sweep|scan|alarm|number|^no\.?$|index|clip|^#|column|press|humid|count")
 """Words of columns that no instrument measured, or not this one."""
 
@@ -49,6 +57,7 @@ class Evidence:
         air = columns.get("temp_env_degc")
         if air is not None and _is_temperature(air) and not glimpse.is_like_degc(air.name):
             alternatives.append(("temp_case_degc", columns.pop("temp_env_degc")))
+        _find_attitudes(columns, group.columns, glimpse)
         _find_positions(columns, group.columns, glimpse)
         _take_only_channel(columns, group.columns, glimpse)
         chamber_loggers = tuple(
@@ -62,7 +71,7 @@ class Evidence:
             chamber_loggers,
             glimpse,
             columns,
-            tuple(alternatives),
+            tuple(pair for pair in alternatives if pair[1] not in columns.values()),
             parse,
         )
 
@@ -172,6 +181,39 @@ class Evidence:
 def _is_temperature(column: LogColumn) -> bool:
     """Whether a column is a temperature by its name, without a unit."""
     return not column.stated and column.guess_canonical().startswith("temp_")
+
+
+def _find_attitudes(
+    columns: dict[str, LogColumn], log_columns: Sequence[LogColumn], glimpse: Glimpse
+) -> None:
+    """Enter the two columns of angles that say where a triad that was turned has gravity, whatever
+    they are called, as its inclination and toolface.
+    """
+    axes = [f"accel_{axis}_g" for axis in "xyz"]
+    if {"inclination_deg", "toolface_deg"} <= columns.keys() or not set(axes) <= columns.keys():
+        return
+    triad = [columns[axis].name for axis in axes]
+    if not glimpse.is_turned(triad):
+        return
+    numbers = glimpse.first
+    vectors = np.column_stack([numbers[name] for name in triad])
+    direction = vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+    taken = {column.name for name, column in columns.items() if name not in _ATTITUDES}
+    angles = [
+        column
+        for column in log_columns
+        if column.name in numbers and column.name not in taken and column.stated in ("", "deg")
+    ]
+    for inclination, toolface in permutations(angles, 2):
+        gravity = attitude.gravity_vector(numbers[inclination.name], numbers[toolface.name])
+        # the log's sign is mapped by the recipe: it may be that of specific force
+        misfit = (np.linalg.norm(direction - sign * gravity, axis=1) for sign in (1.0, -1.0))
+        if min(map(np.nanmedian, misfit)) < _NEAR_GRAVITY:
+            for name in _ATTITUDES:
+                if columns.get(name) in (inclination, toolface):
+                    del columns[name]
+            columns |= {"inclination_deg": inclination, "toolface_deg": toolface}
+            return
 
 
 def _find_positions(

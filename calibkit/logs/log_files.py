@@ -50,7 +50,7 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
             listing = ", ".join(folder_names[:8]) or "nothing"
             raise FrameError(
                 f"{folder}: no log matches '{pattern}', found {visible(listing)}",
-                hint="check --data, or [logs] files in the recipe",
+                hint="check --data, or [logs] files in the recipe (of a run: --set logs.files=…)",
             )
         logs += [match for match in matches if match not in logs]
     files = logs

@@ -68,9 +68,22 @@ def map_log(
     optional: Sequence[str] = (),
 ) -> Log:
     """Map a log to canonical columns; raises as `read_file`."""
+    import pandas as pd
+
     file = table.file
     columns = (*required_columns, *optional)
-    exclusion_columns = _excluded_by(recipe.exclude, file, columns)
+    exclude_keys = {
+        key
+        for entry in recipe.exclude
+        if entry.log in (file, log_name(file))
+        for key in entry.parts
+    }
+    # what is read only because an exclusion states positions or stations
+    exclusion_columns = [
+        name
+        for name in ("position", "station")
+        if f"{name}s" in exclude_keys and name not in columns
+    ]
     table = _blank_excluded(table, recipe.exclude)
     mapped = _map_columns(recipe, table, required_columns, (*optional, *exclusion_columns))
     require(file, mapped, required_columns)
@@ -82,9 +95,18 @@ def map_log(
         if name in recipe.columns and name not in mapped and name not in elsewhere
     ]
     reading = [*table.reading, *(text for column in mapped.values() for text in column.reading)]
-    frame, first_lost = _frame_columns(table, mapped, (*columns, *exclusion_columns))
-    notes += first_lost
-    lost = [(_SINCE_ROW_BEFORE, table.frame.index[:1].to_numpy())] if first_lost else []
+    # an unconverted column is a view of the table, which stays in memory for it: a copy where most
+    # of the table is not needed
+    copy = table.frame.shape[1] > 2 * len(mapped)
+    numbers = {
+        name: mapped[name].numbers for name in (*columns, *exclusion_columns) if name in mapped
+    }
+    frame, lost = pd.DataFrame(numbers, index=table.frame.index, copy=copy), []
+    counted = [name for name, column in mapped.items() if column.since_row_before]
+    if counted:
+        notes.append(f"the first row removed: {', '.join(counted)} are counts since the row before")
+        lost.append((_SINCE_ROW_BEFORE, frame.index[:1].to_numpy()))
+        frame = frame.iloc[1:]
     frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped, incomplete = _drop_incomplete_rows(frame, required_columns, recipe)
     frame, excluded_rows = drop_excluded_rows(frame, recipe.exclude, file, table)
@@ -104,26 +126,6 @@ def map_log(
         lost=(*lost, *incomplete),
         excluded_rows=sum(excluded_rows.values()),
     )
-
-
-def _frame_columns(
-    table: Table, mapped: Mapping[str, MappedColumn], columns: Sequence[str]
-) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Frame of mapped columns, without its first row where one has no value there, and a note on
-    that.
-    """
-    import pandas as pd
-
-    # an unconverted column is a view of the table, which stays in memory for it: a copy where most
-    # of the table is not needed
-    copy = table.frame.shape[1] > 2 * len(mapped)
-    numbers = {name: mapped[name].numbers for name in columns if name in mapped}
-    frame = pd.DataFrame(numbers, index=table.frame.index, copy=copy)
-    counted = [name for name, column in mapped.items() if column.since_row_before]
-    if not counted:
-        return frame, ()
-    note = f"the first row removed: {', '.join(counted)} are counts since the row before"
-    return frame.iloc[1:], (note,)
 
 
 def _map_columns(
@@ -234,7 +236,12 @@ def drop_excluded_rows(
         offset = _offset_of_part(exclude.log, file, table)
         if offset is None or exclude.whole:
             continue
-        rows = _row_numbers(frame, table) if exclude.rows else None
+        rows: Array | None = None
+        if exclude.rows:
+            positions = frame.index if table is None else table.frame.index.get_indexer(frame.index)
+            if table is not None and table.numbers is not None:
+                positions = table.numbers[positions]
+            rows = np.asarray(positions, dtype=np.float64) + 1
         excluded = _find_excluded(frame, exclude, file, rows, offset)
         unread = () if table is None else table.left_out
         ranges = exclude.parts.get("lines", ())
@@ -256,28 +263,10 @@ def _blank_excluded(table: Table, excludes: Sequence[Exclude]) -> Table:
     return replace(table, frame=frame)
 
 
-def _excluded_by(excludes: Sequence[Exclude], file: str, columns: Sequence[str]) -> list[str]:
-    """Columns that are read only for exclusions of positions or stations of a log."""
-    parts_of_log = (entry.parts for entry in excludes if entry.log in (file, log_name(file)))
-    column_names = {key.removesuffix("s") for keys in parts_of_log for key in keys}
-    return [
-        name for name in ("position", "station") if name in column_names and name not in columns
-    ]
-
-
 def _offset_of_part(log: str, file: str, table: Table | None) -> int | None:
     """What was added to the index of the rows of a log, or of a part of it; None of another log."""
     parts = dict(table.parts) if table is not None else {}
     return parts.get(log, 0 if log in (file, log_name(file)) else None)
-
-
-def _row_numbers(frame: pd.DataFrame, table: Table | None) -> Array:
-    """Number, from 1, of each row of a frame among the rows of its log."""
-    if table is None:
-        return np.asarray(frame.index, dtype=np.float64) + 1
-    positions = table.frame.index.get_indexer(frame.index)
-    numbers = positions if table.numbers is None else table.numbers[positions]
-    return np.asarray(numbers, dtype=np.float64) + 1
 
 
 def _find_excluded(
@@ -286,7 +275,8 @@ def _find_excluded(
     """Which rows [n] of a frame an exclusion takes."""
     if exclude.timed:
         require(file, frame.columns, ["time_s"])
-        low, high = _excluded_range(exclude)
+        low = -np.inf if exclude.from_s is None else exclude.from_s
+        high = np.inf if exclude.to_s is None else exclude.to_s
         inside: Mask = frame["time_s"].between(low, high).to_numpy()
         return inside
     ((key, ranges),) = exclude.parts.items()
@@ -328,14 +318,6 @@ def _describe_part(exclude: Exclude) -> str:
         return f"between {exclude.from_s:.12g} s and {exclude.to_s:.12g} s"
     ends = (("from", exclude.from_s), ("up to", exclude.to_s))
     return " ".join(f"{word} {end:.12g} s" for word, end in ends if end is not None)
-
-
-def _excluded_range(exclude: Exclude) -> tuple[float, float]:
-    """Times [s] from and to which an exclusion goes."""
-    return (
-        -np.inf if exclude.from_s is None else exclude.from_s,
-        np.inf if exclude.to_s is None else exclude.to_s,
-    )
 
 
 def _drop_incomplete_rows(

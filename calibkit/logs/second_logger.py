@@ -1,15 +1,18 @@
-"""A log and its second logger, joined: the second logger's columns on the clock of the log."""
+"""A log and its second logger, joined: the second logger's columns on the clock of the log, by
+what the stamps of both files say or by a quantity that both measured.
+"""
 
+import contextlib
 import fnmatch
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from calibkit.errors import FitError, FrameError
-from calibkit.logs import clocks, mapping, stamps
-from calibkit.numeric.arrays import Array, Integers, Mask
+from calibkit.logs import clocks, mapping
+from calibkit.numeric.arrays import Array
 from calibkit.readers import in_memory
 from calibkit.recipe import Recipe
 from calibkit.recipe.logs import Logs
@@ -20,17 +23,20 @@ _GAIN = 0.1
 """Departure from 1 of the gain between two sensors of one quantity that is noted."""
 _HOW_RELATED = {"same": "one clock", "stated": "stated", "estimate": "estimated"}
 """[chamber] clock → how the two clocks are related, in words."""
+_DAY_S = 86400.0
+_ALIKE = 0.5
+"""Share of the best overlap beyond which another day explains two times of day as well."""
 _PROBE = "shared_quantity"
 """Name under which the log's own column of the shared quantity is read."""
 
 
 def exclude_second_logger(chamber: SecondLogger, logs: Sequence[str], folder: Path) -> list[str]:
     """Logs that are not the second logger's own files."""
-    second_files = {
-        path.relative_to(folder).as_posix()
-        for pattern in chamber.files
-        for path in _match(folder, pattern.replace("{log}", "*"))
-    }
+    second_files = set()
+    for pattern in (pattern.replace("{log}", "*") for pattern in chamber.files):
+        on_disk = (path for path in folder.glob(pattern) if path.is_file())
+        for path in in_memory.match(folder, pattern) or on_disk:
+            second_files.add(path.relative_to(folder).as_posix())
     first_logs = [name for name in logs if name not in second_files]
     if not first_logs:
         raise FrameError(
@@ -38,12 +44,6 @@ def exclude_second_logger(chamber: SecondLogger, logs: Sequence[str], folder: Pa
             hint="make [logs] files and [chamber] files differ",
         )
     return first_logs
-
-
-def _match(folder: Path, pattern: str) -> list[Path]:
-    """Files of a folder, or frames in memory, that a pattern matches."""
-    frames_in_memory = in_memory.match(folder, pattern)
-    return frames_in_memory or [path for path in folder.glob(pattern) if path.is_file()]
 
 
 def read_joined(
@@ -54,14 +54,25 @@ def read_joined(
     required_columns: Sequence[str],
     optional: Sequence[str],
 ) -> Log:
-    """Read one log with the columns of its second logger; raises FitError where the two clocks
-    cannot be related, otherwise as `mapping.read_file`.
+    """Read one log with the columns of its second logger; one from the place of use may have every
+    column itself. Raises FitError where the two clocks cannot be related, otherwise as
+    `mapping.read_file`.
     """
-    names = _find_files(chamber, path, file)
+    patterns = [
+        PurePosixPath(pattern.replace("{log}", mapping.log_name(path.name))).name
+        for pattern in chamber.files
+    ]
+    candidates = in_memory.match(path.parent, "*") or filter(Path.is_file, path.parent.iterdir())
+    names = sorted(
+        candidate.name
+        for candidate in candidates
+        if any(fnmatch.fnmatchcase(candidate.name, pattern) for pattern in patterns)
+    )
     if not names:
-        complete_log = _read_complete(recipe, path, file, required_columns, optional)
-        if complete_log is not None:
-            return complete_log
+        with contextlib.suppress(FrameError):
+            log = mapping.read_file(recipe, path, file, required_columns, optional)
+            note = "every column is in the log itself: no second logger was read"
+            return replace(log, notes=(*log.notes, note))
     if len(names) != 1:
         matches_text = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
         raise FrameError(
@@ -72,11 +83,15 @@ def read_joined(
         )
     first, probe = _read_first(recipe, chamber, path, file, required_columns, optional)
     second = _read_second(recipe, chamber, path.parent / names[0])
-    begins = stamps.relate_origins(first, second, same_clock=chamber.clock == "same")
+    begins = _relate_origins(first, second, same_clock=chamber.clock == "same")
     if begins:
         second = replace(second, frame=second.frame.assign(time_s=second.frame["time_s"] + begins))
     if probe:
-        second = _crop(second, values(first.frame, "time_s"), chamber)
+        # of a file of the whole day the clock is wanted where the log is
+        time = values(first.frame, "time_s") - chamber.offset_s
+        margin = chamber.search_s
+        near_log = second.frame["time_s"].between(time[0] - margin, time[-1] + margin)
+        second = replace(second, frame=second.frame[near_log]) if near_log.any() else second
     clock = _relate_clocks(chamber, first, probe, second, begins)
     return _join(first, second, clock, chamber, (*required_columns, *optional))
 
@@ -93,22 +108,48 @@ def _join(
     second_columns, joined = _take(chamber, second, on_a, time)
     frame = first.frame.assign(**second_columns)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
-    places = _place_lost_rows(time, on_a, lost)
+    before, after = time < on_a[0], time > on_a[-1]
+    places = {
+        "before its start": lost & before,
+        "after its end": lost & after,
+        "in its gaps": lost & ~(before | after),
+    }
+    numbers = first.frame.index.to_numpy()
+    lost_rows = {place: numbers[rows] for place, rows in places.items() if rows.any()}
     frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
     if frame.empty:
-        raise stamps.nothing_common(first, time, second.file, on_a)
+        raise FrameError(
+            f"{first.file}: no row has a value of {second.file}: the log goes from"
+            f" {_describe_span(first, time)}, that file from {_describe_span(first, on_a)} of the"
+            " log's clock",
+            hint="name the file of the same hours in [chamber] files, or state offset_s there",
+        )
+    lost_notes = []
+    if lost_rows:
+        counts = ", ".join(f"{rows.size} {place}" for place, rows in lost_rows.items())
+        lost_notes.append(
+            f"{int(lost.sum())} rows without a value of {second.file} left out: {counts}"
+        )
+    offset_s, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
+    offset_text = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
+    overlap = (
+        f"files overlap {_describe_span(first, time[~lost])}; clock of {second.file}"
+        f" {offset_text} ({_HOW_RELATED[chamber.clock]})"
+    )
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
-    overlap = stamps.describe_overlap(first, time[~lost]) + _state_offset(chamber, clock, second)
     return replace(
         first,
         overlap=overlap,
         clock=None if chamber.clock == "same" else (clock.offset_s, u),
         second_logger_sha256=second.sha256,
-        lost=(*first.lost, *_lost(first, second.file, places)),
+        lost=(
+            *first.lost,
+            *((f"no value of {second.file}: {place}", rows) for place, rows in lost_rows.items()),
+        ),
         frame=frame,
         notes=(
             *first.notes,
-            *_note_lost_rows(places, second.file),
+            *lost_notes,
             *(f"{second.file}: {note}" for note in second.notes),
         ),
         reading=(
@@ -163,33 +204,6 @@ def _read_first(
     return mapping.read_file(probed, path, file, [*log_columns, probe], optional_columns), probe
 
 
-def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
-    """Files of the second logger that belong to a log."""
-    log = mapping.log_name(PurePosixPath(file).name)
-    patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
-    return sorted(
-        candidate.name
-        for candidate in in_memory.match(path.parent, "*")
-        or filter(Path.is_file, path.parent.iterdir())
-        if any(fnmatch.fnmatchcase(candidate.name, file_pattern) for file_pattern in patterns)
-    )
-
-
-def _read_complete(
-    recipe: Recipe, path: Path, file: str, required_columns: Sequence[str], optional: Sequence[str]
-) -> Log | None:
-    """Read a log that has every column itself, as one from the place of use may; None for
-    another.
-    """
-    try:
-        log = mapping.read_file(recipe, path, file, required_columns, optional)
-    except FrameError:
-        return None
-    return replace(
-        log, notes=(*log.notes, "every column is in the log itself: no second logger was read")
-    )
-
-
 def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     """Read the second logger's file in canonical columns, without rows that lack a value."""
     logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
@@ -205,15 +219,6 @@ def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     bad = [name for name, complete in zip(columns, finite.all(axis=0), strict=True) if not complete]
     note = f"{int((~complete_rows).sum())} rows without a value of {', '.join(bad)} left out"
     return replace(second, frame=second.frame[complete_rows], notes=(*second.notes, note))
-
-
-def _crop(second: Log, time_a: Array, chamber: SecondLogger) -> Log:
-    """A file of the whole day, without the hours that are far from the log's times [n, s]: its
-    clock is wanted where the log is.
-    """
-    low, high = (time_a[k] - chamber.offset_s for k in (0, -1))
-    near_log = second.frame["time_s"].between(low - chamber.search_s, high + chamber.search_s)
-    return replace(second, frame=second.frame[near_log]) if near_log.any() else second
 
 
 def _relate_clocks(
@@ -253,37 +258,57 @@ def _relate_clocks(
     return clock
 
 
-def _place_lost_rows(time: Array, on_a: Array, lost: Mask) -> dict[str, Mask]:
-    """Where rows of the log have no value of the second logger → which of them."""
-    before, after = time < on_a[0], time > on_a[-1]
-    places = {
-        "before its start": lost & before,
-        "after its end": lost & after,
-        "in its gaps": lost & ~(before | after),
+def _relate_origins(first: Log, second: Log, *, same_clock: bool) -> float:
+    """Seconds from second 0 of one log to second 0 of the other by their stamps, 0 where these
+    cannot be compared; FrameError where they must be, as on the `same_clock`.
+    """
+    a, b = first.origin, second.origin
+    if a is None or b is None or a.kind != b.kind:
+        if same_clock:
+            raise FrameError(
+                f'{first.file}: clock = "same", but the log has {_describe_kind(first)} and'
+                f" {second.file} has {_describe_kind(second)}, expected stamps of one kind",
+                hint=(
+                    'state in [chamber] clock = "stated", offset_s = seconds from the log\'s first'
+                    " row to the other file's, and standard_uncertainty_s; or pin time_format"
+                    " where a date can be read in two ways"
+                ),
+            )
+        return 0.0
+    begins = (b.nanoseconds - a.nanoseconds) / 1e9
+    return begins if a.kind != "times of day" else begins + _find_day(first, second, begins)
+
+
+def _describe_kind(log: Log) -> str:
+    """Kind of a log's stamps, for a message."""
+    return "stamps without a certain date" if log.origin is None else log.origin.kind
+
+
+def _find_day(first: Log, second: Log, begins: float) -> float:
+    """Days [s] between two logs with times of day alone: those at which they overlap most."""
+    ends = [values(log.frame, "time_s")[[0, -1]] for log in (first, second)]
+    (low, high), second_ends = ends[0], ends[1] + begins
+    common = {
+        day: float(min(high, second_ends[1] + day) - max(low, second_ends[0] + day))
+        for day in (0.0, -_DAY_S, _DAY_S)
     }
-    return {place: rows for place, rows in places.items() if rows.any()}
+    best = max(common, key=lambda day: common[day])
+    rivals = [day for day in common if day != best and common[day] > _ALIKE * common[best]]
+    if rivals and common[best] > 0.0:
+        raise FrameError(
+            f"{first.file}: the times of day of {second.file} fit it on two days, expected one",
+            hint="log dates, or take the other days out of that file",
+        )
+    return best if common[best] > 0.0 else 0.0
 
 
-def _lost(first: Log, file: str, places: Mapping[str, Mask]) -> Iterator[tuple[str, Integers]]:
-    """Why rows of the log are lost, and their numbers in its index."""
-    numbers = first.frame.index.to_numpy()
-    for place, rows in places.items():
-        yield f"no value of {file}: {place}", numbers[rows]
-
-
-def _note_lost_rows(places: Mapping[str, Mask], file: str) -> tuple[str, ...]:
-    """Note on the rows of the log without a value of the second logger: how many, and why."""
-    counts = {place: int(rows.sum()) for place, rows in places.items()}
-    parts = ", ".join(f"{count} {place}" for place, count in counts.items())
-    note = f"{sum(counts.values())} rows without a value of {file} left out: {parts}"
-    return (note,) if counts else ()
-
-
-def _state_offset(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> str:
-    """How far the clock of the second logger is off, to 0.1 s, and how that is known."""
-    offset_s, way = round(clock.offset_s, 1), "behind" if clock.offset_s > 0.0 else "ahead"
-    offset_text = f"{abs(offset_s):.10g} s {way}" if offset_s else "as it is"
-    return f"; clock of {second.file} {offset_text} ({_HOW_RELATED[chamber.clock]})"
+def _describe_span(log: Log, time_s: Array) -> str:
+    """First and last of times [n, s] of a log's clock as its stamps would say them."""
+    origin = log.origin
+    stamp = "{:.10g} s".format if origin is None else origin.stamp
+    first, last = stamp(float(time_s[0])), stamp(float(time_s[-1]))
+    date, _, time_of_day = last.rpartition(" ")
+    return f"{first}–{time_of_day if date and first.startswith(date) else last}"
 
 
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:

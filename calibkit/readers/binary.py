@@ -18,7 +18,7 @@ from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited
 from calibkit.readers.table import Table
-from calibkit.recipe.logs import BinarySpec, Logs
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
@@ -26,7 +26,14 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     assert logs.binary is not None  # noqa: S101 (the recipe's own check: format = 'binary' has [logs.binary])
     spec = logs.binary
     data, sha256 = delimited.read_bytes(path, file)
-    layout = _record_type(spec)
+    types = []
+    for number, field in enumerate(spec.fields):
+        if field.type == "skip":
+            types.append((f"skipped {number}", np.dtype(f"V{field.bytes}")))
+        else:
+            order = spec.byte_order if field.byte_order == "record" else field.byte_order
+            types.append((field.name, np.dtype(field.type).newbyteorder(order)))
+    layout = np.dtype(types)
     body = len(data) - spec.header_bytes
     if body <= 0 or body % layout.itemsize:
         raise LogFormatError(
@@ -35,7 +42,18 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
             hint="the file is cut off, or [logs.binary] describes it wrongly",
         )
     records = np.frombuffer(data, layout, offset=spec.header_bytes)
-    _require_sync(data, spec, layout.itemsize, file)
+    # from a record that begins with other bytes on every field would hold what is another's
+    sync = np.frombuffer(bytes.fromhex(spec.sync), np.uint8)
+    stored = np.frombuffer(data, np.uint8, offset=spec.header_bytes)
+    begins = stored.reshape(-1, layout.itemsize)[:, : sync.size]
+    wrong = np.flatnonzero((begins != sync).any(axis=1))
+    if wrong.size:
+        record = int(wrong[0])
+        raise LogFormatError(
+            f"{file}:{record + 1}: record {record + 1} begins with"
+            f" {begins[record].tobytes().hex()}, expected {spec.sync.lower()}",
+            hint="bytes were lost or added before it; copy the file again",
+        )
     fields = [field for field in spec.fields if field.type != "skip"]
     columns = {
         field.name: units.scaled(
@@ -50,35 +68,3 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         reading=(f"binary records of {layout.itemsize} bytes, {len(records)} rows",),
         units={field.name: units.parse_unit(field.unit) for field in fields if field.unit},
     )
-
-
-def _record_type(spec: BinarySpec) -> np.dtype[np.void]:
-    """Type of a record for numpy."""
-    fields = []
-    for number, field in enumerate(spec.fields):
-        if field.type == "skip":
-            fields.append((f"skipped {number}", np.dtype(f"V{field.bytes}")))
-        else:
-            order = spec.byte_order if field.byte_order == "record" else field.byte_order
-            fields.append((field.name, np.dtype(field.type).newbyteorder(order)))
-    return np.dtype(fields)
-
-
-def _require_sync(data: bytes, spec: BinarySpec, size: int, file: str) -> None:
-    """Raise LogFormatError for the first record that does not begin with the sync bytes: from there
-    on every field would hold other bytes.
-    """
-    sync = np.frombuffer(bytes.fromhex(spec.sync), np.uint8)
-    if not sync.size:
-        return
-    begins = np.frombuffer(data, np.uint8, offset=spec.header_bytes).reshape(-1, size)[
-        :, : sync.size
-    ]
-    wrong = np.flatnonzero((begins != sync).any(axis=1))
-    if wrong.size:
-        record = int(wrong[0])
-        raise LogFormatError(
-            f"{file}:{record + 1}: record {record + 1} begins with"
-            f" {begins[record].tobytes().hex()}, expected {spec.sync.lower()}",
-            hint="bytes were lost or added before it; copy the file again",
-        )

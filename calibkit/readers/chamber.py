@@ -12,7 +12,7 @@ first, depends on the chamber's configuration: the recipe says which column is w
 """
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -35,21 +35,47 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     torn = damage.Torn.of(file, logs)
     numbered = enumerate(torn.cut_lines(content), start=1)
-    matched = torn.parse(numbered, lambda number, line: _match_reply(file, number, line))
-    if not matched:
+    layout: tuple[int, int] | None = None
+
+    def match(number: int, line: str) -> re.Match[str]:
+        nonlocal layout
+        reply = _REPLY.fullmatch(line)
+        hint = damage.advise_torn(file, number)
+        if reply is None or len(reply["fields"].split()) % 2:
+            raise LogFormatError(
+                f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as"
+                " 0023.0",
+                hint=hint,
+            )
+        # one with other numbers than the first is cut, or of another chamber
+        counts = len(reply["fields"].split()), len(reply["bits"] or "")
+        layout = layout or counts
+        if counts != layout:
+            raise LogFormatError(
+                f"{file}:{number}: {counts[0]} fields and {counts[1]} digital channels, expected"
+                f" {layout[0]} and {layout[1]}",
+                hint=hint,
+            )
+        return reply
+
+    replies = torn.parse(numbered, match)
+    if layout is None:
         raise damage.no_rows(file)
-    first = next(iter(matched.values()))
-    replies = torn.parse(
-        matched.items(), lambda number, reply: _require_alike(file, number, reply, first)
-    )
-    width = len(first["fields"].split())
+    width = layout[0]
     names = ["time", *(f"{word} {k + 1}" for k in range(width // 2) for word in ("set", "actual"))]
     if logs.names and len(logs.names) != len(names):
         raise LogFormatError(
             f"{file}:1: {len(names)} columns with the time, the recipe names {len(logs.names)}",
             hint="correct [logs] names",
         )
-    frame = _tabulate(list(replies.values()), names, logs)
+    frame = pd.DataFrame(
+        [[float(field) for field in reply["fields"].split()] for reply in replies.values()],
+        columns=names[1:],
+    )
+    written = [reply["time"].strip() for reply in replies.values()]
+    decimal_times = all(map(times.is_decimal, written))
+    frame.insert(0, "time", [float(field) for field in written] if decimal_times else written)
+    frame.columns = list(logs.names) or names
     lines = np.array(list(replies))
     frame.index = pd.Index(lines - FIRST_ROW)
     reading = (
@@ -66,45 +92,3 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         left_out=tuple(torn.left_out),
         numbers=lines - 1 if torn.any else None,
     )
-
-
-def _tabulate(replies: Sequence[re.Match[str]], names: list[str], logs: Logs) -> pd.DataFrame:
-    """Times and fields of replies, under the names of the recipe or these."""
-    frame = pd.DataFrame(
-        [[float(field) for field in reply["fields"].split()] for reply in replies],
-        columns=names[1:],
-    )
-    written = [reply["time"].strip() for reply in replies]
-    decimal_times = all(map(times.is_decimal, written))
-    frame.insert(0, "time", [float(field) for field in written] if decimal_times else written)
-    frame.columns = list(logs.names) or names
-    return frame
-
-
-def _match_reply(file: str, number: int, line: str) -> re.Match[str]:
-    """The parts of a reply; raises LogFormatError for a line that is none."""
-    reply = _REPLY.fullmatch(line)
-    if reply is None or len(reply["fields"].split()) % 2:
-        raise LogFormatError(
-            f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as 0023.0",
-            hint=damage.advise_torn(file, number),
-        )
-    return reply
-
-
-def _require_alike(
-    file: str, number: int, reply: re.Match[str], first: re.Match[str]
-) -> re.Match[str]:
-    """The reply; raises LogFormatError for one with another number of fields or digital channels
-    than the first: it is cut, or of another chamber.
-    """
-    counts, expected = (
-        (len(match["fields"].split()), len(match["bits"] or "")) for match in (reply, first)
-    )
-    if counts != expected:
-        raise LogFormatError(
-            f"{file}:{number}: {counts[0]} fields and {counts[1]} digital channels, expected"
-            f" {expected[0]} and {expected[1]}",
-            hint=damage.advise_torn(file, number),
-        )
-    return reply

@@ -34,10 +34,16 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
             hint="expected a header line and rows below it; remove it or copy it again",
         )
     marked = next(((mark, name) for mark, name in MARKS if data.startswith(mark)), None)
+    mark_encoding = marked[1] if marked else ""
     if pinned == "auto":
-        encoding = marked[1] if marked else _guess_encoding(data, file)
+        encoding = mark_encoding or _guess_encoding(data, file)
     else:
-        encoding = _pinned_encoding(pinned, marked[1] if marked else "", file)
+        encoding = (mark_encoding or "utf-16-le") if pinned == "utf-16" else pinned
+        if mark_encoding and mark_encoding != encoding:
+            raise LogFormatError(
+                f"{file}:1: the byte-order mark says {mark_encoding}, the recipe says {pinned}",
+                hint="correct [logs.text] encoding, or leave it out",
+            )
     body = data.removeprefix(marked[0]) if marked and marked[1] == encoding else data
     try:
         text = body.decode(encoding)
@@ -61,17 +67,6 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
 
 
-def _pinned_encoding(pinned: str, marked: str, file: str) -> str:
-    """The encoding that the recipe names; LogFormatError where the byte-order mark is another's."""
-    encoding = (marked or "utf-16-le") if pinned == "utf-16" else pinned
-    if marked and marked != encoding:
-        raise LogFormatError(
-            f"{file}:1: the byte-order mark says {marked}, the recipe says {pinned}",
-            hint="correct [logs.text] encoding, or leave it out",
-        )
-    return encoding
-
-
 def _guess_encoding(data: bytes, file: str) -> str:
     """The first encoding that fits bytes without a byte-order mark."""
     head = data[:4096]
@@ -88,8 +83,9 @@ def _guess_encoding(data: bytes, file: str) -> str:
         _refuse_damaged(data, error, file)
     else:
         return "utf-8"
-    if _is_western(data):
-        return "cp1252"
+    runs = re.findall(rb"[\x80-\xff]+", data)
+    if all(set(run) <= WESTERN and (len(run) == 1 or min(run) >= 0xC4) for run in runs):
+        return "cp1252"  # what western instruments write, in pairs only of letters
     try:
         data.decode("gb18030")
     except UnicodeDecodeError:
@@ -119,11 +115,3 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
                 " [logs.text]"
             ),
         )
-
-
-def _is_western(data: bytes) -> bool:
-    """Whether every byte above 0x7f is one that western instruments write, none in pairs but of
-    letters.
-    """
-    runs = re.findall(rb"[\x80-\xff]+", data)
-    return all(set(run) <= WESTERN and (len(run) == 1 or min(run) >= 0xC4) for run in runs)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import LogFormatError, SeveralTablesError
-from calibkit.readers import limited, optional, tokens
+from calibkit.readers import limited, tokens
 from calibkit.readers.table import Guess, Table
 
 if TYPE_CHECKING:
@@ -32,7 +32,6 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     """Read one sheet of a workbook, or raise LogFormatError."""
     from calibkit.readers import delimited, sniff, text
 
-    optional.require_library("python_calamine", "excel", file)
     data, sha256 = delimited.read_bytes(path, file)
     parsed = limited.parse(parse, file, data, logs.table)
     name, content = parsed.facts["sheet"], parsed.arrays["content"].tobytes().decode()
@@ -57,9 +56,10 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
 
 def parse(data: bytes, file: str, table: str) -> limited.Parsed:
     """One sheet as lines of text, its name, and notes on merged cells."""
-    calamine = optional.import_library("python_calamine", "excel", file)
-    with optional.refuse_damaged(file, "Excel"):
-        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+    import python_calamine
+
+    with limited.refuse_damaged(file, "Excel"):
+        book = python_calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
         sheets = {name: book.get_sheet_by_name(name) for name in book.sheet_names}
         cells = {name: sheet.to_python(skip_empty_area=False) for name, sheet in sheets.items()}
         with_cells = [

@@ -19,7 +19,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import limited, optional
+from calibkit.readers import limited
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     """Read one group of an HDF5 file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
-    optional.require_library("h5py", "hdf5", file)
+    limited.require_library("hdf5", file)
     data, sha256 = delimited.read_bytes(path, file)
     side_by_side, table = logs.table == arrays.SIDE_BY_SIDE, (*logs.tables, logs.table)[0]
     parsed = limited.parse(parse, file, data, "" if side_by_side or logs.tables else table)
@@ -48,7 +48,8 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
 
 def parse(data: bytes, file: str, table: str) -> limited.Parsed:
     """Arrays and units of all datasets by their paths."""
-    h5py = optional.import_library("h5py", "hdf5", file)
+    import h5py
+
     arrays: dict[str, Any] = {}
     dataset_units: dict[str, str] = {}
 
@@ -59,7 +60,10 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         if numeric and (not table or f"{name}/".startswith(f"{table}/")):
             _require_own_values(name, node, file)
         attributes = {key.lower(): node.attrs[key] for key in node.attrs}
-        unit = units.as_stated(_text_of(attributes.get("units", attributes.get("unit", ""))))
+        stated = np.ravel(attributes.get("units", attributes.get("unit", "")))
+        text = stated[0] if stated.size else ""
+        text = text.decode(errors="replace") if isinstance(text, bytes) else str(text)
+        unit = units.as_stated(text)
         if node.dtype.names:
             table_rows = node[()]
             arrays.update({f"{name}/{field}": table_rows[field] for field in node.dtype.names})
@@ -68,30 +72,19 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         if unit:
             dataset_units[name] = unit
 
-    with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
-        _require_end(data, opened.userblock_size, file)
+    with limited.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
+        # the library passes over bytes behind the end that the superblock states: base address,
+        # free space or extension, end of file, eight bytes each
+        base = opened.userblock_size
+        addresses = base + (24 if data[base + 8] < 2 else 12) + (4 if data[base + 8] == 1 else 0)
+        end = int.from_bytes(data[addresses + 16 : addresses + 24], "little")
+        if len(data) not in {end, end + base}:
+            raise LogFormatError(
+                f"{file}: {len(data)} bytes, its own end is stated at {end}",
+                hint="bytes were lost, added or shifted; copy it again",
+            )
         opened.visititems(collect)
     return limited.Parsed(arrays, {"units": dataset_units})
-
-
-def _require_end(data: bytes, base: int, file: str) -> None:
-    """Raise LogFormatError for bytes behind the end that the superblock states, which the library
-    passes over.
-    """
-    addresses = base + (24 if data[base + 8] < 2 else 12) + (4 if data[base + 8] == 1 else 0)
-    # base address, free space or extension, end of file: eight bytes each
-    end = int.from_bytes(data[addresses + 16 : addresses + 24], "little")
-    if len(data) not in {end, end + base}:
-        raise LogFormatError(
-            f"{file}: {len(data)} bytes, its own end is stated at {end}",
-            hint="bytes were lost, added or shifted; copy it again",
-        )
-
-
-def _text_of(attribute: Any) -> str:  # noqa: ANN401 (h5py's values)
-    """Text of an attribute that is a text, bytes or an array of one of them."""
-    text = np.ravel(attribute)[0] if np.size(attribute) else ""
-    return text.decode(errors="replace") if isinstance(text, bytes) else str(text)
 
 
 def _unpacked(values: Any, attributes: Mapping[str, Any]) -> Any:  # noqa: ANN401 (h5py's values)

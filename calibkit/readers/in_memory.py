@@ -41,7 +41,19 @@ def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterato
     if not frames:
         raise FrameError("logs: no frame", hint=_GIVE)
     for name, frame in frames.items():
-        file = _name_file(str(name), patterns)
+        written = str(name)
+        files = [
+            file
+            for pattern in patterns
+            for file in (written, written + PurePosixPath(pattern).suffix)
+            if "/" not in file and fnmatchcase(file, pattern)
+        ]
+        if not files:
+            raise FrameError(
+                f"logs: '{name}' is none of the logs that the recipe reads, {', '.join(patterns)}",
+                hint="name it like one of them, with or without the suffix",
+            )
+        file = files[0]
         if folder / file in tables:
             raise FrameError(
                 f"logs: '{name}' and a frame before it both stand for {file}",
@@ -54,18 +66,6 @@ def hold(frames: Mapping[str, pd.DataFrame], patterns: Sequence[str]) -> Iterato
     finally:
         for path in tables:
             del _HELD[path]
-
-
-def _name_file(name: str, patterns: Sequence[str]) -> str:
-    """File that a frame's name stands for; FrameError where the recipe reads none like it."""
-    for pattern in patterns:
-        for file in (name, name + PurePosixPath(pattern).suffix):
-            if "/" not in file and fnmatchcase(file, pattern):
-                return file
-    raise FrameError(
-        f"logs: '{name}' is none of the logs that the recipe reads, {', '.join(patterns)}",
-        hint="name it like one of them, with or without the suffix",
-    )
 
 
 def _kind(value: object) -> str:

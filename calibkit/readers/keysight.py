@@ -21,7 +21,6 @@ import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, sniff, text, tokens
-from calibkit.readers.sniff import Dialect
 from calibkit.readers.table import FIRST_ROW, Table
 from calibkit.recipe.logs import Logs
 from calibkit.records.frame import values
@@ -42,20 +41,34 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     )
     dialect = sniff.Dialect.recognise(content, encoding, file, spec, ())
     scan = dialect.names[0]
+    alarms = [name for name in dialect.names if name.lower().startswith("alarm")]
     table = text.parse_text(
         content,
         sha256,
         file,
         dialect,
         logs,
-        {*required_columns, scan, *_alarm_columns(dialect)},
+        {*required_columns, scan, *alarms},
     )
-    notes = (
-        *table.notes,
-        *_note_alarms(table, _alarm_columns(dialect)),
-        *_note_scan_jumps(table, scan),
-    )
-    return replace(table, notes=notes)
+    names, notes = list(table.frame.columns), list(table.notes)
+    lines = table.frame.index + FIRST_ROW
+    for alarm in alarms:
+        raised = np.flatnonzero(np.nan_to_num(values(table.frame, alarm)) != 0.0)
+        if raised.size:
+            channel = names[names.index(alarm) - 1]
+            notes.append(
+                f"column '{channel}': alarm in {raised.size} scans, the first in line"
+                f" {lines[raised[0]]}"
+            )
+    number = values(table.frame, scan)
+    jumps = np.flatnonzero(np.diff(number) != 1.0)
+    if jumps.size:
+        row = int(jumps[0])
+        notes.append(
+            f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to"
+            f" {number[row + 1]:g} in line {lines[row + 1]}"
+        )
+    return replace(table, notes=tuple(notes))
 
 
 def _find_header(content: str, file: str) -> tuple[int, str]:
@@ -86,39 +99,3 @@ def _require_no_scan(lines: list[str], delimiter: str, file: str) -> None:
                 f"{file}:{number}: a scan stands above the header",
                 hint="the lines are not in the order of the instrument; export the log again",
             )
-
-
-def _alarm_columns(dialect: Dialect) -> tuple[str, ...]:
-    """Names of the alarm columns."""
-    return tuple(name for name in dialect.names if name.lower().startswith("alarm"))
-
-
-def _note_alarms(table: Table, alarms: Collection[str]) -> tuple[str, ...]:
-    """One note per channel whose alarm was raised."""
-    names = list(table.frame.columns)
-    notes = []
-    for alarm in alarms:
-        raised = np.flatnonzero(np.nan_to_num(values(table.frame, alarm)) != 0.0)
-        if raised.size:
-            line = int(table.frame.index[int(raised[0])]) + FIRST_ROW
-            channel = names[names.index(alarm) - 1]
-            notes.append(
-                f"column '{channel}': alarm in {raised.size} scans, the first in line {line}"
-            )
-    return tuple(notes)
-
-
-def _note_scan_jumps(table: Table, scan: str) -> tuple[str, ...]:
-    """A note where scan numbers do not go on by one."""
-    number = values(table.frame, scan)
-    jumps = np.flatnonzero(np.diff(number) != 1.0)
-    if not jumps.size:
-        return ()
-    row = int(jumps[0])
-    line = int(table.frame.index[row + 1]) + FIRST_ROW
-    return (
-        (
-            f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to"
-            f" {number[row + 1]:g} in line {line}"
-        ),
-    )

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import importlib
+import importlib.util
 import json
 import os
 import signal
@@ -25,9 +25,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import CalibkitError, LogFormatError, SeveralTablesError, UsageError
+from calibkit.libraries import extras
+from calibkit.recipe.logs import FORMATS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import NDArray
 
@@ -48,6 +50,34 @@ class Parsed:
 
     arrays: dict[str, NDArray[Any]] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
+
+
+@contextlib.contextmanager
+def refuse_damaged(file: str, format_title: str) -> Iterator[None]:
+    """Turn whatever a library raises on a damaged file into a LogFormatError that names the
+    file.
+    """
+    try:
+        yield
+    except (CalibkitError, MemoryError):
+        raise
+    except Exception as error:  # noqa: BLE001 (a parser of a foreign format raises anything on damaged bytes)
+        message = " ".join(str(error).split())[:120]
+        raise LogFormatError(
+            f"{file}: not a whole {format_title} file: {type(error).__name__}: {message}",
+            hint="the file is damaged or cut off, or has another format; copy it again",
+        ) from None
+
+
+def require_library(format_name: str, file: str) -> None:
+    """Raise UsageError with how to install the library of a format where it is absent; it is not
+    imported.
+    """
+    library = FORMATS[format_name].library
+    if library and importlib.util.find_spec(library) is None:
+        raise UsageError(
+            f"{file}: reading this format needs {library}", hint=extras.install_hint(format_name)
+        )
 
 
 def require_columns(count: int, file: str) -> None:

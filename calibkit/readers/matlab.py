@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import hdf5, limited, optional
+from calibkit.readers import hdf5, limited
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def parse(data: bytes, file: str) -> limited.Parsed:
 
     if data.startswith(b"MATLAB 5.0"):
         _require_nested(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
-    with optional.refuse_damaged(file, "MATLAB"):
+    with limited.refuse_damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
     return limited.Parsed(_flatten_structs(variables))
 
@@ -80,7 +80,7 @@ def _require_nested(
         if kind not in KINDS or end > stop or (word >> 16 and size > 4):
             raise _nesting_error(file, position)
         if kind == COMPRESSED:
-            with optional.refuse_damaged(file, "MATLAB"):
+            with limited.refuse_damaged(file, "MATLAB"):
                 inner = zlib.decompress(data[begin:end])
             _require_nested(inner, 0, len(inner), order, file, depth + 1)
         elif kind == MATRIX and size:

@@ -14,7 +14,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import limited, optional
+from calibkit.readers import limited
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     """Read a Parquet file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
-    optional.require_library("pyarrow", "parquet", file)
     data, sha256 = delimited.read_bytes(path, file)
     parsed = limited.parse(parse, file, data)
     frame = arrays.join_vectors(parsed.arrays, file, required_columns)
@@ -40,10 +39,11 @@ def parse(data: bytes, file: str) -> limited.Parsed:
     """Columns of numbers and their units, pages held against their checksums where they have
     them.
     """
-    pyarrow = optional.import_library("pyarrow", "parquet", file)
-    parquet = optional.import_library("pyarrow.parquet", "parquet", file)
+    import pyarrow as pa
+    from pyarrow import parquet
+
     columns, column_units = {}, {}
-    with optional.refuse_damaged(file, "Parquet"):
+    with limited.refuse_damaged(file, "Parquet"):
         opened = parquet.ParquetFile(io.BytesIO(data), page_checksum_verification=True)
         limited.require_columns(opened.metadata.num_columns, file)
         table = opened.read(use_threads=False)
@@ -52,7 +52,7 @@ def parse(data: bytes, file: str) -> limited.Parsed:
                 f"{file}: a column stands twice", hint="give each column its own name"
             )
         for field in table.schema:
-            column = _to_numbers(table.column(field.name), field.type, pyarrow)
+            column = _to_numbers(table.column(field.name), field.type, pa)
             if column is not None:
                 columns[field.name] = column
             metadata = {

@@ -5,21 +5,27 @@ and without a gap; each in the same format with the same columns. The digest of 
 of its files' bytes one after another.
 """
 
+from __future__ import annotations
+
 import hashlib
 import itertools
 import re
-from collections.abc import Collection, Sequence
 from dataclasses import replace
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.numeric.arrays import Integers
 from calibkit.readers import in_memory, registry
 from calibkit.readers.keysight import SCAN_NUMBERS
-from calibkit.readers.table import Table
-from calibkit.recipe.logs import Logs
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from calibkit.numeric.arrays import Integers
+    from calibkit.readers.table import Table
+    from calibkit.recipe.logs import Logs
 
 _NUMBERED = re.compile(r"(?P<stem>.*?)(?P<number>\d+)(?P<suffix>\.[^.]*)?")
 
@@ -85,19 +91,40 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     if len(tables) == 1:
         return tables[0]
     first, frames, begins, offset = tables[0], [], [], 0
+    numbers: list[Integers] = []
     for table in tables:
-        _require_same_columns(table, first)
+        if list(table.frame.columns) != list(first.frame.columns):
+            raise LogFormatError(
+                f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected"
+                f" those of {first.file}",
+                hint=(
+                    "parts of one log have the same columns; set [logs] split = false for logs of"
+                    " their own"
+                ),
+            )
         frames.append(table.frame.set_axis(table.frame.index + offset))
         begins.append((table.file, offset))
         offset = int(frames[-1].index[-1]) + 2
+        # among the rows of all parts, torn ones counted
+        rows = np.arange(len(table.frame)) if table.numbers is None else table.numbers
+        numbers.append(rows + (int(numbers[-1][-1]) + 1 if numbers else 0))
+    any_torn = any(table.numbers is not None for table in tables)
+    notes = [f"{table.file}: {note}" for table in tables for note in table.notes]
+    name = str(first.frame.columns[0])
+    for before, after in itertools.pairwise(tables if name.lower() in SCAN_NUMBERS else ()):
+        ends = before.frame[name], after.frame[name]
+        if ends[0].dtype.kind == "f" == ends[1].dtype.kind:
+            last, following = float(ends[0].iloc[-1]), float(ends[1].iloc[0])
+            if following != last + 1 and np.isfinite(following + last):
+                notes.append(
+                    f"scan numbers jump from {last:g} in {before.file} to {following:g} in"
+                    f" {after.file}"
+                )
     return replace(
         first,
         sha256=digest_log(path, file, split=True),
         frame=pd.concat(frames),
-        notes=(
-            *(f"{table.file}: {note}" for table in tables for note in table.notes),
-            *_note_scan_jumps(tables),
-        ),
+        notes=tuple(notes),
         reading=(
             f"{len(parts)} parts, {parts[0]} to {parts[-1]}",
             *dict.fromkeys(text for table in tables for text in table.reading),
@@ -106,47 +133,5 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         left_out=tuple(
             line + begin for k, (_, begin) in enumerate(begins) for line in tables[k].left_out
         ),
-        numbers=_number_rows(tables),
+        numbers=np.concatenate(numbers) if any_torn else None,
     )
-
-
-def _require_same_columns(table: Table, first: Table) -> None:
-    """Raise LogFormatError for a part with other columns than the first."""
-    if list(table.frame.columns) != list(first.frame.columns):
-        raise LogFormatError(
-            f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected"
-            f" those of {first.file}",
-            hint=(
-                "parts of one log have the same columns; set [logs] split = false for logs of their"
-                " own"
-            ),
-        )
-
-
-def _number_rows(tables: Sequence[Table]) -> Integers | None:
-    """Number of each row among the rows of all parts, torn ones counted; None where none is."""
-    if all(table.numbers is None for table in tables):
-        return None
-    numbers, count = [], 0
-    for table in tables:
-        table_numbers = np.arange(len(table.frame)) if table.numbers is None else table.numbers
-        numbers.append(table_numbers + count)
-        count += int(table_numbers[-1]) + 1
-    return np.concatenate(numbers)
-
-
-def _note_scan_jumps(tables: Sequence[Table]) -> tuple[str, ...]:
-    """A note where scan numbers do not go on from one part to the next."""
-    notes = []
-    for before, after in itertools.pairwise(tables):
-        name = str(before.frame.columns[0])
-        if (
-            name.lower() in SCAN_NUMBERS
-            and before.frame[name].dtype.kind == "f" == after.frame[name].dtype.kind
-        ):
-            last, first = float(before.frame[name].iloc[-1]), float(after.frame[name].iloc[0])
-            if first != last + 1 and np.isfinite(first + last):
-                notes.append(
-                    f"scan numbers jump from {last:g} in {before.file} to {first:g} in {after.file}"
-                )
-    return tuple(notes)

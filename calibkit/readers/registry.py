@@ -18,7 +18,7 @@ from calibkit.readers import (
     delimited,
     encoding as encodings,
     in_memory,
-    optional,
+    limited,
     sniff,
     text,
 )
@@ -36,27 +36,23 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     Columns in `required_columns` hold numbers, or times as text; others may hold anything. Raises
     LogFormatError.
     """
-    table_in_memory = in_memory.find(path)
-    if table_in_memory is not None:
-        return table_in_memory
+    table = in_memory.find(path)
+    if table is not None:
+        return table
     try:
-        return _read_in_format(path, file, logs, required_columns)
+        if logs.format in (AUTO, "csv") and not logs.names and logs.text == TextSpec():
+            table = clean.read(path, file)
+        if table is None and logs.format == AUTO:
+            table = _read_recognised(path, file, logs, required_columns)
+        elif table is None and logs.format == "csv":
+            table = text.parse_csv(*delimited.read_bytes(path, file), file, logs, required_columns)
+        elif table is None:
+            table = _read_as(logs.format, path, file, logs, required_columns)
     except MemoryError:
         raise LogFormatError(
             f"{file}: needs more memory than there is", hint="cut the log into several"
         ) from None
-
-
-def _read_in_format(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
-    """Read a log as `read` does; MemoryError where there is too little."""
-    if logs.format == AUTO:
-        return _read_recognised(path, file, logs, required_columns)
-    if logs.format == "csv":
-        table = clean.read(path, file) if logs.text == TextSpec() else None
-        if table is None:
-            table = text.parse_csv(*delimited.read_bytes(path, file), file, logs, required_columns)
-        return table
-    return _read_as(logs.format, path, file, logs, required_columns)
+    return table
 
 
 class Reader(Protocol):
@@ -73,6 +69,7 @@ def _read_as(
 ) -> Table:
     """Read a log in a format by name; the module of the format is imported now."""
     if name in FORMATS:
+        limited.require_library(name, file)
         module: Any = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
         format_reader: Reader = module
         return format_reader.read(path, file, logs, required_columns)
@@ -94,7 +91,7 @@ def _read_by_plugin(
     reader: Reader = plugins.load(entry)
     origin = plugins.identify(entry)
     title = f"'{name}' ({origin.distribution} {origin.version})"
-    with optional.refuse_damaged(file, title):
+    with limited.refuse_damaged(file, title):
         table = reader.read(path, file, logs, required_columns)
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -138,12 +135,10 @@ def recognise_plugin(head: bytes) -> str:
 
 
 def _read_recognised(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
-    """Read a log whose format the recipe leaves open: as clean CSV, in the format that its first
-    bytes show, as text, or by a plugin, in this order.
+    """Read a log that is no clean CSV and whose format the recipe leaves open: in the format that
+    its first bytes show, as text, or by a plugin, in this order.
     """
     described = bool(logs.names) or logs.text != TextSpec()
-    if not described and (table := clean.read(path, file)) is not None:
-        return table
     data, sha256 = delimited.read_bytes(path, file)
     format_name = recognise_format(data)
     if not format_name:

@@ -19,7 +19,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import limited, optional
+from calibkit.readers import limited
 from calibkit.readers.table import Guess, Table
 
 if TYPE_CHECKING:
@@ -41,7 +41,6 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
     """Read one group of a TDMS file, or raise LogFormatError."""
     from calibkit.readers import arrays, delimited
 
-    optional.require_library("nptdms", "tdms", file)
     data, sha256 = delimited.read_bytes(path, file)
     parsed = limited.parse(parse, file, data, logs.table)
     group = parsed.facts["group"]
@@ -53,11 +52,12 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
 
 def parse(data: bytes, file: str, table: str) -> limited.Parsed:
     """Channels of one group, their units and the group's name."""
-    nptdms = optional.import_library("nptdms", "tdms", file)
+    import nptdms
+
     _require_segments(data, file)
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("nptdms")]:
         logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
-    with optional.refuse_damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
+    with limited.refuse_damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
         if opened.file_status.incomplete_final_segment:
             raise LogFormatError(
                 f"{file}: the last segment is not finished", hint="the recording was cut off"
@@ -70,11 +70,18 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
             unit = units.as_stated(str(channel.properties.get("unit_string", "")))
             if unit:
                 channel_units[name] = unit
-        increments = {_waveform_increment(channel) for channel in channels.values()}
+        increments = set()
+        for channel in channels.values():
+            step = float(channel.properties.get("wf_increment") or 0.0)
+            start = float(channel.properties.get("wf_start_offset", 0.0)) if step else 0.0
+            increments.add((start, step))
     number_columns = {name: column for name, column in columns.items() if column is not None}
     lengths = {len(column) for column in number_columns.values()}
     if len(lengths) == 1 and len(increments) == 1 and "time_s" not in number_columns:
-        number_columns |= _waveform_time(next(iter(increments)), next(iter(lengths)))
+        (rows,), ((start, step),) = lengths, increments
+        if step:
+            samples = np.arange(rows, dtype=np.float64)
+            number_columns["time_s"] = start + units.scaled(samples, step)
     return limited.Parsed(dict(number_columns), {"units": channel_units, "group": group.name})
 
 
@@ -115,18 +122,3 @@ def _to_numbers(values: NDArray[Any]) -> Array | None:
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "us"), dtype=np.float64) / 1e6
     return np.asarray(values, dtype=np.float64) if values.dtype.kind in "fiu" else None
-
-
-def _waveform_increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npTDMS ships no types)
-    """Offset and increment [s] of a waveform channel, None where it is none."""
-    step = channel.properties.get("wf_increment")
-    return (
-        None if not step else (float(channel.properties.get("wf_start_offset", 0.0)), float(step))
-    )
-
-
-def _waveform_time(increment: tuple[float, float] | None, rows: int) -> dict[str, Array]:
-    """Time [s] of a waveform's samples, none where there is no increment."""
-    if increment is None:
-        return {}
-    return {"time_s": increment[0] + units.scaled(np.arange(rows, dtype=np.float64), increment[1])}

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited, optional
+from calibkit.readers import arrays, delimited, limited
 from calibkit.readers.table import Guess, Table
 from calibkit.recipe.logs import Logs
 
@@ -30,10 +30,11 @@ DATA = ord("D")
 
 def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
-    pyulog = optional.import_library("pyulog", "ulog", file)
+    import pyulog
+
     data, sha256 = delimited.read_bytes(path, file)
     counted = _count_messages(data, file)
-    with optional.refuse_damaged(file, "ULog"):
+    with limited.refuse_damaged(file, "ULog"):
         printed = io.StringIO()
         with redirect_stdout(printed):  # pyulog prints what it finds wrong
             log = pyulog.ULog(io.BytesIO(data))

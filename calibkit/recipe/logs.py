@@ -21,14 +21,15 @@ AUTO = "auto"
 @dataclass(frozen=True, slots=True)
 class _LogFormat:
     """A log format: the module of `calibkit.readers` that reads it, the bytes that its files begin
-    with where they always do, the keys of [logs] that can describe it further, and those of
-    [logs.text] that it says itself.
+    with where they always do, the keys of [logs] that can describe it further, those of [logs.text]
+    that it says itself, and the optional library that reads it, which the extra of its name has.
     """
 
     module: str
     signatures: tuple[bytes, ...] = ()
     keys: tuple[str, ...] = ()
     fixed_text_keys: tuple[str, ...] = ()
+    library: str = ""
 
 
 _LAYOUT = ("delimiter", "widths", "skip_lines", "header_lines")
@@ -39,19 +40,20 @@ FORMATS: dict[str, _LogFormat] = {
     "text": _LogFormat("text", keys=("text", "names")),
     "keysight": _LogFormat("keysight", keys=("text",), fixed_text_keys=_LAYOUT),
     "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text",), _MARKED),
-    "tdms": _LogFormat("tdms", (b"TDSm",), ("table",)),
+    "tdms": _LogFormat("tdms", (b"TDSm",), ("table",), library="nptdms"),
     "excel": _LogFormat(
         "excel",
         (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"),
         ("text", "table", "names"),
         _CELLS,
+        "python_calamine",
     ),
     "matlab": _LogFormat(
         "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), ("table", "names")
     ),
-    "hdf5": _LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names")),
-    "parquet": _LogFormat("parquet", (b"PAR1",)),
-    "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
+    "hdf5": _LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names"), library="h5py"),
+    "parquet": _LogFormat("parquet", (b"PAR1",), library="pyarrow"),
+    "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",), library="pyulog"),
     "json": _LogFormat("json_arrays", keys=("table", "names")),
     "chamber": _LogFormat("chamber", keys=("text", "names"), fixed_text_keys=_MARKED),
     "binary": _LogFormat("binary"),

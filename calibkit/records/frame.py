@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import itertools
 import json
 import re
 from dataclasses import dataclass, field
@@ -172,14 +171,19 @@ class Log:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""
         return "{}:{}".format(*self._file_and_line(row))
 
-    def advise_exclude(self, rows: Iterable[int]) -> str:
-        """An [[exclude]] of rows of the frame, at most EXCLUDED ranges of lines: those of the part
-        of a split log that holds the first of them.
+    def advise_exclude(self, rows: Iterable[int], most: int = EXCLUDED) -> str:
+        """An [[exclude]] of rows of the frame, of at most so many ranges of lines: those of the
+        part of a split log that holds the first of them. It says how many ranges there are where
+        it lists fewer.
         """
-        places = [self._file_and_line(row) for row in itertools.islice(rows, COMPARED_ROWS)]
-        file = places[0][0]
-        lines = list_ranges(line for name, line in places if name == file)
-        return advise_exclude(file, lines=lines[:EXCLUDED])
+        index = self.frame.index.to_numpy()[np.fromiter(rows, dtype=np.int64)]
+        offsets = [offset for _, offset in self.parts if index[0] >= offset - 1]
+        further = [offset for _, offset in self.parts if index[0] < offset - 1]
+        file = self.parts[len(offsets) - 1][0] if offsets else self.file
+        in_part = index[index < further[0] - 1] if further else index
+        lines = list_ranges((in_part - (offsets[-1] if offsets else 0) + 2).tolist())
+        advice = advise_exclude(file, lines=lines[:most])
+        return advice if len(lines) <= most else f"{advice} (the first {most} of {len(lines)})"
 
     def list_left_out(self) -> tuple[LeftOut, ...]:
         """Rows that the frame is without: those that the recipe excludes, those that lack a

@@ -440,6 +440,8 @@ def test_a_pair_that_lost_a_reading_leaves_the_station_to_the_other(tmp_path, co
     outcome, rows = command.apply(bad, "out.csv")
     assert "station 2: x not used: an indication or a position is not finite" in outcome.err
     assert rows[5]["gyro_x_dph"] == ""
+    assert [row["status"] for row in rows] == [*[""] * 5, "no gyro_x_dph", *[""] * (len(rows) - 6)]
+    assert f"{len(rows) - 1} of {len(rows)} rows corrected" in outcome.err
     _, alone = command.apply(tmp_path / "good" / "stations.csv", "y.csv", "stations.pairs=y")
     assert abs(wrapped(float(rows[5]["azimuth_deg"]) - float(alone[5]["azimuth_deg"]))) < 0.01
 

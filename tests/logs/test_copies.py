@@ -2,6 +2,7 @@
 before anything is fitted.
 """
 
+import re
 import tomllib
 
 import numpy as np
@@ -261,3 +262,21 @@ def test_repeats_that_differ_and_pairs_of_rows_are_no_copied_rows():
         table = np.concatenate([held, held[5 : 5 + copied]])
         log = Log("a", "a.csv", "a", len(table), pd.DataFrame(table, columns=list("xyz")))
         assert len(find_copied_rows(log, ("x", "y", "z"))) == found
+
+
+def test_copies_in_many_places_are_all_in_the_advice():
+    """Twelve runs of three copied rows: leaving out what the advice lists leaves no copy."""
+    rng = np.random.default_rng(9)
+    parts = []
+    for _ in range(12):
+        run = rng.uniform(-1.0, 1.0, (3, 3))
+        parts += [run, run, rng.uniform(-1.0, 1.0, (2, 3))]
+    table = np.concatenate(parts)
+    log = Log("a", "a.csv", "a", len(table), pd.DataFrame(table, columns=list("xyz")))
+    (finding,) = find_copied_rows(log, ("x", "y", "z"))
+    listed = re.findall(r'"(\d+)-(\d+)"', finding.advice)
+    assert len(listed) == 12
+    left_out = {line for a, b in listed for line in range(int(a), int(b) + 1)}
+    kept = [row for row in range(len(table)) if row + 2 not in left_out]
+    rest = Log("a", "a.csv", "a", len(kept), log.frame.iloc[kept])
+    assert find_copied_rows(rest, ("x", "y", "z")) == []

@@ -3,6 +3,7 @@
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibkit import instruments, recipe
@@ -257,3 +258,25 @@ def test_rates_and_counts_without_a_word_of_the_table_are_a_rate_table(
     assert spec["columns"]["table_rate_dps"] == {"from": "Rate (deg/s)"}
     assert spec["columns"]["gyro_x_lsb"] == {"from": "Counts (1/s)"}
     assert ("rate_hz" in spec["logs"]) == (not timed)
+
+
+@pytest.mark.parametrize(
+    ("inclination", "toolface"),
+    [("Neigung [°]", "Lage [°]"), ("Pos. 1 [°]", "Pos. 2 [°]"), ("Lage 2", "Lage 1")],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_attitudes_are_found_by_the_gravity_that_they_explain(
+    inclination, toolface, sign, tmp_path, calibkit
+):
+    """Names in any language: of the columns of angles those are taken that say where gravity is."""
+    table = pd.read_csv(ROOT / "datasets" / "accelerometer" / "positions.csv")
+    axes = [f"accel_{axis}_g" for axis in "xyz"]
+    table[axes] *= sign
+    names = {"inclination_deg": inclination, "toolface_deg": toolface}
+    table = table.rename(columns=names)
+    table.insert(0, "Nr", np.arange(len(table)) % 7)
+    table.to_csv(tmp_path / "log.csv", index=False)
+    text = proposed(calibkit, tmp_path)
+    assert "Procedure: accelerometer, because" in text
+    columns = tomllib.loads(text)["columns"]
+    assert {name: columns[name]["from"] for name in names} == names

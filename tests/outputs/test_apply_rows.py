@@ -228,6 +228,16 @@ def test_a_counter_gives_its_first_row_no_rate(rated, tmp_path, calibkit):
     assert np.allclose(made["total"]["gyro_x_dps"][1:], made["rates"]["gyro_x_dps"][1:], atol=1e-6)
 
 
+def test_time_that_runs_backwards_is_refused(rated, tmp_path, calibkit):
+    """A log that was put together wrongly is not compensated as if it were one."""
+    table = pd.read_csv(DATA.parent / "rate_table" / "room_1.csv")
+    pd.concat([table.iloc[50:], table.iloc[:50]]).to_csv(tmp_path / "log.csv", index=False)
+    arguments = ("--data", tmp_path / "log.csv", "--out", tmp_path / "out.csv")
+    outcome = calibkit("apply", "R", "--runs", rated, *arguments)
+    assert outcome.code == 3
+    assert f"log.csv:{len(table) - 48}: column 'time_s': time runs backwards" in outcome.err
+
+
 def test_one_row_a_station(tmp_path, calibkit):
     """`rows = "station"` lists the stations with the angles that their rows have otherwise."""
     folder = DATA.parent / "inclinometer"

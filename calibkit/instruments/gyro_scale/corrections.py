@@ -85,7 +85,8 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
     inertial_dps, triad = 0.0, isinstance(spec, GyroTriadRecipe)
     if isinstance(spec, GyroTriadRecipe):
         required_columns = (*gyros, TEMPERATURE) if matrices[0].over_temperature else gyros
-        log = log_files.read_log(spec, data, data.name, required_columns, (TEMPERATURE,))
+        optional = (TEMPERATURE, "time_s")
+        log = log_files.read_log(spec, data, data.name, required_columns, optional)
     else:
         inertial_dps = forms.read_earth_rate(spec, records, CoefficientError)
         log = log_files.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *gyros))
@@ -93,6 +94,8 @@ def correct(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Appli
             require(log.file, log.frame.columns, gyros[:1])
     columns, rows, flags = list(log.frame.columns), len(log.frame), [*log.notes]
     refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, columns)])
+    if "time_s" in columns:
+        refuse(check.find_unordered_times(log))
     if TEMPERATURE in columns:
         refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
     temperature = np.broadcast_to(0.0, rows)

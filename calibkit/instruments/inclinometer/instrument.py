@@ -8,7 +8,7 @@ use it.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -311,6 +311,12 @@ def correct(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path)
         s = np.where(np.isfinite(solution.s), solution.s, solved.priors[axis].s)
         name = f"gyro_{axis}_dph"
         columns[name] = dwelt.along(s[stations.row_station], log) * values(log.frame, name)
+    absent = log.frame[list(columns)].isna()
+    first_absent = absent[absent.any(axis=1)].idxmax(axis=1)
+    lost = [
+        (f"no {name}", rows.index.to_numpy()) for name, rows in first_absent.groupby(first_absent)
+    ]
+    log = replace(log, lost=(*log.lost, *lost))
     combined = solved.combined
     angles = {
         "inclination_deg": combined.inclination_deg,
