@@ -137,6 +137,7 @@ def degrees(J: Array, Z: Array) -> int:
     largest_square = np.max(np.sum(Z**2, axis=0), initial=0.0)
     if largest_square == 0.0:
         return 0
+    # what the coefficients explain of the loadings shows nothing of the error
     Q = np.linalg.qr(J)[0]
     Z_apart = Z - Q @ (Q.T @ Z)
     values = np.linalg.eigvalsh(Z_apart.T @ Z_apart)
@@ -171,9 +172,12 @@ class MixedSolution:
     def __init__(self, rows: MixedRows, variances: Array, *, restricted: bool = True) -> None:
         parts, p = len(rows.shares), rows.J.shape[1]
         self.rows, self.variances, self.restricted = rows, variances, restricted
+        # R of (1): each part of the noise adds its share to the variance of a row
         self.R: Array = variances[:parts] @ rows.shares
         self.noise = np.sqrt(self.R)
         self.root = np.sqrt(variances[parts:])[rows.group]
+        # T of (2) in rows of unit noise. Loadings are multiplied by √θ, where Henderson divides
+        # the identity by θ: so θ = 0 is no special case
         T = np.hstack([rows.J, rows.Z * self.root]) / self.noise[:, None]
         y = rows.y / self.noise
         self.inverse = np.zeros((T.shape[1], T.shape[1]))  # C⁻¹
@@ -186,11 +190,14 @@ class MixedSolution:
             columns = np.roll(block.columns, -int(np.count_nonzero(block.columns < p)))
             errors = int(np.count_nonzero(columns >= p))
             unit_rows = np.eye(errors, columns.size)
+            # the unit rows below T are the identity of (2), b/√θ ~ N(0, I): C = Sᵀ S with the
+            # triangle S
             Q, S = np.linalg.qr(np.vstack([T[np.ix_(block.rows, columns)], unit_rows]))
             B, inverse = Q[: block.rows.size], np.linalg.inv(S)
             self.bases.append((block.rows, B, errors))
             self.inverse[np.ix_(columns, columns)] = inverse @ inverse.T
             self.solution[columns] = inverse @ (B.T @ y[block.rows])
+            # ln|C| of (3); without restriction that of the errors alone, whose columns come first
             determined = np.abs(np.diag(S)[: None if restricted else errors])
             self.deviance += 2.0 * float(np.sum(np.log(determined)))
         self.Py = self.projected(rows.y[:, None])[:, 0]
@@ -223,6 +230,7 @@ class MixedSolution:
 
     def projected(self, F: Array) -> Array:
         """P F [n, k]."""
+        # P = R^-½ (I - B Bᵀ) R^-½, block by block
         projection = F / self.noise[:, None]
         for rows, B, _ in self.bases:
             projection[rows] -= B @ (B.T @ projection[rows])
@@ -253,6 +261,7 @@ class MixedSolution:
         trace = np.concatenate([noise_trace, of_errors @ member])
         VPy = np.hstack([(shares * self.Py).T, (Z * (Z.T @ self.Py)) @ member])
         known, theta = self.rows.known, self.variances
+        # ∂ log L/∂θ_i = ½ (yᵀ P V_i P y - tr P V_i), and what statements of sizes add
         score = 0.5 * (VPy.T @ self.Py - trace) + known.score(theta)
         return score, 0.5 * VPy.T @ self.projected(VPy) + known.information(theta)
 
@@ -261,6 +270,8 @@ class MixedSolution:
         Z, shares, R = self.rows.Z, self.rows.shares, self.R
         member, PZ = self._member(), self.projected(Z)
         leverage, _ = self._traces()
+        # ½ tr(P V_i P V_j) of two parts of the noise, without a matrix n × n: P = R⁻¹ less B Bᵀ,
+        # squared
         noise = (shares * ((self.rows.count - 2.0 * leverage) / R**2)) @ shares.T
         for rows, B, _ in self.bases:
             inner = [(B.T * d) @ B for d in shares[:, rows] / R[rows]]
@@ -328,6 +339,7 @@ def _starts(rows: MixedRows) -> list[Array]:
     """Variances to start from: shared errors that are small, or large, against the noise, whatever
     is stated with few degrees of freedom: such a statement can make the likelihood bimodal.
     """
+    # ordinary residuals show how large noise and shared errors are together
     residuals = rows.y - rows.J @ np.linalg.lstsq(rows.J, rows.y, rcond=None)[0]
     typical = np.sum(residuals**2) / max(rows.count.sum() - rows.J.shape[1], 1.0)
     weight = rows.shares @ rows.count
@@ -338,6 +350,8 @@ def _starts(rows: MixedRows) -> list[Array]:
     )
     mixed = typical / np.maximum(loading, 1e-200)
     starts = []
+    # a statement of few degrees of freedom makes two maxima; from its own size the search ended at
+    # 0 where the error was large
     for share in (0.1, 10.0):
         start = np.concatenate([np.maximum(noise, rows.known.noise_floor), share * mixed])
         start = np.minimum(start, rows.known.largest)
@@ -358,6 +372,7 @@ def _ascend(now: MixedSolution) -> MixedSolution:
         score, information = now.score()
         adjustable = known.free & ((now.variances > 0.0) | (score > 0.0))
         step = _inverse(information, adjustable) @ np.where(adjustable, score, 0.0)
+        # a variance that cannot be 0 falls by at most a decade a step: at 0 nothing is likely
         falling = 0.1 * now.variances
         lowest = np.maximum(np.where(only_noise | (known.prior_dof > 0.0), falling, 0.0), floor)
         for halving in range(HALVINGS):
@@ -391,6 +406,7 @@ def _inverse(information: Array, free: Mask) -> Array:
     """Inverse [v, v] of the information of the free variances, zero elsewhere."""
     diagonal = np.diag(information)
     free = free & (diagonal > 0.0)
+    # unit diagonal first: variances in (°/h)² and in ppm² differ by decades, and RANK is relative
     size = np.sqrt(np.where(free, diagonal, 1.0))
     free_pairs = free & free[:, None]
     scaled = np.where(free_pairs, information / np.outer(size, size), np.eye(len(size)))

@@ -44,6 +44,7 @@ def average(fits: Sequence[Fit]) -> Fit:
     for k, fit in enumerate(fits):
         coefficients = int(fit.used.sum()) - fit.dof
         sizes = int(np.sum(fit.solution.rows.known.free))
+        # not the restricted likelihood, which cannot be compared between designs
         aic[k] = likelihood.unrestricted(fit.solution) + 2.0 * (coefficients + sizes)
     weights = np.exp(-0.5 * (aic - aic.min()))
     weights /= weights.sum()

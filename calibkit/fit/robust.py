@@ -87,6 +87,7 @@ def linear(design: Array, indication: Array) -> RobustFit:
         )
     # sizes of columns in which no single row has a say: the largest may be that of an outlier
     size, largest = np.quantile(np.abs(design), 0.9, axis=0), np.max(np.abs(design), axis=0)
+    # a column that is 0 in most rows has its largest for a length
     lengths = np.where(size > OPEN * largest, size, largest)
     basis = design / lengths
     products = _products(basis)
@@ -98,6 +99,7 @@ def linear(design: Array, indication: Array) -> RobustFit:
     weights = np.ones(rows)
     for _ in range(ITERATIONS):
         ratio = np.abs(indication - basis @ solution) / scale
+        # Tukey's weights at the scale of the start, which is held: that makes it an MM-estimate
         weights[:] = (1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2
         before = solution
         solution = _fit_sets(basis, products, indication, before[None, :], weights[None, :])[0]
@@ -159,6 +161,7 @@ def _search_s_estimate(
             _fit_sets(drawn_rows, drawn_products, drawn_target, least_squares_start, drawn),
         ]
     )
+    # ranked by the median residual, which half of the rows being outliers does not move
     typical = np.median(np.abs(drawn_target - candidates @ drawn_rows.T), axis=1)
     candidates = candidates[np.argsort(typical, kind="stable")[:FOLLOWED]]
     scale = _usual_scale(drawn_rows, drawn_target, candidates, floor)

@@ -152,6 +152,7 @@ class Fit:
             return np.asarray(self.weights @ [member.dof_along(G) for member in self.members])
         by_size = np.einsum("ip,vpq,iq->vi", G, self.slopes, G)
         spread = np.einsum("vi,vw,wi->i", by_size, self.variance_covariance, by_size)
+        # where all sizes are known the variance is known too: infinite degrees of freedom
         with np.errstate(divide="ignore", invalid="ignore"):
             dof = np.where(spread > 0.0, 2.0 * (self.variances @ by_size) ** 2 / spread, np.inf)
         return np.clip(dof, 1.0, max(self.dof, 1))
@@ -236,6 +237,7 @@ class Fit:
         if not self.variances.size:
             return self
         size = np.array([error.size or 0.0 for error in errors])
+        # variance of an estimated variance θ with ν degrees of freedom: 2 θ²/ν
         of_size = 2.0 * size**4 / np.array([error.size_dof for error in errors])
         products = [error.gathered(self.gain.T).T for error in errors]
         added = np.array([PZ @ PZ.T for PZ in products]).reshape(-1, *self.covariance.shape)
@@ -428,6 +430,7 @@ def predict(
                 f"the size of the error '{error.effect}' of group '{error.group}' is not known",
                 hint="state it in [device] of the equipment file or in [[errors.component]]",
             )
+    # a stated size of 0 says that the error is not there
     present = [error for error in required if error.size]
     problem = _Problem(residual, p, present, priors, None, noise, None, names)
     used = np.ones(problem.n, dtype=np.bool_)
@@ -455,6 +458,7 @@ def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> 
     p = fit.parameters
     J, Vr = _jacobian(residual, p), fit.precision(fit.residual[:, None])[:, 0]
     # (Jᵀ V⁻¹ J)⁻¹ = G V Gᵀ, 0 for a parameter that is not fitted
+    # slopes are G V_i Gᵀ: summed with the variances they are G V Gᵀ
     inverse = np.tensordot(fit.variances, fit.slopes, 1)
     changes = []
     for shifted_rows in shifted:
@@ -465,6 +469,7 @@ def sensitivities(residual: Residual, shifted: Sequence[Residual], fit: Fit) -> 
 
 def stand_out_together(good: Mask, level: Integers) -> Mask:
     """Rows [n] of the levels [n] of which most are not `good`, of levels of several rows."""
+    # an error of a level is no outlier: a face that is set up wrong has all its rows off
     count = np.bincount(level)
     share = np.bincount(level, good) / np.maximum(count, 1)
     return np.asarray(((share < MOST_OF_A_LEVEL) & (count > 1))[level])
@@ -573,7 +578,9 @@ class _Problem:
                 hint="add data or lower the order",
             )
         J_rows, Z, y_rows, shares, counts = self._triangles(J, y, fitted_rows)
+        # refuses, by name, parameters that the rows do not determine
         least_squares_fit = least_squares.linear(J_rows, y_rows, names=self.names)
+        # orthonormal columns in each block: parameters in whatever units are solved for alike
         Q, basis = np.zeros_like(J_rows), np.zeros((len(p), len(p)))
         for block in likelihood.blocks(np.hstack([J_rows, Z])):
             columns = block.columns[block.columns < len(p)]
@@ -585,6 +592,7 @@ class _Problem:
         # the target of a linear equation: y = target - J p
         largest = float(np.max(np.abs(y + J @ p)[fitted_rows]))
         least_variance = max((ROUNDING * largest) ** 2, float(np.finfo(np.float64).tiny))
+        # residuals that are rounding alone show no error of any size
         exact = float(np.sum(least_squares_fit.residuals**2)) / (count - len(p)) <= least_variance
         degrees = tuple(
             0 if exact else likelihood.degrees(Q, Z[:, group == g]) for g in range(len(self.mixed))
@@ -643,6 +651,7 @@ class _Problem:
         """What is known of the variances. Where the rows tell nothing of an error, its size is as
         stated, with the degrees of freedom that are stated, and 0 if it is not.
         """
+        # residuals are divided by the stated noise, whose variance is then held at 1
         known = [(1.0, np.inf) if noise_known else (0.0, 0.0)] * self.channels
         known += [(prior.size, prior.size_dof) for prior in self.priors]
         ranks = [*(1 for _ in self.noises), *degrees]
@@ -698,6 +707,7 @@ class _Problem:
         limit = np.where(used, of_fitted, float(apart))
         R = solution.noise_along(self.shares)[: self.n]
         scaled = np.abs(noise_residual) / np.sqrt(R)
+        # the leverage, a solution for each row, is needed of rows near the limit alone
         good = scaled <= 0.5 * limit
         # the variance of what is left over that of the noise, of those that may be beyond
         doubtful = np.flatnonzero(~good)
@@ -729,6 +739,7 @@ class _Problem:
         [N] at their most likely values leave of the residuals.
         """
         weights = np.where(self.fitted_rows(used), 1.0 / solution.noise_along(self.shares), 0.0)
+        # what the linear equation misses at the end of the step
         bend = self.stacked_residuals(p + change) + linear_form.y - linear_form.J @ change
         if np.max(bend**2 * weights) < SETTLED**2:
             return change

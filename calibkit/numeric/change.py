@@ -139,6 +139,7 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
         years - middle, values, 1, w=1.0 / standard_uncertainty, cov="unscaled"
     )
     left = (values - np.polyval(line, years - middle)) / standard_uncertainty
+    # scatter about the line over what the uncertainties let expect
     birge = math.sqrt(float(left @ left) / (values.size - 2))
     u_slope, u_mean = max(birge, 1.0) * np.sqrt(np.diag(covariance))
     slope, mean = line.tolist()

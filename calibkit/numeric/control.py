@@ -141,6 +141,7 @@ def _between(
         if few.any():  # normal deviates as improbable as Student's ratios
             tail = np.maximum(stdtr(degrees[few], -np.abs(z[few])), np.finfo(float).tiny)
             z[few] = -np.sign(z[few]) * ndtri(tail)
+        # the scatter at which the median deviate is that of normal values
         low, high = (scatter_between, high) if mad_sigma(z) > 1.0 else (low, scatter_between)
     return centre, scatter_between, z
 

@@ -52,6 +52,7 @@ def smallest_step(values: Array, *, fine_step: float = 0.0, decimals: int | None
             continue
         levels = np.union1d(levels, new)
         step = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
+        # finer than anybody asks: noise has as many values as rows
         if 0.0 < step <= fine_step:
             break
     return step
@@ -84,6 +85,7 @@ def variances_within(residuals: Array, indication: Array) -> Array:
     count = int(np.clip(residuals.size // fewest_rows, 1, most_parts))
     steps = np.abs(np.diff(indication))
     step = float(np.min(steps, where=steps > 0.0, initial=np.inf))
+    # variance of a rectangular distribution one step wide: a quiet counter repeats its value
     rounding = step**2 / 12.0 if np.isfinite(step) else 0.0
     return np.maximum([np.var(part) for part in np.array_split(residuals, count)], rounding)
 

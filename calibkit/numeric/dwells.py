@@ -75,12 +75,14 @@ def find_dwells(
         ]
     )
     if threshold is None:
+        # a quarter of the log is surely at rest, whatever is done between the positions
         at_rest = float(np.quantile(noise, AT_REST_SHARE))
         # quantised indications can stand still to the last bit, whose noise is the least at rest
         least_noise = at_rest * np.sqrt(12.0)
         steps = [dispersion.smallest_step(axis, fine_step=least_noise) for axis in indication.T]
         last_bit = min((step for step in steps if step > 0.0), default=0.0)
         threshold = STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
+    # a window is quiet only where all of it is: half a window is left out at both ends of a hold
     intervals = chunks.find_runs(noise <= threshold) + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):

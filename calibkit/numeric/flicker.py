@@ -36,6 +36,7 @@ def _responses(count: int) -> Array:
     ends 1, 2, … samples after it began [count · FINER].
     """
     lags = np.arange(1, count * FINER)
+    # h_k = h_(k-1) (k - ½)/k, summed over the samples of a mean
     summed = np.cumsum(np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags))))
     summed[FINER:] -= summed[:-FINER].copy()
     return np.asarray(summed / FINER, dtype=np.float64)
@@ -80,6 +81,7 @@ class Turned:
 def _turn(place: tuple[int, ...], count: tuple[float, ...]) -> tuple[Array, Array]:
     """Uᵀ D^½ [m, m] and λ [m] of the blocks of one log; many logs are alike."""
     root, places_of_log = np.sqrt(count), np.ix_(place, place)
+    # D^½ K D^½ = U Λ Uᵀ; rounding makes a zero eigenvalue negative
     values, vectors = np.linalg.eigh(kernel(place[-1] + 1)[places_of_log] * np.outer(root, root))
     return np.asarray(vectors.T * root, dtype=np.float64), np.maximum(values, 0.0)
 

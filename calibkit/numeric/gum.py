@@ -87,6 +87,7 @@ def combine(
         raise FitError("no components to combine", hint="state at least one")
     size = len(components)
     matrix = np.eye(size) if correlation is None else np.asarray(correlation, dtype=np.float64)
+    # rounding of a computed correlation is allowed for, nothing more
     if correlation is not None and (
         matrix.shape != (size, size)
         or not np.allclose(matrix, matrix.T, rtol=0.0, atol=1e-12)
@@ -133,12 +134,14 @@ def combine_cautiously(components: Sequence[UncertaintyComponent]) -> _Expanded:
         square = np.array([square[0] + square[1], *square[2:]])
         dof = np.array([min(dof[0], dof[1]), *dof[2:]])
     square = square / square[-1]
+    # every selection of contributions as the bits of a number
     selections = (np.arange(1, 2**square.size)[:, None] >> np.arange(square.size) & 1).astype(float)
     variance, total = selections @ square, selections @ (square**2 / dof)
     effective = np.divide(variance**2, total, out=np.full_like(total, np.inf), where=total > 0.0)
     kinds, number = np.unique(np.floor(effective[effective >= 1.0] + 1e-9), return_inverse=True)
     factors = np.array([coverage_factor(float(kind)) for kind in kinds])
     largest = float(np.max(factors[number] * np.sqrt(variance[effective >= 1.0] / square.sum())))
+    # k is U/u_c, so that k u_c is the largest U of all selections
     factor = max(combined.coverage_factor, largest)
     expanded = factor * combined.standard_uncertainty
     return replace(combined, coverage_factor=factor, expanded_uncertainty=expanded)
@@ -148,6 +151,7 @@ def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, d
     """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of inputs that a chain of correlations links (JCGM 100
     eq. G.2b).
     """
+    # inputs that a chain of correlations links get one number
     tied = np.arange(dof.size)
     for i, j in np.argwhere(correlation != 0.0):
         tied[tied == tied[i]] = tied[j]
@@ -189,6 +193,7 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
         raise FitError(
             f"coverage probability {probability!r}", hint="expected a number between 0 and 1"
         )
+    # "approximately 95 %" is k = 2, not 1.9999
     if whole_dof >= FEW_DOF and probability == TWO_SIGMA:
         return 2.0
     from scipy.special import (  # scipy.stats has the same quantiles and takes a second to import
@@ -256,6 +261,7 @@ def uncertainty_along(jacobian: Array, covariance: Array) -> Array:
 def square_root(covariance: Array) -> Array:
     """Matrix R [n, n] with R Rᵀ = covariance [n, n], whatever the units of its rows."""
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    # of the correlations: coefficients of T³ and of 1 differ by many decades
     scale = np.where(u > 0.0, u, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))

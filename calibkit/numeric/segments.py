@@ -53,6 +53,7 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
     of_mean = max(int(usual / MOST_IN_WINDOW), 1)
     if of_mean > 1:
         mean_time, mean_degc = (chunks.block_means(x, of_mean) for x in (time, temperature))
+        # each row has the slope of the means before it: its own mean holds later rows
         of_means = np.append(0.0, causal_slope(mean_time, mean_degc, window_s))
         return np.repeat(of_means, of_mean)[1 : time.size + 1]
     slope, begin = np.empty(time.size), 0
@@ -107,6 +108,7 @@ def measured_slope(time: Array, temperature: Array, window_s: float) -> Array:
         return causal_slope(time, temperature, window_s)
     step = quantum(temperature)
     windows = [window_s]
+    # a longer window would smear the end of a ramp over its soak
     while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
         windows.append(2.0 * windows[-1])
     slope = causal_slope(time, temperature, windows[-1])

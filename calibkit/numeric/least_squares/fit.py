@@ -93,6 +93,7 @@ def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> Li
     scaled = design / scale
     q, r = np.linalg.qr(scaled)
     singular = np.linalg.svd(r, compute_uv=False)
+    # rank is judged after scaling, so that °C and K, g and mg, give the same answer
     if singular[-1] <= RANK_TOLERANCE * singular[0]:
         loose = undetermined(r, names)
         raise FitError(
@@ -102,6 +103,7 @@ def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> Li
     condition = float(singular[0] / singular[-1])
     solution = triangular(r, q.T @ indication)
     if condition > REFINE_ABOVE:
+        # residuals in 64 bits of mantissa give back the digits that the condition number costs
         wide = scaled.astype(np.longdouble)
         for _ in range(REFINEMENT_STEPS):
             residual = np.asarray(indication - wide @ solution, dtype=np.float64)
@@ -110,6 +112,7 @@ def linear(design: Array, indication: Array, *, names: Sequence[str] = ()) -> Li
     residuals = indication - design @ coefficients
     dof = rows - columns
     square = float(np.sum(residuals**2))
+    # (XᵀX)⁻¹ = R⁻¹ R⁻ᵀ: XᵀX itself would square the condition number
     inverse = triangular(r, np.eye(columns)) / scale[:, None]
     covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
     rms = float(np.sqrt(square / rows))
@@ -130,6 +133,7 @@ def linear_in_blocks(
     for rows in blocks:
         block = np.column_stack([design(rows), indication[rows]])
         stacked = np.concatenate([folded.reshape(-1, block.shape[1]), block])
+        # the triangle of the triangle so far and the next block: all that a fit needs of both
         folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     coefficients = linear(folded[:, :-1], folded[:, -1], names=names).coefficients
     R = folded[: coefficients.size, :-1]
@@ -138,6 +142,7 @@ def linear_in_blocks(
         for rows in blocks:
             X = design(rows)
             gradient += X.T @ (indication[rows] - X @ coefficients)
+        # seminormal equations Rᵀ R δ = Xᵀ r
         half = triangular(R, gradient, trans="T")
         coefficients = coefficients + triangular(R, half)
     return coefficients
@@ -161,6 +166,7 @@ def undetermined(design: Array, names: Sequence[str]) -> list[str]:
     _, singular, vt = np.linalg.svd(r)
     padded = np.zeros(design.shape[1])
     padded[: singular.size] = singular
+    # combinations of coefficients that change nothing; whoever takes part in one is not determined
     null = vt[padded <= RANK_TOLERANCE * max(float(padded[0]), np.finfo(float).tiny)]
     involved = np.any(np.abs(null) > 1e-6, axis=0)
     return [name for name, loose in zip(names, involved, strict=True) if loose]

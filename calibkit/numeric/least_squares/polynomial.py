@@ -54,6 +54,7 @@ def in_raw_powers(
     """Coefficients [p] and covariance [p, p] of mapped powers put into raw powers, the former in
     extended precision.
     """
+    # powers of raw °C cancel by digits: 60³ against a mapped 1
     raw = np.asarray(to_raw @ coefficients.astype(np.longdouble), dtype=np.float64)
     return raw, gum.propagate(np.asarray(to_raw, dtype=np.float64), covariance)
 
@@ -70,6 +71,7 @@ def to_raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdoub
     """Matrix [order + 1, order + 1] from coefficients of u = (x − middle)/half to coefficients of
     x, ascending powers.
     """
+    # u = (x - middle)/half as a polynomial of x; its powers by convolution
     step = np.array([-middle / np.longdouble(half), 1.0 / np.longdouble(half)], dtype=np.longdouble)
     matrix = np.zeros((order + 1, order + 1), dtype=np.longdouble)
     power = np.ones(1, dtype=np.longdouble)
@@ -92,6 +94,7 @@ def count_levels(temp_degc: Array) -> int:
 
 def space_levels(low: float, high: float, count: int) -> list[int]:
     """Whole temperatures [°C] where polynomials are best determined: Chebyshev extremes."""
+    # near the D-optimal points of a polynomial of order count - 1
     turn = np.cos(np.pi * np.arange(count) / (count - 1)) if count > 1 else np.zeros(1)
     levels = np.rint((low + high) / 2.0 - (high - low) / 2.0 * turn).astype(int).tolist()
     return list(levels)

@@ -160,6 +160,7 @@ def overlapping(
             hint="look at how the log marks gaps",
         )
     # the running sum Y of the rate less its mean
+    # without the mean: a rate of 15 °/h over 10⁷ samples would cost the sum seven digits
     total = np.zeros(rate.size + 1)
     np.cumsum(centred(rate), out=total[1:])
     # ȳ_{k+m} - ȳ_k = (Y_{k+2m} - 2 Y_{k+m} + Y_k)/m
@@ -168,6 +169,7 @@ def overlapping(
         for m in factors.tolist()
     ]
     square, pairs = np.array(sums).T
+    # σ² = ⟨(Y_{k+2m} - 2 Y_{k+m} + Y_k)²⟩/(2 m²), SP 1065 eq. 11 in samples
     variance = square / (2.0 * factors**2 * pairs)
     kinds = identify_noise(total, missing, factors)
     dof = np.array(
@@ -219,6 +221,7 @@ def wavelet_deviation(
 
     require_record(rate, interval_s)
     bank = pywt.Wavelet(wavelet)
+    # the filters of level j span (2^j - 1)(taps - 1) + 1 samples, which must lie in the record
     levels = int(np.log2(1.0 + (rate.size - 1) / (bank.dec_len - 1)))
     if levels < 1:
         raise FitError(
@@ -273,6 +276,7 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     two equal.
     """
     base = 2.0 if spacing == "octave" else 10.0
+    # beyond a third of the record an average has too few neighbours to tell noise
     largest = max(samples // 3, 1)
     exponents = (
         np.arange(int(np.floor(np.log(largest) / np.log(base) * points + 1e-9)) + 1) / points

@@ -151,6 +151,7 @@ class _Attempt:
         # variances of the Allan variances to begin with
         self._start = 2.0 * self.variance**2 / curve.dof[first:]
         nu, self._step = logarithmic_grid(0.01 / curve.samples, FREQUENCIES)
+        # spectra of unit coefficients, in the order of LAWS (SP 1065 table 3); a ramp has none
         shapes = [
             8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
             np.full(nu.size, 2.0 / interval),
@@ -161,6 +162,7 @@ class _Attempt:
         self._shapes = np.stack(shapes)  # [5, f], spectra of unit coefficients
         factor = curve.factor[first:].astype(np.float64)
         pairs = curve.pairs[first:].astype(np.float64)
+        # response of the difference of two neighbouring averages
         difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
         self._response = difference**2 / 2.0  # [m, f], AVAR = ∫ S response
         # of the mean pair difference, which a ramp multiplies
@@ -172,6 +174,8 @@ class _Attempt:
         operator = _operator(self.design, spread, active)
         projection = np.eye(model.size) - self.design[:, active] @ operator
         expected = covariance + np.diag((MODEL_ERROR * model) ** 2)
+        # the weighted square of correlated residuals: mean and variance by the traces, then χ² by
+        # Satterthwaite
         scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
         mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
         self.misfit = float(np.sum((self.variance - model) ** 2 / spread)) / mean
@@ -225,6 +229,8 @@ class _Attempt:
         row = _operator(self.design, spread, active)[int(np.sum(active[:term]))]
         noise = float(row @ covariance @ row)
         model_error = float(row**2 @ (MODEL_ERROR * (self.design @ coefficients)) ** 2)
+        # the coefficient that the other terms leave to this one, over its standard deviation
+        # without it
         excess = float(row @ self.variance) / float(np.sqrt(noise + model_error))
         # third cumulant of a weighted sum of periodogram ordinates, each exponentially distributed
         skewness = 0.0
@@ -234,6 +240,7 @@ class _Attempt:
             skewness = 2.0 * float(part**3 @ self._step) / pairs**2 / noise**1.5
         if skewness < 1e-3:
             return float(ndtr(-excess))
+        # Pearson type III of mean 0, variance 1 and this skewness
         shape = 4.0 / skewness**2
         return float(gammaincc(shape, max(shape + excess * np.sqrt(shape), 0.0)))
 

@@ -52,6 +52,7 @@ def identify_noise(total: Array, missing: Integers | None, factors: Integers) ->
     kinds: list[Noise] = []
     for factor in factors:
         blocks = (total.size - 1) // int(factor)
+        # the middle of a long record: more means would not change a rounded exponent
         first = max(blocks - MOST_MEANS, 0) // 2 * int(factor)
         part = slice(first, first + min(blocks, MOST_MEANS) * int(factor) + 1, int(factor))
         means = np.diff(total[part]) / factor
@@ -74,6 +75,7 @@ def _lag_one_type(means: Array) -> Noise:
     of −0.2 to a random walk.
     """
     present = ~np.isnan(means)
+    # a drift of the rate would look like a random walk
     place = np.arange(means.size) - (means.size - 1) / 2.0
     level = means - np.polyval(np.polyfit(place[present], means[present], 1), place)
     order, differenced = _fraction(level), 0
@@ -90,6 +92,7 @@ def _fraction(series: Array) -> float:
     product, square = series[1:] * series[:-1], series**2
     if np.isnan(product).all() or not np.nansum(square) > 0.0:
         return 0.5
+    # r is the sum of n - 1 products over that of n squares, as Stable32 has it
     share = product.size / series.size
     correlation = share * float(np.nanmean(product) / np.nanmean(square))
     return correlation / (1.0 + correlation)
@@ -137,6 +140,8 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
     whole_pairs = (runs - 2 * factor + 1)[runs >= 2 * factor]
     lengths, runs_of_length = np.unique(whole_pairs.astype(np.float64), return_counts=True)
     if noise in ("quantization", "flicker_phase_noise"):
+        # phase noise of second differences of the angle is correlated with that one and two
+        # averages on: 1, -4/6, 1/6
         lags = factor * np.arange(3.0)
         weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
         shared = weight @ np.maximum(lengths - lags[:, None], 0.0) @ runs_of_length
@@ -144,6 +149,7 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
         return min(of_phase_noise, equivalent_dof(factor, runs, "angle_random_walk"))
     pairs = float(lengths @ runs_of_length)
     reach = min(int(lengths[-1]), 3 * factor)
+    # beyond three averaging times pairs are as good as independent
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
     shared = np.maximum(lengths - lags[:, None], 0.0) @ runs_of_length
     # covariance, up to a factor, of two pairs so many averaging times apart (eq. 9)
@@ -154,6 +160,7 @@ def equivalent_dof(factor: int, runs: Integers, noise: Noise) -> float:
         generalised = arms**2 * np.log(np.where(arms > 0.0, arms, 1.0))
     else:
         generalised = arms**3
+    # fourth difference of the generalised autocovariance (eq. 9)
     covariance = generalised @ np.array([1.0, -4.0, 6.0, -4.0, 1.0])
     correlation = covariance / covariance[0]
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
@@ -186,6 +193,7 @@ def logarithmic_grid(lowest: float, points: int) -> tuple[Array, Array]:
     """
     nu = np.geomspace(lowest, 0.5, points)
     step = nu * np.log(nu[1] / nu[0])
+    # trapezoidal rule in ln ν
     step[[0, -1]] /= 2.0
     return nu, step
 

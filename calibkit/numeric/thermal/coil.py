@@ -35,6 +35,7 @@ def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
     half a window has passed: the log is taken to start at rest. Uneven sampling and gaps are
     allowed.
     """
+    # the window has both ends in it; rounding of even stamps must not drop one
     first = np.searchsorted(time, time - window_s * (1.0 + 1e-9), side="left")
     width = int(np.max(np.arange(time.size) - first)) + 1
     rows = max(1, CHUNK // width)
@@ -55,6 +56,7 @@ def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
         # slope at x = 0 by Cramer's rule
         minors = (s1 * s4 - s2 * s3, s0 * s4 - s2 * s2, s0 * s3 - s1 * s2)
         determinant = s0 * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2)
+        # a shorter start would differentiate noise; the log is taken to begin at rest
         started = (s0 >= LEAST_SAMPLES) & (x[:, -1] <= -0.5) & (determinant > 0.0)
         at_end = (-minors[0] * v0 + minors[1] * v1 - minors[2] * v2) / np.where(
             started, determinant, 1.0
@@ -115,6 +117,7 @@ class Path:
         T_i ← b T_i + x1 − b x0 − m (τ_o + τ_i) (1 − b) + (T_o − x0 + m τ_o) · `_carried`.
         """
         h, x = self.step, self.rise[:, :-1]
+        # slope of the case over a step; padding has steps of no length
         m = self.change / np.where(h > 0.0, h, 1.0)
         decay = np.exp(-h / tau_outer)
         ramp_lag = m * tau_outer
@@ -140,6 +143,8 @@ def followed_range(low: float, high: float) -> tuple[float, float]:
     eighth of its range beyond, and all of FOLLOWED_DEGC.
     """
     margin = (high - low) / 8.0
+    # the same in firmware: a lag that stops at another temperature than here is off by its whole
+    # time
     return min(FOLLOWED_DEGC[0], low - margin), max(FOLLOWED_DEGC[1], high + margin)
 
 
@@ -159,6 +164,7 @@ def path_of_spans(logs: Sequence[tuple[Array, Array, Sequence[tuple[int, float]]
         first = np.array([row for row, _ in spans], dtype=np.int64)
         rate = np.array([rate for _, rate in spans]) / SECONDS_PER_MINUTE
         later = np.zeros(time.size)
+        # lags decay to nothing in between, so that a run-up alone decides how a span begins
         later[first[1:]] = APART_S
         separated_time = time + np.cumsum(later)
         with_run_ups.append(
@@ -191,6 +197,8 @@ def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:
     """Response of the inner lag after h [s] to a difference of 1 across the outer lag, which
     decays; τ_o = τ_i is allowed.
     """
+    # the difference of two decays over that of their rates loses its digits where the lags are
+    # alike
     d = h * abs(1.0 / tau_inner - 1.0 / tau_outer)
     # (1 − exp(−d))/d, which is 1 at d = 0
     ratio = np.where(d > 0.0, -np.expm1(-d) / np.where(d > 0.0, d, 1.0), 1.0)
@@ -213,6 +221,8 @@ def _decaying(exponent: Array, supply: Array) -> Array:
         if stop == start + 1:
             state[:, stop] = np.exp(-exponent[:, start]) * state[:, start] + supply[:, start]
         else:
+            # s_k = exp(-passed_k) Σ exp(passed_i) supply_i, in pieces whose exponent stays in
+            # range
             grown = np.exp(passed[:, start:stop] - base)
             sums = np.cumsum(grown * supply[:, start:stop], axis=1)
             state[:, start + 1 : stop + 1] = (state[:, start : start + 1] + sums) / grown

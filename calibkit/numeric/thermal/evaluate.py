@@ -90,6 +90,7 @@ def evaluate_terms(
     and flagged. Lags start in equilibrium at the first sample, or in a log of spans as these state;
     env does not enter a lagged model. The case is followed within `coil.followed_range`.
     """
+    # beyond it a reading is a fault of the thermometer, which lags would carry on for hours
     case = np.clip(case, *coil.followed_range(*model.valid.temperature))
     log_drivers = _drivers(model, time, case, env, spans)
     # a driver that no term of the model uses is not clamped
@@ -165,6 +166,7 @@ def evaluate_wide(model: ThermalModel, log: ThermalLog, reference_degc: float) -
 def in_unmeasured_direction(valid: Valid, rate: Array) -> Mask:
     """Whether rates [n, °C/min] go in a direction in which none was fitted."""
     low, high = valid.rate
+    # soaks drift a little either way: that is no direction that was measured
     slack = ONE_SIDED * max(-low, high)
     return np.asarray(
         ((rate < -slack) & (low > -2.0 * slack)) | ((rate > slack) & (high < 2.0 * slack))
@@ -208,12 +210,14 @@ def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
     if counts.sum() == 0:
         return 0.0
     mean = float(products.sum() / counts.sum())
+    # between ramps, as errors within one ramp go together
     scatter = float(np.sum((products - mean * counts) ** 2)) * counts.size / max(counts.size - 1, 1)
     error = float(np.sqrt(scatter)) / float(counts.sum())
     excess = mean - explained
     if error == 0.0:
         return float(np.sqrt(max(excess, 0.0)))
     levels = np.linspace(0.0, np.sqrt(max(excess, 0.0) + POSTERIOR_REACH * error), POSTERIOR_LEVELS)
+    # flat prior on the model error, not on its square, which would favour large ones
     log_share = -0.5 * ((levels**2 - excess) / error) ** 2
     share = np.exp(log_share - log_share.max())
     return float(np.sqrt(share @ levels**2 / share.sum()))

@@ -106,10 +106,12 @@ class Basis:
                 " G' = T' − G/τ_i is a sum of the others",
                 hint="drop it",
             )
+        # without a gradient a second lag would not enter the model
         starts = self._starts(chosen_columns(terms)[1:], 2 if "s_grad" in terms else 1)
         at_starts = (TermSolution("lagged", self, tuple(terms), lags) for lags in starts)
         roughly = (minimise(start, settled=CLOSE) for start in at_starts)
         rough = min(roughly, key=lambda solution: solution.square)
+        # turn-on biases are free in the search for the lags, random in what is kept
         variance = rough.least_squares.turn_on_variance()
         return minimise(replace(rough, turn_on_variance=variance))
 
@@ -141,6 +143,7 @@ def level_basis(stacked: Stack) -> Basis:
     The trailing window is WINDOW_S, or for long blocks twice the shortest that gives rates.
     """
     step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
+    # rates need four blocks in half a window
     window_s = max(coil.WINDOW_S, 2.0 * (coil.LEAST_SAMPLES - 1) * round(step, 3))
     parts = [coil.level_drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
     log_drivers = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
@@ -157,6 +160,8 @@ def lagged_basis(rows: WhitenedRows) -> Basis:
     """
     logs = rows.stacked.logs
     case_path = coil.path_of_spans([(log.time, log.case, log.starts) for log in logs])
+    # the scales of the columns hardly depend on the lags: those of the middle of the grid serve
+    # all
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
     scales = case_path.drivers(middle, middle).valid().scales()
     return Basis(rows, scales, case_path)
@@ -207,6 +212,7 @@ class TermSolution:
         """Derivatives [n, lags] of the fitted drift by the logarithm of each lag."""
         changes = np.zeros((len(self.columns), self.log_lags.size))
         # inside the bounds
+        # a lag at its bound is stepped inwards
         shifts = np.where(self.log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
         for k, step in enumerate(np.diag(shifts)):
             shifted_columns = replace(self, log_lags=self.log_lags + step).columns
@@ -271,6 +277,7 @@ def minimise(solution: TermSolution, settled: float = SETTLED) -> TermSolution:
         if linearised is None:
             break
         step = linearised.coefficients[solution.columns.shape[1] :]
+        # a linear step is not to be trusted beyond a factor of two
         step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
         size = float(np.max(np.abs(step)))
         # near the minimum, differences of the sum of squares are below rounding
@@ -329,6 +336,7 @@ def finish(solution: TermSolution) -> ThermalModel:
         of_levels = tangent.covariance[:logs, :logs]
         estimation_variance = float(np.mean(np.diag(of_levels)) - np.mean(of_levels))
         turn_on_variance = max(float(np.var(levels, ddof=1)) - estimation_variance, 0.0) / logs
+    # b0 is an average over few power-ons: τ²/logs stays however many rows there are
     covariance[0, 0] += turn_on_variance
     scaled = np.concatenate([[levels.mean()], np.zeros(8)])
     scaled[column_numbers] = solved.coefficients

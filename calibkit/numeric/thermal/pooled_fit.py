@@ -66,11 +66,13 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     total, deviance = np.zeros((levels, size - 1, size - 1)), np.zeros(levels)
     with_level = np.zeros((levels, size - 2))
     for rows, _ in rotation.parts:
+        # 1 + ρ λ of (2), for all flicker levels of the grid at once
         spread = 1.0 + (LEVELS**2 / rotation.typical)[:, None] * rotation.flicker[rows]
         products = rotated[rows, :, None] * rotated[rows, None, :]
         moment = (1.0 / spread) @ products.reshape(len(products), -1)
         moment = moment.reshape(levels, size, size)
         with_level += np.diagonal(moment, axis1=1, axis2=2)[:, 1:-1]
+        # the free level of the log is eliminated by its normal equation
         total += moment[:, 1:, 1:] - moment[:, 1:, :1] * moment[:, :1, 1:] / moment[:, :1, :1]
         deviance += np.sum(np.log(spread), axis=1) + np.log(moment[:, 0, 0])
     # a column that is constant in each log is rounding alone about their levels
@@ -80,6 +82,7 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     to_unit = varies / length
     unit = to_unit[:, :, None] * to_unit[:, None, :]
     gram, vectors = np.linalg.eigh(total[:, :-1, :-1] * unit)
+    # dependent columns are allowed: the noise about them is asked for, not their coefficients
     gram = np.maximum(gram, DEPENDENT_EIGENVALUE)
     right = np.einsum("lij,li->lj", vectors, total[:, :-1, -1] * to_unit)
     left = total[:, -1, -1] - np.sum(right**2 / gram, axis=1)
@@ -87,6 +90,7 @@ def estimate_noise(rotation: Turned, design: Array, indication: Array) -> BlockN
     white = np.maximum(left, np.finfo(float).tiny) / dof
     deviance += np.sum(np.log(gram), axis=1) + 2.0 * np.sum(np.log(length), axis=1)
     deviance += dof * np.log(white)
+    # posterior on the uneven grid for a prior that is flat in B
     share = np.exp(-0.5 * (deviance - deviance.min())) * np.gradient(LEVELS)
     share /= share.sum()
     square = share @ (LEVELS**2 * white)
@@ -129,6 +133,7 @@ def spikes(indication: Array, intervals: Intervals) -> Integers:
     if log_deviation == 0.0 and distances.any():
         log_deviation = float(distances[distances > 0.0].min())
     deviation = dispersion.run_medians(distances, intervals.first)
+    # the larger of both, so that true changes within an interval are no spikes
     limit = SAMPLE_SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
     return np.flatnonzero(distances > np.repeat(limit, intervals.count))
 
@@ -427,6 +432,7 @@ class LeastSquares:
             return float("inf")
         C, constant = self.covariance[: self.logs, : self.logs], np.ones(self.logs)
         u, spread = np.sqrt(np.mean(np.diag(C))), np.std(self.levels)
+        # from turn-on biases that do not show to those that are everything
         sizes = np.geomspace(0.01 * u, 100.0 * max(u, spread), SIZES)
         deviance = np.empty(SIZES)
         for number, size in enumerate(sizes):

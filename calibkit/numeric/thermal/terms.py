@@ -116,6 +116,7 @@ class Scales:
         matrix = np.zeros((9, 9))
         matrix[:4, :4] = polynomial.to_raw_powers(self.middle, self.half, 3)
         product = self.half * self.rate
+        # the product u Ṫ of the scaled temperature holds a part of Ṫ
         matrix[4, 4], matrix[4, 7] = 1.0 / self.rate, -self.middle / product
         matrix[5, 5], matrix[6, 6] = 1.0 / self.gradient, 1.0 / self.gradient**2
         matrix[7, 7], matrix[8, 8] = 1.0 / product, 1.0 / self.gradient_rate

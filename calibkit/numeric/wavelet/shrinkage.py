@@ -119,6 +119,7 @@ def _sure(details: Array, noise: float, _count: int) -> float:
     squares = np.sort((details / noise) ** 2)
     if float(np.mean(squares)) - 1.0 <= math.log2(n) ** 1.5 / math.sqrt(n):
         return noise * ceiling
+    # at a threshold between two magnitudes the risk falls with it: its minimum is at a magnitude
     killed = np.arange(1, n + 1)
     risk = n - 2.0 * killed + np.cumsum(squares) + (n - killed) * squares
     return noise * min(math.sqrt(float(squares[np.argmin(risk)])), ceiling)
