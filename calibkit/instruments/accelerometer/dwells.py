@@ -136,6 +136,7 @@ def read_dwells(log: Log, spec: AccelerometerRecipe) -> tuple[DwellSet, Integers
     if spec.dwells.mode == "rows":
         first_rows = np.arange(len(columns))
         intervals = np.column_stack([first_rows, first_rows + 1])
+        # a row is the mean of a dwell; how noisy it is, the fit finds from the residuals
         means, standard_errors = columns, np.full_like(columns, np.nan)
     else:
         intervals = find_intervals(log, indication, spec)
@@ -168,8 +169,10 @@ def find_intervals(log: Log, indication: Array, spec: AccelerometerRecipe) -> In
     time, step = values(log.frame, "time_s"), log.steps.usual
     intervals = stated_segments.stated_rows(log, spec, ["dwell"])
     if intervals is None:
+        # of three rows and fewer a standard deviation says nothing
         window = max(4, round(spec.dwells.window_s / step))
         limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
+        # a slow log has no gap where no row is missing
         gap = max(spec.dwells.max_gap_s, 2.5 * step)
         gaps = np.flatnonzero(np.diff(time) > gap) + 1
         at_rest = []

@@ -108,8 +108,11 @@ class Terms:
         M(t) (G - b(t)) with products of indications.
         """
         if "m" in self.kind:
+            # accel-affine/1 of 0.2: M (G - b), with products of indications
             unbiased = indication + self.add("b", p, indication, t)
             return self.add("m", p, unbiased, t) + self.add("n", p, indication, t)
+        # (1), then (2) on compensated values: a turn of the triad must change nothing over
+        # temperature
         a = self.add("kz", p, indication, t)
         return a + self.add("cn", p, a, t)
 
@@ -120,8 +123,10 @@ class Terms:
         """
         k, minus_z = (self.add(kind, p, np.ones((1, 3)), np.array([t]))[0] for kind in "kz")
         minus_C = self.add("c", p, np.eye(3), np.full(3, t)).T
+        # (2) inverted: rows are the axes along which the sensors feel gravity
         sensitivity = np.linalg.inv(np.eye(3) + minus_C)
         axes = sensitivity / length(sensitivity)[:, None]
+        # a reversed axis has a negative scale factor, or a left-handed set of axes
         volume = np.real(np.linalg.det(axes) * np.prod(np.sign(np.real(k))))
         if not abs(volume) >= LEAST_VOLUME:
             raise FitError(
@@ -187,6 +192,7 @@ def name_terms(
         for axis, order in zip(AXES, orders, strict=True):
             names += [f"{kind}_{axis}{power}" for power in range(order + 1)]
     for (i, axis), (j, other) in product(enumerate(AXES), repeat=2):
+        # y and z against x, and z against y: the x axis keeps its direction
         if j < i or (j > i and not triangular):
             names += [f"{letter}_{axis}{other}" for letter in "cd"[: cross[i] + 1]]
     for axis in AXES:
@@ -211,5 +217,6 @@ def tilted_gravity(tool_rotation: Array, tilt: Numbers) -> Numbers:
     """Gravity [n, 3] in the tool with the table's base tilted by two angles [rad], from the
     rotations [n, 3, 3] of the table's base to the tool.
     """
+    # written with tilt[0], so that a complex step passes through
     down = np.stack([tilt[0], tilt[1], 1.0 + 0.0 * tilt[0]])
     return np.asarray(tool_rotation @ (down / length(down)))

@@ -38,6 +38,7 @@ def columns(indication: Array, temperature: Array, axis: int) -> Array:
 
     `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
+    # columns in the order of K0 … K9; K4 … K9 are subtracted in (1)
     powers = np.vander(temperature, 4, increasing=True)
     return np.hstack([indication[:, axis, None] * powers, -powers, -indication[:, CROSS[axis]]])
 
@@ -57,6 +58,7 @@ def small_angles(axes: Numbers) -> Numbers:
     """
     x, y, z = axes
     ye1, ze1 = np.sum(y * x), np.sum(z * x)
+    # component along e2, which is y less its part along e1
     ze2 = (np.sum(z * y) - ye1 * ze1) / np.sqrt(1.0 - ye1**2)
     return np.stack([-ze2, ye1 * ze2 - ze1, -ye1])
 
@@ -65,6 +67,7 @@ def axes_from_angles(coefficients: Numbers) -> Numbers:
     """Unit axes [3, 3] with small angles Q1, Q2, Q3 [3] [rad]: the inverse of `small_angles`."""
     q1, q2, q3 = coefficients
     ye1, ze2, ze1 = -q3, -q1, q3 * q1 - q2
+    # squares of what unit axes have left for their own direction
     ye2, ze3 = 1.0 - ye1**2, 1.0 - ze1**2 - ze2**2
     if min(np.real(ye2), np.real(ze3)) <= 0.0:
         raise FitError(

@@ -248,6 +248,7 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
     if shared:
         turn_on = estimate.mixed[0].errors[:, 0]
     else:
+        # one log: ordinary least squares over all rows, as such polynomials are published
         coefficients = linear_in_blocks(designs[0][0], rows[0][1], names=names)
         # ordinary least squares over all rows makes coefficients P y of the means y of blocks; of
         # turned ones it makes P (Uᵀ D^½)⁻¹ · turned y, log by log
@@ -258,6 +259,7 @@ def _fit_channel(entry: Bias, abscissa: str, rows: Rows, errors: Errors) -> Chan
         estimate = estimate.widened_by([error for error in sized_errors if error.size is not None])
     if not many_logs:  # the rows of one log show nothing of its turn-on bias: it is as stated
         sizes = tuple(SharedSize(e, e.size or 0.0, 0.0, 0, np.zeros((1, 1))) for e in sized_errors)
+    # degrees of freedom of p0 are the least of any bias in the range, not those at 0 °C
     powers = np.vander(np.linspace(*valid, POINTS), count, increasing=True)
     combinations = np.vstack([np.eye(count), powers]) @ np.asarray(to_raw, dtype=np.float64)
     covariance, dof = estimate.covariance, estimate.dof_along(combinations)
@@ -337,6 +339,7 @@ def compensate(
         zero = POLYNOMIAL.evaluate(model, {abscissa: np.array([reference])})
         bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x, low, high)})
         columns[entry.indication] = y - (bias - zero)
+        # a cubic runs away beyond its rows: the bias at the end of the range is used
         share = 100.0 * float(np.mean((x < low) | (x > high)))
         if share:
             flags.append(
@@ -389,6 +392,7 @@ def _judge_drift(model: Model, log: Log, spec: BiasTemperatureRecipe) -> dict[st
     # type B terms: on the abscissa, which shifts the polynomial, on the indication or on single
     # coefficients
     p = POLYNOMIAL.read(model)
+    # p(x + e) = p(x) + e p'(x): an offset of the abscissa moves the coefficients by those of p'
     slopes = np.append(p[1:] * np.arange(1, p.size), 0.0)
     errors = [np.zeros(p.size)]
     for term in spec.type_b:

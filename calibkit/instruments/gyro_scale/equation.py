@@ -103,6 +103,7 @@ class RateRows:
     def slopes(self) -> Array:
         """Least-squares slope [lines] of each line."""
         count = np.bincount(self.line)
+        # about the mean rate: the earth's rate and the bias are in every indication
         off_mean = self.rate_dps - (np.bincount(self.line, self.rate_dps) / count)[self.line]
         products = np.bincount(self.line, off_mean * self.indication)
         return np.asarray(products / np.bincount(self.line, off_mean**2))
@@ -188,6 +189,7 @@ class ResponseTerms:
         K, F0, bends = np.split(p.reshape(self.lines, -1), [count, 2 * count], axis=1)
         by_power = bends.reshape(self.lines, self.bend_order + 1, len(self.shapes))
         if self.bends == "as K":
+            # a bend that is a share of the scale factor follows it over temperature
             by_power = by_power * (K / K[:, :1])[:, :, None]
         return K, F0, np.swapaxes(by_power, 1, 2)
 
@@ -203,6 +205,7 @@ class ResponseTerms:
             if number == ASYMMETRY:
                 columns[:, k] = np.abs(rate_dps)
             else:
+                # relative to the fastest rate, so that coefficients of all powers are of one size
                 columns[:, k] = (rate_dps / self.fastest_dps) ** number
         return columns
 
@@ -247,6 +250,7 @@ def best_line(
     straight line over rates [n].
     """
     line = np.column_stack((rate_dps, np.ones_like(rate_dps)))
+    # what the straight line over these rates takes of each shape
     share = np.linalg.pinv(line) @ terms.shape(rate_dps)
 
     def line_of(p: Numbers) -> tuple[Numbers, Numbers]:
@@ -268,6 +272,7 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
     Sizes are relative to the scale factors [channels] of the gyros about the table axes, or about
     their own axes where the error does not act along the turned one.
     """
+    # a scale error acts in proportion to the turned rate, a zero along the gyro's own axis
     ppm = K[rows.channel] * ONE_PPM * rows.rate_dps
     dph = own_K[rows.channel] / DPH_PER_DPS
     errors = [
@@ -277,6 +282,7 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
     timed = bool(rows.hours.any())
     if timed:
         errors.append(("run", "zero drift", rows.run, dph * rows.hours, "deg/h/h"))
+    # about the mean of the run: K of a run is that at its mean temperature
     warmer = rows.row_degc - rows.temp_degc[rows.run]
     logged = bool(np.isfinite(warmer).all())
     if logged and warmer.any() and not terms.order:
@@ -288,6 +294,7 @@ def shared_errors(rows: RateRows, terms: ResponseTerms, K: Array, own_K: Array) 
         if pattern.size:
             of_rates = (np.abs(K)[rows.channel] / DPH_PER_DPS)[:, None] * pattern
             errors.append(("rate", "response", rows.channel, of_rates, "deg/h"))
+        # an error of the table, not of the gyro: each side of each run has its own
         side = 2 * rows.run + (rows.rate_dps < 0.0)
         errors.append(("side", "zero", side, dph, "deg/h"))
         errors.append(("side", "scale", rows.run, np.abs(ppm), "ppm"))
@@ -309,6 +316,8 @@ def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Respo
 
     def fit_order(order: int, errors: Sequence[Shared]) -> Fit:
         # polynomials of K and F0 of this order, and all shapes
+        # all orders are fitted in the parameters of the highest, so that their average is one
+        # polynomial
         of_line = np.ones(len(terms.names), dtype=np.bool_)
         of_line[: 2 * terms.order + 2] = np.tile(np.arange(terms.order + 1) <= order, 2)
         return solve(
@@ -321,6 +330,7 @@ def fit(rows: RateRows, terms: ResponseTerms, shared: Sequence[Shared]) -> Respo
         )
 
     of_highest = fit_order(terms.order, shared)
+    # the same errors in all orders: likelihoods of different errors could not be compared
     selected_errors = [replace(size.error, optional=False) for size in of_highest.shared]
     lower = range(min(LOWEST_ORDER, terms.order), terms.order)
     fits = [of_highest, *(fit_order(order, selected_errors) for order in lower)]

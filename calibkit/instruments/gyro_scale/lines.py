@@ -264,6 +264,7 @@ class Lines:
             own_axis = self.own_axis_mask()
             of_gyro_and_set = np.column_stack((self.gyro_of, self.set_of))[own_axis]
             repeats = np.unique(of_gyro_and_set, axis=0, return_inverse=True)[1].reshape(-1)
+            # about the axis that the gyro senses: across it, r K cos α drowns in the mounting
             mean = (np.bincount(repeats, self.K[own_axis]) / np.bincount(repeats))[repeats]
             dof = float(repeats.size - repeats.max() - 1)
             if not dof:
@@ -303,6 +304,7 @@ class Lines:
         s² as that of scale factors; ω is the earth's rate about the table's axis [°/s].
         """
         count = self.gyro_of.size
+        # bias F0 - K ω sin φ of each line, the earth's rate about the vertical taken out
         G = np.hstack((-vertical_dps * np.eye(count), np.eye(count), np.zeros((count, count))))
         bias = G @ self.fit.parameters
         variance = np.einsum("ip,pq,iq->i", G, self.fit.total_covariance, G)
@@ -340,6 +342,7 @@ def _errors(rows: equation.RateRows, terms: equation.ResponseTerms, axes: int) -
     K = np.bincount(line_channel, rows.slopes) / np.bincount(line_channel)
     of_gyros = K.reshape(-1, axes)
     main_axis = np.argmax(np.abs(of_gyros), axis=1)
+    # the own scale factor has the sign of the largest, as counts may fall with the rate
     sign = np.sign(of_gyros[np.arange(len(of_gyros)), main_axis])
     own_K = np.repeat(sign * np.linalg.norm(of_gyros, axis=1), axes)
     repeated = False

@@ -84,6 +84,7 @@ class Attitude:
 
 def nearest_position(position_deg: Array) -> Integers:
     """Index [r] of the nearest position (0°, 90°, 180°, 270°) to each rotation [r] [°]."""
+    # quarters from 45° on, so that -0.1° and 359.9° are position 0
     from_edge = np.remainder(position_deg + 45.0, 360.0)
     return np.clip(np.floor(from_edge / 90.0), 0, 3).astype(np.int64)
 
@@ -115,7 +116,9 @@ def scale_roots(
     B = x * np.sin(tilt.toolface) + y * np.cos(tilt.toolface)
     latitude = np.asarray(latitude_deg) * np.pi / 180.0
     sine, cosine = np.sin(tilt.inclination), np.cos(tilt.inclination)
+    # step D solved for s: cos²α (A² + B²) - B² sin²θ, below 0 by noise alone
     discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2
+    # ω_x² + ω_y² - B² sin²θ = A² + B² cos²θ
     divisor = A**2 + (cosine * B) ** 2
     middle = A * np.sin(latitude) * sine
     clamped = np.asarray(np.real(discriminant) < 0.0, dtype=np.bool_)
@@ -136,6 +139,7 @@ def azimuth(
     """
     x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
     level = accel_x**2 + accel_y**2
+    # g along the tool, which no sensor of the tool measures
     down = np.sqrt(np.where(np.real(level) > 1.0, 0.0, 1.0 - level))
     east = -(x * accel_y - y * accel_x) * down
     north = -(x * accel_x + y * accel_y) - np.sin(np.asarray(latitude_deg) * np.pi / 180.0) * level

@@ -97,6 +97,7 @@ class BothRoots:
         """
         s, by_heading = self.s[rows], self.by_heading[rows]
         variance = self.uncertainty[rows] ** 2 + prior.standard_uncertainty[:, None] ** 2
+        # (1)
         score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
         # roots with infinite uncertainty are equally unlikely, negative roots impossible
         score = np.where(np.isfinite(score), score, -1e300)
@@ -194,6 +195,7 @@ def mounting_slopes(parts: Components, slopes: Array) -> Array:
     index error, by half of which positions ±x and ±y are turned to different sides.
     """
     none = np.zeros_like(parts.gyro_x)
+    # ω_x' = ω_x + δ ω_y, ω_y' = ω_y - δ ω_x: accelerometers do not feel the turn of a gyro
     by_turn = np.column_stack([none, none, parts.gyro_y, -parts.gyro_x])
     by_index = np.column_stack([parts.accel_y, parts.accel_x, parts.gyro_y, parts.gyro_x]) / 2.0
     return np.stack([np.sum(slopes * by_turn, axis=1), np.sum(slopes * by_index, axis=1)])
@@ -230,6 +232,7 @@ def estimate_roots(
         slopes[:, k] = by_input[:, ROOT, :5]
         if heading_deg is not None:
             off_heading[:, k] = np.abs(wrapped(np.degrees(results[AZIMUTH]) - heading_deg))
+    # the latitude is one error of all stations and of both pairs: it is no noise of a root
     by_component = slopes[:, :, :4]
     variance = np.einsum("nki,nij,nkj->nk", by_component, parts.covariance, by_component)
     uncertainty = np.sqrt(variance)
@@ -313,6 +316,7 @@ def history_prior(
     value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
     for k, step in enumerate(np.diff(elapsed, prepend=elapsed[:1]).tolist()):
         move = np.array([[1.0, step], [0.0, 1.0]])
+        # covariance that a random walk of the rate adds over a step
         walk = np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
         state = move @ state
         covariance = move @ covariance @ move.T + start.rate_walk**2 * walk
@@ -323,6 +327,7 @@ def history_prior(
         root = k, int(column[0])
         informative = not roots.status[k] and roots.usable[root] and not ambiguous[0]
         if informative and covariance[0, 0] > 0.0:
+            # Kalman gain of a reading of s alone
             gain = covariance[:, 0] / (covariance[0, 0] + roots.uncertainty[root] ** 2)
             state = state + gain * (roots.s[root] - state[0])
             covariance = covariance - np.outer(gain, covariance[0])
@@ -360,12 +365,14 @@ def solve(roots: BothRoots, prior: ScalePrior, latitude_uncertainty_deg: float =
     # to first order, of the components, the latitude, and what the prior adds to s
     rest = np.where(accepted, (1.0 - weight) * prior.s, prior.s)
     (_, _, s, azimuth, _), by_input = seek_with_slopes(parts, latitude, column == 0, weight, rest)
+    # with s = 1: what the station would give without any scale factor
     uncorrected = published.azimuth(
         parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude
     )
     jacobian = by_input[:, :4] * UNITS[:, None]
     inputs = np.zeros((column.size, 6, 6))
     inputs[:, :4, :4] = parts.covariance
+    # (2): what is not the root's is the prior's, with its uncertainty
     inputs[:, 5, 5] = ((1.0 - weight) * prior.standard_uncertainty) ** 2
     covariance = jacobian @ inputs @ np.swapaxes(jacobian, 1, 2)
 
@@ -466,6 +473,7 @@ def combine(pairs: Mapping[Sensor, Solution]) -> Combined:
     first = angles[np.argmax(used, axis=0), np.arange(used.shape[1])]
     departures = weight[:, :, [0, 1, 2, 2]] * wrapped(angles - first)
     mean = first + np.where(used[:, :, None], departures, 0.0).sum(axis=0)
+    # covariance of the weighted mean, whose weights differ from angle to angle
     weighted = weight[:, :, :, None] * of_pairs * weight[:, :, None, :]
     covariance = np.where(used[:, :, None, None], weighted, 0.0).sum(axis=0)
     # the latitude's error is one error of all pairs

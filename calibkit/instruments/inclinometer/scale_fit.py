@@ -104,6 +104,7 @@ class ScaleFit:
         if self.fit is None:
             return None
         dof = self.fit.of(lambda p: self.to_raw @ p[:-1]).dof
+        # s0 is in every s(T), but is itself s at 0 °C, mostly far outside the logs
         dof[0] = min(dof[0], self.fit.of(lambda p: scale(p, np.linspace(-1.0, 1.0, 21))).dof.min())
         return dof
 
@@ -128,11 +129,13 @@ class ScaleFit:
         s = self.model.coefficients
         if error.input == TEMPERATURE:
             # a thermometer that reads T + offset + growth T makes s(T) - (offset + growth T) s'(T)
+            # a shift is linear in the reading: two points of it give offset and growth
             offset, at_one = error.shift(np.array([0.0, 1.0])) - np.array([0.0, 1.0])
             slope = np.append(s[1:] * np.arange(1, s.size), 0.0)
             change = offset * slope + (at_one - offset) * np.append(0.0, slope[:-1])
             return np.asarray(-change / error.step)
         if error.kind == "scale":
+            # every root is divided by the gyro's scale, and so is s(T)
             return -s
         if self.fit is None:
             return self.by_latitude
@@ -327,6 +330,7 @@ def _separates_turn(roots: StationRoots, order: int) -> bool:
     """Whether derivatives by a turn are other than a polynomial of the temperature."""
     powers = np.vander(roots.x, order + 1, increasing=True) / roots.u[:, None]
     turn = roots.turn / roots.u
+    # in one fixed fixture the derivative is a polynomial of T but for noise: any turn would fit it
     left = turn - powers @ np.linalg.lstsq(powers, turn, rcond=None)[0]
     return bool(np.linalg.norm(left) >= SEPARABLE * np.linalg.norm(turn) > 0.0)
 

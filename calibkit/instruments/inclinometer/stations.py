@@ -223,6 +223,7 @@ def solve_components(
     for axis in spec.axes:
         sensors = [f"{kind}_{axis}_{word}" for kind, word, _ in SENSORS]
         accel, gyro = (values(frame, name) for name in sensors)
+        # a log of few digits repeats its readings: they would close better than they are known
         last_digits = [_resolution(values(frame, name), name, spec) for name in sensors]
         accel = gravity_positive(accel, spec.reference.convention)
         fits = fit_stations(
@@ -329,6 +330,7 @@ def fit_stations(
     if ramp_time_s is not None:
         elapsed = ramp_time_s - (np.bincount(station, ramp_time_s) / np.bincount(station))[station]
     sine, cosine = np.sin(np.radians(position_deg)), np.cos(np.radians(position_deg))
+    # step A: at 90° the x sensor lies where y was, the y sensor where -x was
     of_x, of_y = (cosine, sine) if sensor == "x" else (-sine, cosine)
     all_columns = np.column_stack((of_x, of_y, np.ones(station.size), elapsed))
     count = len(COEFFICIENTS) - (ramp_time_s is None)
@@ -389,6 +391,7 @@ def decide_noise(
     """
     stated_sizes = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
     calibrated = before.accel_g, before.gyro_dph
+    # standard deviation of a rectangular distribution one digit wide
     of_digit = [digit / float(np.sqrt(12.0)) for digit in last_digit]
     reasons = [""] * len(squares)
     for k, (kind, _, unit_mark) in enumerate(SENSORS):
@@ -424,6 +427,7 @@ def decide_noise(
             from scipy.special import fdtr, fdtrc
 
             ratio = of_readings / of_calibration
+            # another noise than in the calibration, larger or smaller, is that of this log
             tails = fdtr(shown_dof, before.dof, ratio), fdtrc(shown_dof, before.dof, ratio)
             pooled = of_readings if min(tails) < CONTRADICTED else pooled
         sizes.append(max(float(np.sqrt(pooled)), of_digit[k]))
@@ -456,6 +460,7 @@ def find_outliers(squares: Array, dof: Integers, variance: float) -> Mask:
         return np.zeros(squares.size, dtype=np.bool_)
     from scipy.special import chdtri
 
+    # an outlier closes worse than noise does at any station of any log
     limit = variance * chdtri(np.maximum(dof, 1), IMPROBABLE)
     return np.asarray(redundant & (squares > limit), dtype=np.bool_)
 

@@ -143,8 +143,7 @@ def followed_range(low: float, high: float) -> tuple[float, float]:
     eighth of its range beyond, and all of FOLLOWED_DEGC.
     """
     margin = (high - low) / 8.0
-    # the same in firmware: a lag that stops at another temperature than here is off by its whole
-    # time
+    # firmware follows the case over the same range, so that lags agree
     return min(FOLLOWED_DEGC[0], low - margin), max(FOLLOWED_DEGC[1], high + margin)
 
 

@@ -86,6 +86,7 @@ class Bank:
         for k, hat in enumerate(np.eye(len(self.knots))):
             # linear interpolation between the knots, 0 at the origin
             table[:, k] = np.interp(drivers.temperature, self.knots, hat)
+            # b0 is the rate at rest at 25 °C: the table is 0 there
             table[:, k] -= np.interp(ORIGIN_DEGC, self.knots, hat)
         return np.column_stack(
             [
@@ -109,6 +110,7 @@ class Bank:
         slope = (powers * z[:, None] ** (powers - 1)) @ coefficients[self.part("s")]
         slope = (slope + drivers.rates @ coefficients[self.part("c")]) / SCALE_DEGC
         if self.widths:
+            # a play operator that is not pushed stands still, so that its term changes against T
             free = np.abs(drivers.play) < 1.0
             slope = slope - free @ (coefficients[self.part("h")] / np.array(self.widths))
         if self.knots:
@@ -151,6 +153,7 @@ def _play(temperature: Array, width: float, start: float, last: float) -> Array:
     distances = np.empty(temperature.size)
     distance = start
     for row, value in enumerate(temperature.tolist()):
+        # it follows the temperature only where it would be more than its half width behind
         distance = min(max(distance - (value - last), -width), width)
         last = value
         distances[row] = distance
@@ -225,6 +228,7 @@ class BankModel(BiasModel):
         play operators are then behind by their width, a warm-up is over.
         """
         fast, slow, share = self.static_lag
+        # a lag τ is behind a steady ramp r by τ r
         later = -rate / SECONDS_PER_MINUTE
         return BankDrivers(
             case + later * (fast + share * (slow - fast)),
@@ -293,6 +297,7 @@ def evaluate(
     lagged, rates = follow_lags(model.bank, case_path)
     free = log_drivers(model.bank, logs, temperature, (lagged, rates))
     if long_at_rest:
+        # the middle of the hysteresis, and no warm-up any more
         free = replace(free, play=0.0 * free.play, faded=0.0 * free.faded)
     # rates are clamped to the largest fitted magnitude on either side
     largest = max(map(abs, model.valid.rate))
@@ -303,10 +308,12 @@ def evaluate(
         rates=np.clip(rates, -largest, largest),
     )
     clamped = np.asarray(inside.temperature != temperature)
+    # drift is zero at rest at the reference: only differences of columns count
     rest_row = at_rest(model, reference_degc)[1][: model.coefficients.size]
     columns = model.bank.columns(inside) - rest_row
     slope = np.where(clamped, 0.0, model.bank.slope(model.coefficients, inside))
     by_lag = static_derivatives(case_path, lag, temperature) * slope[:, None]
+    # derivatives by the lags [s] from those by their logarithms
     by_lag[:, :2] /= model.static_lag[:2]
     return Evaluation(
         columns @ model.coefficients,

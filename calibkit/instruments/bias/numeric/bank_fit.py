@@ -150,6 +150,8 @@ class Problem:
     def at_white(self, variance: float) -> "Problem":
         """The problem at a white noise of the blocks [(°/h)²], and the usual flicker noise."""
         step = float(np.median(np.diff(self.stacked.logs[0].time)))
+        # flicker noise is stated by that of a minute's mean; what is beyond it is in the error on
+        # left-out ramps
         flicker = USUAL_LEVEL * float(np.sqrt(variance * step / MINUTE_S))
         return replace(self, rows=replace(self.rows, noise=BlockNoise(variance, flicker)))
 
@@ -186,6 +188,7 @@ def state_problem(
     stacked = rows.stacked
     if drift is None:
         # standard deviation about the levels of the logs, without the noise
+        # how large the drift is sets the scale of all priors
         about_levels = stacked.indication - stacked.level_columns @ stacked.levels
         white = rows.noise.white_variance / rows.rotation.typical
         square = float(np.mean(rows.means(about_levels[:, None]) ** 2)) - white
@@ -193,6 +196,7 @@ def state_problem(
     knots = np.zeros(0)
     if "g" in extra:
         case = np.concatenate([log.case for log in stacked.logs])
+        # knots at multiples of their distance, so that logs of one gyro share them
         first, last = np.floor(case.min() / KNOT_DEGC), np.ceil(case.max() / KNOT_DEGC)
         knots = KNOT_DEGC * np.arange(first, last + 1.0)
     bank = Bank(
@@ -215,11 +219,14 @@ def state_problem(
     group[terms : terms + lags] = len(SIZES)
     group[terms + lags :] = np.repeat([TURN_ON, INITIAL], [logs, logs * len(WARM_UP_S)])
     shape = np.ones(group.size)
+    # higher powers of a smooth static part are smaller
     shape[bank.part("s")] = SHAPE ** np.arange(forward.POWERS)
     shape[terms : terms + lags] = STATIC_SPREAD**2
     # θ are the logarithms of the variances; those of b and c are relative to that of a, and the
     # spread of the static lag is known
     mixing = np.eye(len(SIZES) + 1)
+    # ln v of b and c is that of a plus their own: how weights change with temperature is a
+    # share of how large they are
     mixing[1:3, 0] = 1.0
     size = 2.0 * np.log(drift)
     mean = [2.0 * np.log(median) + size * (name not in "bc") for name, median, _ in SIZES]
@@ -302,6 +309,7 @@ class BankSolution:
         stacked, states = self.problem.stacked, self.problem.initial_states
         variance = np.exp(self.posterior.theta[INITIAL])
         precision = np.full(1 + len(WARM_UP_S), self.problem.rows.noise.white_variance / variance)
+        # what another ramp cannot know of this one: where its coil began
         precision[0] = 0.0  # the level of a ramp is free
         for rows, drift in zip(stacked.ramps, predicted, strict=True):
             columns = np.column_stack([np.ones(rows.stop - rows.start), states[rows]])
@@ -334,6 +342,7 @@ class BankSolution:
         to_raw[by_lag, by_lag] = np.diag([*static_lag[:2], 1.0])
         # what the logs determine of each coefficient, from 0 to 1
         prior_variances = np.exp(evidence.log_variances(problem.prior, posterior.theta))
+        # effective number of coefficients (MacKay 1992): one that the prior alone holds counts 0
         determined = float(np.sum(1.0 - np.diag(posterior.covariance) / prior_variances))
         case = np.concatenate([log.case for log in problem.stacked.logs])
         fastest = problem.drivers(self.lag).rates[:, 0]
@@ -361,6 +370,7 @@ def solve(problem: Problem) -> BankSolution:
     the posterior there; white noise is what the fit leaves.
     """
     lag, posterior = _search(problem.at_white(problem.rows.noise.white_variance), STATIC_MEAN, None)
+    # white noise is what the first fit leaves, flicker follows from it
     left = problem.left(lag, problem.columns(lag, None), posterior.coefficients)
     problem = problem.at_white(problem.rows.at_noise_of(left).noise.white_variance)
     lag, posterior = _search(problem, lag, posterior.theta)

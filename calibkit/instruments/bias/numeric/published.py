@@ -95,6 +95,7 @@ class DriftBlocks(NamedTuple):
 
     def _levels(self) -> Array:
         """Design [n, 4] of the start of a ramp and its increments, summed."""
+        # ω_k = ω_0 + Σ (a0 + a1 G + a2 G²): the published equation, summed
         summed = np.cumsum(np.vander(self.gradient[:-1], 3, increasing=True), axis=0)
         return np.column_stack([np.ones(self.time.size), np.vstack([np.zeros(3), summed])])
 
@@ -111,6 +112,7 @@ class DriftBlocks(NamedTuple):
         line, design = self.fit_line(estimate=estimate)
         P = np.asarray(np.linalg.pinv(design)[-3:], dtype=np.float64)
         if estimate == "increments":
+            # of increments to of levels: each level is in two differences
             P = -np.diff(P, axis=1, prepend=0.0, append=0.0)
         gradient = self.gradient[:-1]
         return RampFit(
@@ -194,6 +196,7 @@ def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolyn
             hint="lower drift.order or measure more rates",
         )
     # P_i [3 (M + 1), 3] of each ramp: c = Σ_i P_i a_i, for rates in units of the largest
+    # in units of the largest rate: a fifth power of 10 °C/min against 1 loses digits
     scale = float(np.max(np.abs(rates)))
     basis = np.vander(rates / scale, order + 1, increasing=True)
     if len(ramps) == order + 1:  # interpolation: weights cancel, and would only lose precision
@@ -216,6 +219,8 @@ def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolyn
     dof = deviations.size - c.size
     if dof > 0:
         try:
+            # ramps that scatter more than they are uncertain by show an error that no ramp shows
+            # alone
             chi_square = sum(
                 deviation @ np.linalg.solve(ramp.covariance, deviation)
                 for deviation, ramp in zip(deviations, ramps, strict=True)
@@ -264,6 +269,7 @@ def increments(polynomials: Sequence[RatePolynomial], gradient: Array, rate: Arr
     r, G = rate[:-1], gradient[:-1]
     for polynomial in polynomials:
         low, high = polynomial.rates
+        # a0 of a chamber at rest would be summed without bound
         served = np.abs(r) >= polynomial.slowest / 2.0
         if low > 0.0 or high < 0.0:
             served &= (r > 0.0) == (low > 0.0)
