@@ -59,8 +59,10 @@ def compare_means(
     if count < 2:
         return {}, np.zeros(0), np.zeros(0)
     (flicker,) = Flicker(count, [0]).about_level(0, count)
+    # white noise averages out over the group; flicker noise about the mean of the log does not
     of_noise = noise.white_variance / group + noise.flicker**2 * flicker
     limit, limit_about_mean = (
+        # U of the drift beside twice the noise of the mean
         np.sqrt(chunks.block_means(expanded, group) ** 2 + 4.0 * of_noise)
         for expanded in (bias_uncertainty.expanded, bias_uncertainty.expanded_about_mean)
     )
@@ -108,6 +110,7 @@ def follow_biases(
     share of the log, and notes on the power-ons.
     """
     intervals_s = [model.value("interval") for model in models.values()]
+    # a log that is slower than the fit has no more means than rows
     interval_s = max(*intervals_s, float(np.ceil(log.steps.usual - 1e-6)))
     of_log = power_ons.find_power_ons([log], [raw], spec.thermal, interval_s)
     biases: dict[str, list[evaluate.Along]] = {name: [] for name in models}
@@ -120,6 +123,7 @@ def follow_biases(
             def warmer_by(
                 step: float, fitted: ThermalModel = fitted, blocks: ThermalLog = blocks
             ) -> Evaluation:
+                # the one thermometer stands for both temperatures
                 warmer_blocks = replace(blocks, case=blocks.case + step, env=blocks.env + step)
                 return evaluate_wide(fitted, warmer_blocks, spec.reference_temp_degc)
 
@@ -247,6 +251,7 @@ class DriftModel:
     def columns(self) -> tuple[str, ...]:
         """Columns of a log that the model needs: the chamber air where a gradient to it enters."""
         # lagged models and banks take the gradient inside the gyro, from the case alone
+        # the published scheme takes the rate and the gradient from the chamber air
         needs_air = bool(self.polynomials)
         if isinstance(self.thermal, ThermalModel) and self.thermal.form == "level":
             needs_air |= not GRADIENT_TERMS.isdisjoint(self.thermal.terms)
@@ -379,6 +384,7 @@ def compensate_log(
     if model.mode == "recursive":
         return gyro - np.interp(time, blocks.time, drift.level), flags
     index = np.repeat(model_intervals.number, model_intervals.count)
+    # ω_{k-1} + Δ̂_k of the interval that a row lies in, as published
     predicted = blocks.indication[np.maximum(index - 1, 0)] + drift.delta[index]
     return gyro - predicted, (*flags, "one_step: the true rate is removed (rate gain 0)")
 
@@ -444,6 +450,7 @@ def state_along_logs(
     temperatures = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
     places: list[tuple[str, DriftBlocks]] = []
     for degc in sorted({*temperatures, model.thermal.nearest_fitted(model.reference_temp_degc)}):
+        # two instants at rest: what a drift is at one temperature
         still = np.zeros(2)
         resting = DriftBlocks(np.array([0.0, 1.0]), np.full(2, degc), still, still, still)
         places.append((AT_REST, resting))
@@ -490,6 +497,7 @@ def check_coverage(
     turn_on = [figure.value for figure in figures if figure.name.startswith(TURN_ON)]
     if compared and rest is not None and len(turn_on) > 1:
         # whether means are as near to the rate at rest as their limits and its own say
+        # this log was switched on once more, and its bias is another one
         one_more = gum.coverage_factor(float(len(turn_on) - 1)) * float(np.std(turn_on, ddof=1))
         absolute = np.hypot(limit, np.hypot(one_more, 2.0 * rest.standard_uncertainty))
         entry |= {

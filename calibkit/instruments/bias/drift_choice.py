@@ -80,6 +80,8 @@ class LeftOutRates(LeftOutErrors):
         If the slowest or the fastest rate is left out, the model holds or clamps it; only the fit
         to all rates shows the effect of the model there.
         """
+        # a left-out rate at either end is held or clamped, which harms nothing: the fit to all
+        # shows what the model does there
         worst = np.maximum(self.squares, self.fitted)
         unharmed = bool(np.all(worst <= WORSE**2 * self.raw_squares))
         return self.pooled <= MARGIN * self.pooled_raw and unharmed
@@ -136,6 +138,7 @@ def left_out_rates(
     rates: list[list[int]] = []
     for i in sorted(range(len(ramps)), key=lambda i: ramps[i].rate):
         group_rate = ramps[rates[-1][0]].rate if rates else np.inf
+        # ramps of one rate are left out together: a twin in the fit would test nothing
         if rates and abs(ramps[i].rate - group_rate) <= SAME_RATE * abs(group_rate):
             rates[-1].append(i)
         else:
@@ -151,6 +154,7 @@ def left_out_rates(
 
     raw = tuple(means(log.indication) for log in logs)
     tested = []
+    # without one of n rates n - 2 is the highest order that the others determine
     for order in range(min(len(rates) - 1, HIGHEST_RATE_ORDER + 1)):
         errors = [np.zeros(0)] * len(ramps)
         for left_out_rate in rates:
@@ -328,6 +332,7 @@ def decide(
     of_levels = () if levels.chosen_errors is None else (levels.chosen_errors,)
     if spec.model in ("level", "lagged", "bank"):
         polynomials = ()
+    # by shares of raw, as the one is tested on rates and the other on ramps
     if polynomials and thermal is not None:
         if of_rates and share_of_raw(of_rates) < share_of_raw(of_levels):
             thermal = None
@@ -412,6 +417,7 @@ def compare_turn_on(
     if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
         return None
     u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
+    # Student's t: of three logs each way four standard uncertainties are no proof
     by_chance = stdtrit(len(logs) - 2, 1.0 - BY_CHANCE / 2.0) * u
     return float(cooling.mean() - heating.mean()), float(u), float(by_chance)
 
@@ -444,6 +450,7 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
     if turn_on_difference is not None:
         difference, u, by_chance = turn_on_difference
         if abs(difference) > by_chance:
+            # the drift at rest lies between what heating and what cooling logs say
             error = math.hypot(thermal.model_error, 0.5 * difference)
             wider = replace(export.model, thermal=replace(thermal, model_error=error))
             flags.append(
@@ -451,6 +458,7 @@ def widen_by_turn_on(export: Export, logs: Sequence[PreparedLog]) -> Export:
                 f" 0: {cause}; half of it is in the uncertainty"
             )
             return replace(export, model=wider, flags=tuple(flags))
+    # share of a change of temperature that the slowest lag has still to follow
     left = math.exp(-shortest / lag_s) if shortest < settling_s else 0.0
     if left > UNSETTLED:
         flags.append(

@@ -96,6 +96,7 @@ def _restarted_rows(time: Array) -> Array:
     """
     back = np.flatnonzero(np.diff(time) <= 0.0) + 1
     elapsed = time[back - 1] - time[0]
+    # a reboot begins near the first stamp; a row out of order lies near its neighbours
     anew = time[back] - time[0] <= np.maximum(RESTARTED_S, RESTARTED * elapsed)
     return np.asarray(back[anew & (elapsed > RESTARTED_S)])
 
@@ -113,6 +114,7 @@ def mend_clock(log: Log, spec: ThermalTable) -> Log:
         return log
     mended = time.copy()
     for row in rows:
+        # on the grid of model intervals, so that no block holds rows of both power-ons
         passed = np.floor((mended[row - 1] - mended[0]) / interval_s) + 2.0
         mended[row:] += mended[0] + passed * interval_s - mended[row]
     note = f"the clock begins anew at {log.place(rows[0])}: taken as a power-on"
@@ -162,6 +164,7 @@ def leave_out_settling(power_ons: Sequence[PowerOn], channels: Sequence[str]) ->
         power_on, until_s = power_ons[number], max(seconds for seconds, _ in seen)
         blocks, before = power_on.blocks, power_on.fitted
         after = before & (blocks.time - blocks.time[0] > until_s)
+        # a head with temperatures of its own is needed for the model there, settled or not
         span = np.ptp(blocks.case[before])
         if until_s and after.any() and np.ptp(blocks.case[after]) >= SAME_SPAN * span:
             sizes = ", ".join(
@@ -208,6 +211,7 @@ def cut_stretches(
                 f" at least {LEAST_BLOCKS}"
             )
             continue
+        # stretches of about equal length: errors on them are pooled
         stretches = max(round(count / size), 1)
         place = np.cumsum(power_on.fitted) - 1
         part = np.clip(place * stretches // count, 0, stretches - 1).astype(np.int64)
@@ -300,6 +304,8 @@ def _average(group: Sequence[_Span], spec: ThermalTable, interval_s: float, name
         fitted, instants = np.ones(seconds.size, dtype=bool), seconds + time[0]
         for entry in spec.withheld:
             if entry.log in (log.file, log.name):
+                # withheld indications are not fitted; their temperatures drive the lags all the
+                # same
                 fitted &= (instants < entry.from_s) | (instants > entry.to_s)
         means = [
             pooled_fit.means_without_spikes(
@@ -336,6 +342,7 @@ def _starting_rate(time: Array, case: Array) -> float:
         line = linear(np.column_stack([minutes, np.ones_like(minutes)]), case[inside])
         rates.append((float(line.coefficients[0]), float(line.standard_uncertainty[0])))
     (first, u_first), (second, u_second) = rates
+    # a coil on a ramp has a constant rate; one that settles slows down
     steady = abs(first - second) <= STEADY * max(abs(first), abs(second))
     sure = abs(first) > SURELY * u_first and abs(second) > SURELY * u_second
     return 0.5 * (first + second) if steady and sure and abs(first) >= ON_A_RAMP_DEGC_MIN else 0.0

@@ -275,6 +275,7 @@ def line_model(
     degc = float(np.mean([run.temp_degc for run in runs]))
     if np.isfinite(degc):
         parameters = (*parameters, Parameter("temp_case", degc, "degC"))
+    # residual rms and degrees of freedom are those of the published lines
     of_runs = [run_lines.published(run, gyro).fit for run in runs]
     model = forms.LINE.write_fit(
         name,

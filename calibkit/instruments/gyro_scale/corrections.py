@@ -248,9 +248,11 @@ def _scale_factor(
     scales = [part.value for part in model.components if part.effect == "scale"]
     tilts = [part.value for part in model.components if part.effect == "angle"]
     repeats = max(scales, default=0.0) / PPM * abs(K)
+    # without a stated repeatability the scatter of the runs about the curve stands for it
     if matrix.curves and not scales:
         repeats = point.parts[0][0].residual_rms
     _, by_tilt = point.influences.get(certificate.ANGLE, (90.0, 0.0))
+    # an unseen run is another run in another mounting, on the same equipment
     u_frozen = np.linalg.norm([u, repeats, max(tilts, default=0.0) * by_tilt, u_B])
     return Value(*map(np.array, (K, u_frozen, dof)))
 
@@ -317,6 +319,7 @@ def _compare_base(
     rates, uncompensated = matrix.rates(F, temperature), F - matrix.at(temperature)[1]
     uncompensated /= S[np.arange(main.size), main]
     turned, true = AXES.index(axis), np.zeros_like(rates)
+    # rates about the axes of the base have the earth's rate in them
     true[:, turned] = run.rate_dps + (table_runs.vertical_rate_dps(spec) or 0.0)
     gain = float(np.polyfit(run.rate_dps, rates[:, turned], 1)[0])
     # so far no scale factor drifts: the run is about another axis

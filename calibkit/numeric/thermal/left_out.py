@@ -113,6 +113,7 @@ def choose_simplest(squares: Mapping[int, Array]) -> int:
     best = min(squares, key=lambda number: float(np.mean(squares[number])))
     floor = np.maximum(squares[best], np.finfo(np.float64).tiny)
     for number, square in squares.items():
+        # in the logarithm a group in which all models fail does not decide
         ratio = np.maximum(square, np.finfo(np.float64).tiny) / floor
         if _is_chance(square - squares[best]) and _is_chance(np.log(ratio)):
             return number
@@ -166,6 +167,7 @@ def figure_means(values: Array, sound: Mask, group: int) -> Array:
     size = min(group, values.size)
     grouped_rows = max(values.size // group, 1) * size
     weight = sound[:grouped_rows].reshape(-1, size)
+    # a mean of few blocks has more noise than the others
     usable = weight.mean(axis=1) >= LEAST_SHARE
     grouped = values[:grouped_rows].reshape(weight.shape)[usable]
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)
@@ -225,6 +227,7 @@ def split_noise(parts: Sequence[Array]) -> NoiseSplit:
     for part in parts:
         deviations = part - part.mean()
         count, total = deviations.size, float(np.mean(deviations**2))
+        # 100 to 300 s apart white noise is independent, a drift hardly another one
         lags = range(1, min(LONGEST_LAG, count - 1) + 1)
         products = sum(float(deviations[lag:] @ deviations[:-lag]) for lag in lags)
         pairs = sum(count - lag for lag in lags)
@@ -235,6 +238,7 @@ def split_noise(parts: Sequence[Array]) -> NoiseSplit:
     total = totals.mean()
     left = min(max(drift_squares.mean(), 0.0), total)
     # by products of noise with noise, and of noise with drift
+    # variance of a mean product of noise with noise, and of noise with drift
     with_noise, with_drift = totals**2 / pair_counts, 4.0 * left * (total - left) / counts
     spread = np.sqrt(np.sum(with_noise + with_drift)) / len(rows)
     low, middle, high = np.sqrt([max(left - spread, 0.0), left, left + spread]).tolist()

@@ -84,6 +84,7 @@ def grow(
     helps. Ramps of one direction show no hysteresis.
     """
     name, letters, before = BANK, "", bank_fit.solve(bank_fit.state_problem(rows))
+    # ramps of one direction leave a hysteresis on one branch
     absent = set(FURTHER) - ({"h"} if one_sided else set())
     while absent:
         # of a long log a solution is large: only those that the evidence asks for are kept
@@ -97,6 +98,8 @@ def grow(
                 before=before.problem,
             )
             solution = bank_fit.solve_at(problem, before.lag, before.posterior.theta)
+            # evidence integrated over the variances: a term that is not needed costs what its
+            # prior is too wide
             gains[letter] = solution.posterior.log_integral - before.posterior.log_integral
             sizes[letter] = solution.change_from(before)
             if gains[letter] >= ASKED[letter]:
@@ -141,6 +144,7 @@ def _left_out_ramps_agree(
         )
         squares.append(np.array([np.var(error) for error in errors]))
     increase = squares[0] - squares[1]
+    # an unsettled start looks like a hysteresis or a warm-up: there the ramps must come out better
     chance = 0.0 if before.unsettled else float(np.std(increase, ddof=1) / np.sqrt(increase.size))
     return bool(increase.mean() < chance)
 
@@ -166,6 +170,7 @@ def _helps(test: LeftOutErrors) -> bool:
     chance = [
         np.std(e**2 - r**2) / np.sqrt(e.size) for e, r in zip(test.errors, test.raw, strict=True)
     ]
+    # a ramp that is worse within its noise speaks against nothing
     limit = WORSE**2 * test.raw_squares + 2.0 * np.array(chance)
     return test.pooled <= CLEARLY * test.pooled_raw and bool(np.all(test.squares <= limit))
 
@@ -218,6 +223,7 @@ def choose(
     basis = fits.level_basis(stacked)
     case = np.concatenate([log.case for log in stacked.logs])
     changes = [case[rows.stop - 1] - case[rows.start] for rows in stacked.ramps]
+    # by what the case did, not by names of logs
     one_sided = bool(np.all(np.sign(changes) == np.sign(changes[0])))
     remaining_rows = leave_out(stacked, basis.rows)
     solved, refused = solve(candidates, basis)
@@ -263,6 +269,7 @@ def choose(
     explained = evaluate.explained(model, stacked.logs, sensitivities, figure_blocks)
     variance, remarks = evaluate.model_error(chosen.errors, explained) ** 2, [*model.remarks]
     for term in fitted[best].unmodelled:
+        # a term that is probably there and not modelled: its effect, weighted with its probability
         variance += term.probability * term.size**2
         if term.probability > LIKELY:
             remarks.append(
@@ -357,6 +364,7 @@ def choose_terms(
 
     Raises FitError where no candidate can be fitted.
     """
+    # longer left-out stretches show what a model misses, short ones tell models apart
     pairs = Stack.of_logs([replace(log, part=log.part // 2) for log in stacked.logs])
     basis = fits.level_basis(stacked)
     solved, refused = solve((CONSTANT, *candidates), basis)
