@@ -11,7 +11,6 @@ from scipy.stats import t
 from calibkit.errors import FitError
 from calibkit.instruments.bias import bias_temperature
 from calibkit.instruments.bias.recipe import BiasTemperatureRecipe
-from calibkit.numeric import gum
 from calibkit.records.frame import Log
 from calibkit.simulate import noise
 from conftest import slow_after
@@ -64,22 +63,6 @@ def drift(found, low, high):
     powers = np.diff(np.vander([low, high], len(found.coefficients), increasing=True), axis=0)[0]
     u = np.sqrt(powers @ found.covariance @ powers)
     return float(powers @ found.coefficients), float(t.ppf(0.975, found.effective_dof[1]) * u)
-
-
-@pytest.mark.slow
-def test_a_bias_at_a_temperature_is_as_badly_known_as_the_levels_of_its_logs():
-    """Five warm-ups: four degrees of freedom of their mean, whatever a fit says of 0 °C far
-    outside; U with Student's factor covers the mean of turn-on biases, zero, in 93 of 100 at least.
-    """
-    inside, at = [], np.vander([25.0], 4, increasing=True)[0]
-    for seed in range(120):
-        logs = warm_ups(seed, [(15.0 + k, 50.0) for k in range(5)], turn_on=0.5, rows=300)
-        found = fit(logs)
-        dof = gum.degrees_of_freedom(at, found.covariance, found.effective_dof)
-        U = gum.coverage_factor(dof) * np.sqrt(at @ found.covariance @ at)
-        inside.append(abs(at @ found.coefficients) <= U)
-        assert dof < 9.0
-    assert np.mean(inside) >= 0.93
 
 
 @pytest.mark.parametrize(
@@ -142,25 +125,6 @@ def test_logs_that_coincide_with_temperature_are_refused():
     with pytest.raises(FitError, match="turn-on bias of each log cannot be separated from p0, p1"):
         fit(logs, recipe(order=1))
     assert fit(logs, recipe(order=1, errors={"groups": []})).effective_dof[1] > 3.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("settled", [0.3, 1.0], ids=["settles", "creeps"])
-def test_a_bias_that_wanders_in_every_log_is_no_drift(settled):
-    """Seven warm-ups whose biases settle by 3 °/h, up or down, while the gyro warms: the drift from
-    12 to 52 °C is covered in 88 % of 50 campaigns, and known to 8 °/h.
-    """
-    found = []
-    for seed in range(50):
-        rng = np.random.default_rng([seed, 29])
-        logs = warm_ups(seed, [(12.0 + k, 52.0) for k in range(7)], turn_on=1.0, rows=300)
-        for log in logs:
-            settling = 3.0 * rng.normal() * np.exp(-np.arange(300) / (300.0 * settled))
-            log.frame["gyro_dph"] += settling
-        found.append(drift(fit(logs), 12.0, 52.0))
-    value, half = np.array(found).T
-    assert np.mean(np.abs(value) <= half) >= LEAST
-    assert np.median(half) < 8.0
 
 
 def test_flicker_noise_of_one_log_is_in_the_uncertainty_of_level_and_drift():

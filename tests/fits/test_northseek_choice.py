@@ -304,21 +304,6 @@ def test_s_over_temperature_follows_the_truth():
     assert over.model.valid[1] > 110.0
 
 
-@pytest.mark.slow
-def test_s_over_temperature_has_honest_uncertainty():
-    """Ideal tools, 60 of them: the line's value at 60 °C is within 1.96 standard uncertainties in
-    88 to 100 %.
-    """
-    z = []
-    for seed in range(60):
-        _, found, temperature, truth = fitted(seed, ideal=True)
-        over = scale_fit.fit_over_temperature(found, temperature, order=1)
-        prior = prior_at(over, 60.0)
-        z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
-    assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
-    assert np.std(z) < 1.3
-
-
 def roots_of(s, u, temperature, **options):
     """s(T) of roots of equal uncertainty."""
     solution = SimpleNamespace(

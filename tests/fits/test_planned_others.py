@@ -90,15 +90,6 @@ def test_stations_of_another_day_are_added_and_fitted_with_the_first_ones(tmp_pa
     assert not judged.lacks
 
 
-@pytest.mark.slow
-def test_predicted_uncertainty_is_the_scatter_of_fitted_logs(planned):
-    """Of 12 campaigns: no further from it than four standard errors beside 7 %."""
-    benchmark = load_script(ROOT / "benchmarks" / "planned_campaigns.py")
-    plan = document.load_plan(planned)
-    ratio, spread, _ = benchmark.judge(plan, 12, benchmark.run_logs, first=100)
-    assert abs(ratio - 1.0) <= 0.07 + 4.0 * spread
-
-
 @pytest.mark.parametrize(
     ("procedure", "logged"),
     [

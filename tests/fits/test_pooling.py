@@ -2,14 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.special import stdtrit
 
-from calibkit.fit.shared import Shared
-from calibkit.fit.solve import solve
-from calibkit.history import pooling
 from calibkit.numeric import attitude
 from calibkit.records import store
-from calibkit.records.coefficients import Component
 
 SPOTS = [(0, 0), *((i, j) for i in (45, 90, 135) for j in range(0, 360, 90)), (180, 0)]
 
@@ -77,36 +72,3 @@ def test_an_earlier_calibration_of_the_device_itself_counts_where_its_logs_are_o
     _, again = fitted("N", 2, "type=QA", "errors.from=history")
     assert [(one["serial"], one["revision"]) for one in again.document["pooled"]] == [("N", 1)]
     assert again.document["pooled"][0]["sha256"] == first.document["sha256"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("size", [0.0, 0.5, 1.0, 3.0])
-def test_intervals_by_pooled_components_cover_and_are_narrow(size):
-    """100 campaigns of seven soaks and a cubic, zeros that differ by this many dwell noises, three
-    earlier campaigns: 92 to 98 %, and at most 1.15 times what known components give, within what
-    100 campaigns of four coefficients tell.
-    """
-    soak = np.repeat(np.arange(7), 13)
-    design = np.vander(np.linspace(-1.0, 1.0, 7), 4, increasing=True)[soak]
-    rng, inside, width = np.random.default_rng(5), [], []
-    whole = np.eye(soak.size) + size**2 * (soak[:, None] == soak)
-    exact = 1.96 * np.sqrt(np.diag(np.linalg.inv(design.T @ np.linalg.solve(whole, design))))
-
-    def campaign(**stated):
-        shown = size * rng.normal(size=7)[soak] + rng.normal(size=soak.size)
-        loading = np.ones((soak.size, 1))
-        zero = Shared(group="soak", effect="zero", level=soak, loading=loading, unit="g", **stated)
-        return solve(lambda p: shown - design @ p, np.zeros(4), [zero])
-
-    for _ in range(100):
-        earlier = [campaign().shared[0] for _ in range(3)]
-        pooled = pooling._pool(
-            [Component("soak", "zero", one.value, "g", one.u, one.error.levels) for one in earlier]
-        )
-        found = campaign(size=pooled.value, size_dof=pooled.dof)
-        u = np.sqrt(np.diag(found.covariance))
-        half = stdtrit(found.dof_along(np.eye(4)), 0.975) * u
-        inside.append(np.abs(found.parameters) <= half)
-        width.append(half / exact)
-    assert 0.90 < np.mean(inside) < 0.99
-    assert np.mean(width) < 1.18
