@@ -160,7 +160,8 @@ def describe_commands() -> str:
     parts = []
     for name, command in cli.cli.commands.items():
         paragraphs = (command.help or "").split("\n\n")
-        text = " ".join(" ".join(p.split()) for p in paragraphs if "calibkit " not in p)
+        examples = re.compile(r"^\s*calibkit ", re.MULTILINE)
+        text = " ".join(" ".join(p.split()) for p in paragraphs if not examples.search(p))
         arguments = [p.make_metavar(click.Context(command)) for p in command.params]
         shown = [
             metavar

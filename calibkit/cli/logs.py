@@ -119,7 +119,7 @@ def fit(
 def check(
     recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool
 ) -> int:
-    """Say what would be read, what is wrong with it, and what it would determine; nothing is
+    """Print what would be read, what is wrong with it, and what it would determine; nothing is
     written.
 
     \b
@@ -247,12 +247,12 @@ def validate(
     dry_run: bool,
     as_json: bool,
 ) -> int:
-    """Hold frozen coefficients against logs they have not seen: before, after, rate gain.
+    """Compare frozen coefficients with logs that were not fitted: before, after, rate gain.
 
     \b
     calibkit validate FOG-0001 --data withheld --out validation.json
     calibkit validate FOG-0001@r002 --data withheld --out validation.json --json
-    calibkit validate ACC-3 --data withheld --out validation.json --set 'logs.files=["*.csv"]'
+    calibkit validate ACC-3 --data new --out v.json --set 'logs.files=["*.csv"]'
     """
     tune_memory()
     from calibkit.commands import pipeline

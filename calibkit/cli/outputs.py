@@ -33,14 +33,14 @@ _MOST_MISSING = 20
 @command()
 @RUN
 @click.option("--out", default=None, type=PATH, help="PDF file to write")
-@click.option("--check", is_flag=True, help="say what a certificate would lack; write nothing")
+@click.option("--check", is_flag=True, help="list what a certificate would lack; write nothing")
 @click.option("--profile", type=PATH, help="laboratory profile; without one: a DRAFT")
 @click.option("--validation", type=PATH, help="as found and as left, from calibkit validate")
 @click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
 @click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
 @click.option("--sign", "key", type=PATH, help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it")
 @_TIMESTAMP
-@click.option("--schema-dir", type=PATH, help="folder with dcc.xsd, to hold the DCC against it")
+@click.option("--schema-dir", type=PATH, help="folder with dcc.xsd, to check the DCC by it")
 @click.option(
     "--set",
     "overrides",

@@ -64,7 +64,7 @@ _STATES = {(True, True): "ok    ", (False, True): "FAILED", (False, False): "-  
 @click.option(
     "--schema-dir",
     type=PATH,
-    help="folder with dcc.xsd, to hold DCCs against it",
+    help="folder with dcc.xsd, to check DCCs by it",
 )
 @JSON
 def verify(
