@@ -109,35 +109,6 @@ def _dismiss(worker: _Worker) -> None:
         worker.process.join()
 
 
-def call_in_process(
-    function: Callable[..., dict[str, bytes]], *arguments: object
-) -> dict[str, bytes]:
-    """What a function returns: in a process that has imported all it needs, or in this one where
-    that one does not answer.
-    """
-    process, pipe = _start(_answer, function, arguments)
-    try:
-        returned: dict[str, bytes] = pipe.recv()
-    except (EOFError, OSError):
-        return function(*arguments)
-    finally:
-        pipe.close()
-        process.kill()
-        process.join()
-    return returned
-
-
-def _answer(
-    pipe: Connection, function: Callable[..., object], arguments: tuple[object, ...]
-) -> None:
-    """Send what a function returns, or nothing: an error is raised again by the process that asked,
-    which can report it.
-    """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    with contextlib.suppress(Exception):
-        pipe.send(function(*arguments))
-
-
 def _serve(pipe: Connection, task: Task, plan: DeviceTask) -> None:
     """What a process does: fit devices until the pipe ends, which it also does when the process at
     its other end is killed.

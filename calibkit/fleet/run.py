@@ -71,18 +71,13 @@ def run(
             f"interrupted after {len(outcomes)} of {len(serials)} devices",
             hint="nothing was written" if dry_run else "their runs stay; run again to go on",
         ) from None
-    return _finish(plan, outcomes, spec.title or spec.procedure, processes)
+    return _finish(plan, outcomes, spec.title or spec.procedure)
 
 
-def _finish(plan: DeviceTask, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
-    """Make the table of a fleet and write it; where processes fitted the devices, one makes it."""
+def _finish(plan: DeviceTask, outcomes: Sequence[Outcome], title: str) -> Fleet:
+    """Make the table of a fleet and write it."""
     fleet_table = table.build_table(outcomes, plan.data)
-    arguments = fleet_table, plan, f"{title}: {len(outcomes)} devices"
-    contents = (
-        files.make_files(*arguments)
-        if processes == 1
-        else local.call_in_process(files.make_files, *arguments)
-    )
+    contents = files.make_files(fleet_table, plan, f"{title}: {len(outcomes)} devices")
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     return Fleet(
         _commit(plan.out, contents, dry_run=plan.dry_run),

@@ -31,12 +31,9 @@ NEEDED = (
     "rich.console",
     "rich.table",
     "rfc8785",
-    "calibkit.fleet.files",
     "calibkit.fleet.device",
 )
-"""How a process without a task ends, what every fit needs, whatever its procedure, and the table of
-the fleet.
-"""
+"""How a process without a task ends, and what every fit needs, whatever its procedure."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 ALONE = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
 """What keeps a library from starting a thread as it is imported: of a process with threads no safe

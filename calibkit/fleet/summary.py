@@ -1,6 +1,5 @@
 """Summary of a finished fleet: lines for a person, a document for a script."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
@@ -21,10 +20,8 @@ def compose_fleet(fleet: Fleet, width: int, *, dry_run: bool = False) -> list[st
     A dry run names devices with what they would be fitted to.
     """
     entries = fleet.table.entries
-    counts = Counter(entry.verdict for entry in entries)
-    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     before = f"; {fleet.before} fitted before" if fleet.before else ""
-    lines = [f"{len(entries)} device{'s' if len(entries) != 1 else ''}: {counted}{before}"]
+    lines = [f"{fleet.table.totals}{before}"]
     rehearsed = [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
     failed = [
         f"{entry.verdict}: {entry.serial}: {' '.join(entry.error.split())}"

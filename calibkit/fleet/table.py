@@ -1,6 +1,7 @@
 """The fleet's table, one row per device: the same whatever process fitted them, in any order."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 from calibkit.check import copies
 from calibkit.fleet.device import Failure, Outcome, Row
 from calibkit.fleet.keys import KeyFigure
+from calibkit.numeric import gum
 from calibkit.numeric.control import Control
 from calibkit.report.control_charts import ControlChart
 
@@ -29,6 +31,11 @@ class _Outlier:
     z: float
     limit: float
 
+    @property
+    def distance(self) -> float:
+        """How far it stands out, 1 at the limit."""
+        return abs(self.z) / self.limit
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceRow:
@@ -46,7 +53,6 @@ class DeviceRow:
     """Whether the run was there already."""
     effective_from: str = ""
     """Date from which its coefficients hold; "" where it has none."""
-    """Whether the run was there already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,34 +66,34 @@ class FleetTable:
     outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
 
+    @property
+    def totals(self) -> str:
+        """How many devices, with which verdicts."""
+        counts = Counter(entry.verdict for entry in self.entries)
+        counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+        return f"{len(self.entries)} device{'s' * (len(self.entries) != 1)}: {counted}"
+
     def list_outlying(self) -> list[str]:
         """A line per device that stands out, the furthest first: in how many key values, and the
         worst of them beside the values of the others.
         """
-        deviations: dict[str, list[tuple[float, ControlChart, float]]] = {}
         charts = {chart.name: chart for chart in self.charts}
-        for outlier in self.outliers:
-            distance = abs(outlier.z) / outlier.limit
-            deviations.setdefault(outlier.serial, []).append(
-                (distance, charts[outlier.figure], outlier.value)
-            )
+        furthest_first = sorted(self.outliers, key=lambda outlier: -outlier.distance)
         lines = []
-        for serial, device_deviations in sorted(
-            deviations.items(), key=lambda pair: -max(d for d, _, _ in pair[1])
-        ):
-            _, chart, value = max(device_deviations, key=lambda deviation: deviation[0])
-            count = (
-                f"{len(device_deviations)} key values stand"
-                if len(device_deviations) > 1
-                else "1 key value stands"
+        for serial, count in Counter(outlier.serial for outlier in furthest_first).items():
+            worst = next(outlier for outlier in furthest_first if outlier.serial == serial)
+            chart = charts[worst.figure]
+            others = np.delete(chart.values, list(chart.control.outliers))
+            low, high = float(others.min()), float(others.max())
+            spread = high - low or abs(worst.value) or 1.0
+            value, low_text, high_text = (
+                gum.rounded(number, spread)[0] for number in (worst.value, low, high)
             )
-            other_values = np.delete(chart.values, list(chart.control.outliers))
-            low, high = float(other_values.min()), float(other_values.max())
-            places = _place_of(high - low or abs(value))
             unit = "" if chart.unit == "1" else f" {chart.unit}"
+            noun = "key values stand" if count > 1 else "key value stands"
             lines.append(
-                f"{serial}: {count} out, worst {chart.name} {value:.{places}f}{unit}, others"
-                f" {low:.{places}f} to {high:.{places}f}"
+                f"{serial}: {count} {noun} out, worst {chart.name} {value}{unit}, others"
+                f" {low_text} to {high_text}"
             )
         return lines
 
@@ -139,32 +145,28 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     owners: dict[str, list[Row]] = {}
     for row in rows:
-        for mark in {mark for entry in row.inputs for mark in copies.digests_of_input(entry)}:
+        for mark in _marks(row):
             owners.setdefault(mark, []).append(row)
     shared_with: dict[str, str] = {}
     for row in rows:
-        candidates = {
-            id(other): other
-            for entry in row.inputs
-            for mark in copies.digests_of_input(entry)
-            for other in owners[mark]
-        }
-        same_serials = sorted(
-            other.serial
-            for other in candidates.values()
-            if other is not row and _same_logs(row, other)
-        )
-        if same_serials:
-            shared_with[row.serial] = ", ".join(same_serials)
+        candidates = {other.serial: other for mark in _marks(row) for other in owners[mark]}
+        del candidates[row.serial]
+        same = sorted(serial for serial, other in candidates.items() if _same_logs(row, other))
+        if same:
+            shared_with[row.serial] = ", ".join(same)
     return shared_with
+
+
+def _marks(row: Row) -> set[str]:
+    """Digests by which the logs of a device are known."""
+    return {mark for entry in row.inputs for mark in copies.digests_of_input(entry)}
 
 
 def _same_logs(row: Row, other: Row) -> bool:
     """Whether two devices have the same logs, all of them."""
-    pairs = ((row.inputs, other.inputs), (other.inputs, row.inputs))
     return all(
         len(copies.shared_logs(inputs, other_inputs)) == len(inputs)
-        for inputs, other_inputs in pairs
+        for inputs, other_inputs in ((row.inputs, other.inputs), (other.inputs, row.inputs))
     )
 
 
@@ -183,25 +185,20 @@ def _chart(
         name = f"{name} ({form})"
     elif len(namesakes) > 1:
         name = f"{name} ({unit})"
-    figures_by_serial = {
-        serial: device_figures[identity]
-        for serial, device_figures in figures.items()
-        if identity in device_figures
-    }
-    values = np.array([figure.value for figure in figures_by_serial.values()])
-    uncertainties = np.array([figure.standard_uncertainty for figure in figures_by_serial.values()])
-    dof = np.array([figure.dof for figure in figures_by_serial.values()])
-    limits = {
-        math.nan if figure.limit is None else figure.limit for figure in figures_by_serial.values()
-    }
+    devices = {serial: own[identity] for serial, own in figures.items() if identity in own}
+    values = np.array([figure.value for figure in devices.values()])
+    uncertainties = np.array([figure.standard_uncertainty for figure in devices.values()])
+    dof = np.array([figure.dof for figure in devices.values()])
+    limits = {figure.limit for figure in devices.values()}
+    shared_limit = limits.pop() if len(limits) == 1 else None
     return ControlChart(
         name=name,
         unit=unit,
-        serials=tuple(figures_by_serial),
+        serials=tuple(devices),
         values=values,
         standard_uncertainties=uncertainties,
         control=Control.chart(values, uncertainties, dof),
-        acceptance=limits.pop() if len(limits) == 1 else math.nan,
+        acceptance=math.nan if shared_limit is None else shared_limit,
         units=units,
     )
 
@@ -218,8 +215,3 @@ def _outliers(chart: ControlChart) -> list[_Outlier]:
         )
         for k in chart.control.outliers
     ]
-
-
-def _place_of(spread: float) -> int:
-    """Decimal places that show a spread in two significant digits."""
-    return max(0, 1 - math.floor(math.log10(spread))) if spread > 0.0 else 0

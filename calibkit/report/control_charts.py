@@ -1,5 +1,5 @@
-"""Control charts of a fleet: one page per key figure, one point per device, centre line, limits and
-named outliers.
+"""Control charts of a fleet: one figure per key figure, one point per device, centre line, limits
+and named outliers.
 """
 
 from __future__ import annotations
@@ -11,12 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric.control import FEWEST
-from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, drawing, page
+from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, page
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.numeric.arrays import Array
@@ -24,25 +21,18 @@ if TYPE_CHECKING:
 
 
 MOST_NAMES = 40
-"""Units up to which each has its serial below the axis."""
+"""Devices up to which each has its serial below the axis."""
 MOST_NAMED = 12
 """Outliers up to which each has its serial beside its point."""
 WINDOW = 2.0
 """Half of the drawn range, in distances of the limits from the centre line."""
-MARGIN = 0.05
-"""Room above and below the drawn range, of it."""
-EDGE_PT, GAP_PT, LINE_PT = 8.0, 4.0, 14.0
-"""Room at the edge of the page, between words, and of a line of words."""
-TOP_PT = 48.0
-"""Room of the titles of page and chart."""
 LONGEST = 32
-"""Letters of a serial that stand in a chart."""
-WORDS_SIZE, SERIAL_SIZE, TICK_SIZE = 8.0, 7.0, 9.0
+"""Letters of a serial that stand in a chart: the table has the whole."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlChart:
-    """One key figure of the units that have it, in the order of their serials."""
+    """One key figure of the devices that have it, in the order of their serials."""
 
     name: str
     unit: str
@@ -52,171 +42,65 @@ class ControlChart:
     """[n], in the unit of the values; 0 where none is stated."""
     control: Control
     acceptance: float
-    """Acceptance limit that all these units share; NaN where there is none."""
+    """Acceptance limit that all these devices share; NaN where there is none."""
     units: int
-    """Units of the fleet, with this figure or without."""
+    """Devices of the fleet, with this figure or without."""
 
+    @property
+    def explanation(self) -> str:
+        """What σ is, or why no limits are drawn."""
+        count = f"{len(self.serials)} of {self.units} devices"
+        if self.control.sigma == 0.0:
+            return f"{count}; more than half of the values are equal: none can be judged"
+        if not math.isfinite(self.control.limit):
+            return f"{count}; fewer than {FEWEST}: none can be judged"
+        sigma = f"σ = {self.control.sigma:.4g} by median absolute deviation"
+        if self.standard_uncertainties.any():
+            return f"{count}; {sigma}; limits of a device of usual uncertainty"
+        return f"{count}; {sigma}"
 
-def pages(title: str, charts: Sequence[ControlChart]) -> list[Figure]:
-    """One page per chart."""
-    figures = []
-    for chart in charts:
-        figure, (axes,) = page(1, 1, title=title, height=5.5)
-        _settle(figure, axes, _draw(axes, chart))
-        figures.append(figure)
-    return figures
+    def draw(self) -> Figure:
+        """The chart; what stands far outside is drawn at the edge, so that others keep their
+        spread.
+        """
+        figure, (ax,) = page(1, 1, title=self.name, height=4.5)
+        control, count = self.control, len(self.serials)
+        positions = np.arange(1, count + 1)
+        low, high = (control.centre + WINDOW * (end - control.centre) for end in control.ends)
+        drawn = np.clip(self.values, low, high)
+        bars = np.where(drawn == self.values, 2.0 * self.standard_uncertainties, 0.0)
+        ax.errorbar(positions, drawn, bars, fmt=".", ms=5, color=DENOISED, ecolor=MUTED, lw=0.8)
+        outliers = list(control.outliers)
+        ax.plot(positions[outliers], drawn[outliers], "o", ms=6, mfc="none", color=ALERT)
+        for k in outliers[:MOST_NAMED]:
+            left = k <= count // 2
+            ax.annotate(
+                f"{self._short(k)}: {self.values[k]:.6g}, z = {control.z[k]:.1f}",
+                (k + 1, drawn[k]),
+                xytext=(8 if left else -8, 0),
+                textcoords="offset points",
+                ha="left" if left else "right",
+                va="center",
+                color=ALERT,
+            )
+        ax.axhline(control.centre, color=GOOD, label=f"median {control.centre:.6g}")
+        if math.isfinite(control.limit):
+            for sign, end in zip("−+", control.ends, strict=True):
+                label = f"z = {sign}{control.limit:.2f}: {end:.6g}"
+                ax.axhline(end, color=ALERT, ls="--", label=label)
+        if math.isfinite(self.acceptance):
+            label = f"acceptance limit {self.acceptance:.6g}"
+            ax.axhline(self.acceptance, color=INK, ls=":", label=label)
+        labelled = range(0, count, -(-count // MOST_NAMES))
+        names = [self._short(k) for k in labelled]
+        ax.set_xticks([k + 1 for k in labelled], names, rotation=90, fontsize=7)
+        ax.set_xlim(0.0, count + 1.0)
+        ax.grid(visible=False, axis="x")
+        ax.set(ylabel=self.unit, xlabel=self.explanation)
+        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return figure
 
-
-def _settle(figure: Figure, ax: Axes, words: Sequence[str]) -> None:
-    """Give a chart the margins that its words need; a layout that is searched for takes as long as
-    the page itself.
-    """
-    ticks = ax.yaxis.get_major_formatter().format_ticks(ax.yaxis.get_majorticklocs())  # type: ignore[arg-type] # an array
-    serials = [label.get_text() for label in ax.get_xticklabels()]
-    left = EDGE_PT + LINE_PT + GAP_PT + _width(ticks, TICK_SIZE) + 2.0 * GAP_PT
-    bottom = EDGE_PT + LINE_PT + GAP_PT + _width(serials, SERIAL_SIZE) + 2.0 * GAP_PT
-    right = GAP_PT + _width(words, WORDS_SIZE) + EDGE_PT
-    width, height = (72.0 * inches for inches in figure.get_size_inches())
-    figure.set_layout_engine("none")
-    ax.set_position(
-        (
-            left / width,
-            bottom / height,
-            1.0 - (left + right) / width,
-            1.0 - (bottom + TOP_PT) / height,
-        )
-    )
-
-
-def _width(texts: Sequence[str], size: float) -> float:
-    """Length of the longest of some texts [pt]: of those with the most letters."""
-    from matplotlib.font_manager import FontProperties
-    from matplotlib.textpath import text_to_path
-
-    font = FontProperties(size=size)
-    with drawing():
-        return max(
-            text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]
-            for text in sorted(texts, key=len)[-3:]
-        )
-
-
-def _draw(ax: Axes, chart: ControlChart) -> list[str]:
-    """One chart, and the words beside it; what stands far outside is a triangle at the edge, so
-    that others keep their spread.
-    """
-    positions = np.arange(1, len(chart.serials) + 1)
-    outliers = list(chart.control.outliers)
-    low, high = _window(chart)
-    clipped_values = np.clip(chart.values, low, high)
-    inside = clipped_values == chart.values
-    if np.any(chart.standard_uncertainties > 0.0):
-        errors = 2.0 * chart.standard_uncertainties[inside]
-        ax.errorbar(
-            positions[inside],
-            clipped_values[inside],
-            errors,
-            fmt="none",
-            ecolor=MUTED,
-            elinewidth=0.8,
-        )
-    ax.plot(positions[inside], clipped_values[inside], ".", ms=5, color=DENOISED)
-    for outside, marker in ((chart.values > high, "^"), (chart.values < low, "v")):
-        ax.plot(
-            positions[outside], clipped_values[outside], marker, ms=6, color=ALERT, clip_on=False
-        )
-    ringed = [k for k in outliers if inside[k]]
-    ax.plot(positions[ringed], clipped_values[ringed], "o", ms=6, mfc="none", color=ALERT)
-    for k in outliers[:MOST_NAMED]:
-        _name(ax, chart, k, float(clipped_values[k]))
-    if math.isfinite(low):
-        ax.set_ylim(low - MARGIN * (high - low), high + MARGIN * (high - low))
-    _name_serials(ax, chart.serials)
-    ax.set_title(chart.name, loc="left")
-    ax.set_ylabel(chart.unit)
-    ax.set_xlabel(_explanation(chart), color=INK)
-    return _draw_lines(ax, chart)
-
-
-def _window(chart: ControlChart) -> tuple[float, float]:
-    """Range of values that is drawn: twice the distance of the limits, where there are limits."""
-    centre = chart.control.centre
-    low, high = (centre + WINDOW * (end - centre) for end in chart.control.ends)
-    return low, high
-
-
-def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
-    """Serial, value and robust z beside an outlier."""
-    left = k <= len(chart.serials) // 2
-    ax.annotate(
-        f"{_short(chart.serials[k])}: {chart.values[k]:.6g}, z = {chart.control.z[k]:.1f}",
-        (k + 1, height),
-        xytext=(8 if left else -8, 0),
-        textcoords="offset points",
-        ha="left" if left else "right",
-        va="center",
-        color=ALERT,
-    )
-
-
-def _draw_lines(ax: Axes, chart: ControlChart) -> list[str]:
-    """Centre line, control limits and the acceptance limit, each with its value; returns the words
-    beside them.
-    """
-    control = chart.control
-    ax.axhline(control.centre, color=GOOD)
-    lines = [(control.centre, GOOD, f"median {control.centre:.6g}")]
-    if math.isfinite(control.limit):
-        for sign, value in zip("−+", control.ends, strict=True):
-            ax.axhline(value, color=ALERT, ls="--")
-            lines.append((value, ALERT, f"z = {sign}{control.limit:.2f}: {value:.6g}"))
-    if math.isfinite(chart.acceptance):
-        ax.axhline(chart.acceptance, color=INK, ls=":")
-        lines.append((chart.acceptance, INK, f"acceptance limit {chart.acceptance:.6g}"))
-    for value, colour, words in lines:
-        ax.annotate(
-            words,
-            (1.0, value),
-            xycoords=("axes fraction", "data"),
-            xytext=(4, 0),
-            textcoords="offset points",
-            color=colour,
-            va="center",
-            fontsize=WORDS_SIZE,
-        )
-    return [words for _, _, words in lines]
-
-
-def _name_serials(ax: Axes, serials: Sequence[str]) -> None:
-    """Serials below the axis, every so many where there are many."""
-    step = -(-len(serials) // MOST_NAMES)
-    labelled_indices = list(range(0, len(serials), step))
-    ax.set_xticks(
-        [k + 1 for k in labelled_indices],
-        [_short(serials[k]) for k in labelled_indices],
-        rotation=90,
-        fontsize=SERIAL_SIZE,
-    )
-    ax.set_xlim(0.0, len(serials) + 1.0)
-    ax.grid(visible=False, axis="x")
-
-
-def _short(serial: str) -> str:
-    """A serial as it stands in a chart: the table has the whole."""
-    return serial if len(serial) <= LONGEST else f"{serial[: LONGEST - 1]}…"
-
-
-def _explanation(chart: ControlChart) -> str:
-    """What σ is, or why no limits are drawn."""
-    count = f"{len(chart.serials)} of {chart.units} units"
-    if chart.control.sigma == 0.0:
-        return (
-            f"{count}; more than half of the values are equal: no device can be judged by their"
-            " spread"
-        )
-    if not math.isfinite(chart.control.limit):
-        return f"{count}; fewer than {FEWEST}: no device can be judged by their spread"
-    limits_note = (
-        "; limits of a device of usual uncertainty" if np.any(chart.standard_uncertainties) else ""
-    )
-    return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation{limits_note}"
+    def _short(self, k: int) -> str:
+        """Serial of a device as it stands in a chart."""
+        serial = self.serials[k]
+        return serial if len(serial) <= LONGEST else f"{serial[: LONGEST - 1]}…"

@@ -148,64 +148,29 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def pdf(figures: Sequence[Figure]) -> bytes:
     """Figures as the pages of one PDF without a clock in it."""
-    from calibkit.report.pdf_canvas import FigureCanvasPdf, PdfPages
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
 
+    settle(figures)
     buffer = io.BytesIO()
     quiet = {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": "calibkit"}
     with drawing(), PdfPages(buffer, metadata=quiet) as pages:
         for figure in figures:
-            literal(figure)
-            _settle(figure)
             # savefig would lay the figure out and draw it twice
             FigureCanvasPdf(figure).print_pdf(pages)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 
 def settle(figures: Sequence[Figure]) -> None:
-    """Lay figures out: what is drawn of them later as SVG stands at these places."""
+    """Lay figures out: what is drawn of them later stands at these places."""
     from calibkit.report import places, svg_canvas
 
     with drawing():
         for figure in figures:
             literal(figure)
-            _settle(figure)
             if figure.get_layout_engine() is not None:
                 figure.set_layout_engine("none")
                 figure.dpi = POINTS
                 places.arrange(figure, svg_canvas.Renderer(*figure.bbox.size, io.StringIO()))
-
-
-def _settle(figure: Figure) -> None:
-    """Take from matplotlib the search for places that are known: for each it measures all tick
-    labels of a panel again.
-
-    An axis without a name needs no place for one. A title stands on its panel, unless ticks or a
-    common factor of tick labels stand there too. A legend lies within its panel and asks for no
-    margin.
-    """
-    for ax in figure.axes:
-        for axis in (ax.xaxis, ax.yaxis):
-            if not axis.label.get_text():
-                axis.set_label_coords(0.0, 0.0)
-        legend = ax.get_legend()
-        if legend is not None:
-            legend.set_in_layout(False)
-        formatter = ax.yaxis.get_major_formatter()
-        formatter.set_locs(ax.yaxis.get_majorticklocs())  # type: ignore[arg-type] # an array is what it takes
-        if ax.xaxis.get_ticks_position() == "bottom" and not formatter.get_offset():
-            _place_titles(ax)
-
-
-def _place_titles(ax: Axes) -> None:
-    """Put the titles of a panel, as they look, where they are without anything in their way."""
-    from matplotlib.text import Text
-
-    look = {child.get_text(): child for child in ax.get_children() if isinstance(child, Text)}
-    for loc in ("left", "center", "right"):
-        text = ax.get_title(loc)
-        if text:
-            font, color = look[text].get_fontproperties().copy(), look[text].get_color()
-            ax.set_title(text, loc=loc, y=1.0, fontproperties=font, color=color)
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:

@@ -69,10 +69,6 @@ _ATTRIBUTES = frozenset(
 """Properties that may be attributes, which need no permission of a content security policy; the
 rest is the page's.
 """
-_INHERITED = _ATTRIBUTES - {"clip-path", "opacity"}
-"""Those that a group's parts take from it."""
-_UNSEEN = frozenset({"defs", "clipPath"})
-"""Parts that are seen where something refers to them, and look as that does."""
 
 
 def inline(figures: Sequence[Figure]) -> tuple[list[str], bool]:
@@ -210,7 +206,6 @@ def _plain(root: Element, prefix: str) -> None:
         for child in list(parent):
             if _PREFIX.sub("", child.tag) in {"style", "metadata"}:
                 parent.remove(child)
-    axes = [group for group in root.iter() if group.get("id", "").startswith("matplotlib.axis_")]
     names = {name: f"{prefix}{k}" for k, name in enumerate(dict.fromkeys(_references(root)))}
     for element in root.iter():
         element.tag = _PREFIX.sub("", element.tag)
@@ -218,11 +213,6 @@ def _plain(root: Element, prefix: str) -> None:
         for side in ("text", "tail"):
             if not (getattr(element, side) or "").strip():
                 setattr(element, side, None)
-    for group in axes:
-        _gather(group)
-    for group in reversed(list(root.iter("g"))):  # what is within a group comes before it
-        _unwrap(group)
-        _hoist(group)
 
 
 def _references(root: Element) -> Iterator[str]:
@@ -265,58 +255,6 @@ def _rounded(match: re.Match[str]) -> str:
     """A coordinate with the decimals that can be seen."""
     text = f"{float(match.group()):.{PLACES}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
-
-
-def _hoist(group: Element) -> None:
-    """State the look that all parts of a group share once, on the group."""
-    parts = [child for child in group if child.tag not in _UNSEEN]
-    placed = any("transform" in node.attrib for node in (group, *parts))
-    shared = {
-        name: value
-        for name, value in (parts[0].attrib if parts else {}).items()
-        if (name in _INHERITED or (name == "clip-path" and not placed))
-        and all(part.get(name) == value for part in parts)
-    }
-    if "clip-path" in group.attrib:
-        shared.pop("clip-path", None)
-    for part in parts:
-        part.attrib = {name: value for name, value in part.attrib.items() if name not in shared}
-    group.attrib |= shared
-
-
-def _gather(axis: Element) -> None:
-    """State the look of equal parts of an axis once: grid lines become one path, marks and labels a
-    group each. They do not lie on each other, so their order is not seen.
-    """
-    from xml.etree import ElementTree as ET
-
-    if any(group.attrib for group in axis.iter("g") if group is not axis):
-        return
-    hidden = list(axis.iter("defs"))
-    inner = {id(part) for defs in hidden for part in defs.iter()}
-    parts_by_look: dict[tuple[str, tuple[tuple[str, str], ...]], list[Element]] = {}
-    for part in axis.iter():
-        if part is not axis and part.tag != "g" and id(part) not in inner:
-            look = tuple(item for item in part.attrib.items() if item[0] in _ATTRIBUTES)
-            parts_by_look.setdefault((part.tag, look), []).append(part)
-    axis[:] = hidden
-    for (tag, look), parts in parts_by_look.items():
-        if tag == "path":
-            parts[0].set("d", " ".join(part.get("d", "") for part in parts))
-            axis.append(parts[0])
-        else:
-            group = ET.SubElement(axis, "g", dict(look))
-            for part in parts:
-                part.attrib = {k: v for k, v in part.attrib.items() if k not in group.attrib}
-            group.extend(parts)
-
-
-def _unwrap(group: Element) -> None:
-    """Put the parts of groups that say nothing in the place of these groups."""
-    parts: list[Element] = []
-    for child in group:
-        parts += child if child.tag == "g" and not child.attrib else [child]
-    group[:] = parts
 
 
 def _panel(ax: Axes, figure: Figure) -> dict[str, str]:

@@ -52,17 +52,3 @@ def imported(plan, serial):
     return device.Failure(
         serial, "said", 0, f"{'matplotlib.figure' in sys.modules} {atomic.__file__} {threads}", ""
     )
-
-
-def dies_elsewhere(here):
-    """Name this process as a file, but only in the one that asked."""
-    if os.getpid() != here:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return {"pid": str(os.getpid()).encode()}
-
-
-def named(here):
-    """Name this process, the one that asked, and whether figures could be drawn without importing
-    anything.
-    """
-    return {"pid": f"{os.getpid() == here} {'matplotlib.figure' in sys.modules}".encode()}

