@@ -33,7 +33,8 @@ def run_medians(values: Array, first: Integers) -> Array:
         of_size = np.flatnonzero(count == size)
         for begin, stop in chunks.ranges(of_size.size, max(1, chunks.ROWS // size)):
             runs = of_size[begin:stop]
-            medians[runs] = np.median(values[first[runs, None] + np.arange(size)], axis=1)
+            by_run = values[first[runs, None] + np.arange(size)]
+            medians[runs] = np.median(by_run, axis=1, overwrite_input=True)
     return medians + 0.0  # a zero is positive
 
 
@@ -62,7 +63,7 @@ def mad_sigma(deviations: Array) -> float:
     """Standard deviation of normal noise from the median magnitude of deviations [n] from its
     centre: outliers, up to half of the values, hardly move it.
     """
-    return MAD_TO_SIGMA * float(np.median(np.abs(deviations)))
+    return MAD_TO_SIGMA * float(np.median(np.abs(deviations), overwrite_input=True))
 
 
 def rms(values: ArrayLike) -> float:

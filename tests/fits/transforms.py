@@ -12,7 +12,7 @@ def extend(signal, name, levels, extension="symmetric"):
     """Signal with a margin at both ends, and the length of the margin."""
     period = 1 << levels
     margin = find_wavelet(name).length * period
-    return extend_signal(signal, extension, margin, period), margin
+    return extend_signal(signal, extension, margin, period, 3 * period // 2), margin
 
 
 def extend_by(signal, count, extension="symmetric", window=12):

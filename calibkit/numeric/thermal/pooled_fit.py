@@ -128,14 +128,23 @@ def spikes(indication: Array, intervals: Intervals) -> Integers:
     an interval neither is a spike.
     """
     middles = dispersion.run_medians(indication, intervals.first)
-    distances = np.abs(indication - np.repeat(middles, intervals.count))
+    distances = indication - np.repeat(middles, intervals.count)
+    np.abs(distances, out=distances)
     log_deviation = dispersion.median(distances)
     if log_deviation == 0.0 and distances.any():
         log_deviation = float(distances[distances > 0.0].min())
-    deviation = dispersion.run_medians(distances, intervals.first)
-    # the larger of both, so that true changes within an interval are no spikes
-    limit = SAMPLE_SPIKE * MAD_TO_SIGMA * np.maximum(deviation, log_deviation)
-    return np.flatnonzero(distances > np.repeat(limit, intervals.count))
+    # an interval that deviates more has a higher limit, so that true changes within it are no
+    # spikes; it matters only where a sample stands out of the log's
+    rows = np.flatnonzero(distances > SAMPLE_SPIKE * MAD_TO_SIGMA * log_deviation)
+    interval = np.searchsorted(intervals.first, rows, side="right") - 1
+    hit, of_interval = np.unique(interval, return_inverse=True)
+    deviation = np.array(
+        [
+            np.median(distances[first : first + count])
+            for first, count in zip(intervals.first[hit], intervals.count[hit], strict=True)
+        ]
+    )
+    return rows[distances[rows] > SAMPLE_SPIKE * MAD_TO_SIGMA * deviation[of_interval]]
 
 
 def means_without_spikes(values: Array, intervals: Intervals, *, excluded: Integers) -> Array:

@@ -108,6 +108,8 @@ OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise estimated from them (29 % standard
 error of the MAD).
 """
+DEEP = 10
+"""Levels below which a transform is extended once."""
 SHIFTED = 3
 """Coarsest levels that are averaged over all shifts. A decimated transform treats a step
 differently by where it falls between its samples (Coifman & Donoho 1995, Translation-invariant
@@ -198,24 +200,32 @@ def denoise(
             f" needs {shortest}",
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
-    period = 1 << depth
+    # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back. A deep
+    # transform is extended twice, its samples and its coarser approximations: the margin of one
+    # extension would be as long as the signal.
+    filters, split = -(-3 * bank.length // 4), max(depth - max(DEEP, shifted), 0)
+    stages = [(0, split), (split, depth)] if split else [(0, depth)]
+    values, margins, unshifted = samples, list[int](), np.zeros(0)
+    details, origins, fine = list[Array](), list[int](), max(depth - shifted, 0)
+    for start, stop in stages:
+        period = 1 << (stop - start)
+        margins.append(filters * period)
+        # the lines at the ends are as long as one and a half times the coarsest details are apart
+        window = 3 * (1 << (depth - start)) // 2
+        approximations = extend(values, extension, margins[-1], period, window)
+        for level in range(start, stop):
+            if level == fine:
+                unshifted = approximations
+            approximations, detail = bank.analyse(approximations)
+            details.append(detail)
+            origins.append(margins[-1] >> (level + 1 - start))
+        values = approximations[filters : filters - (-values.size // period)]
 
-    # of what lies beyond three quarters of the filters' length no more than 1e-9 comes back
-    margin = -(-3 * bank.length // 4) * period
-    approximations, unshifted = extend(samples, extension, margin, period), np.zeros(0)
-    details, fine = list[Array](), max(depth - shifted, 0)
-    for level in range(depth):
-        if level == fine:
-            unshifted = approximations
-        approximations, detail = bank.analyse(approximations)
-        details.append(detail)
-
-    # noise and thresholds from those details of each level that lie wholly on the signal; those of
-    # sample 0 have the index margin / 2^level
+    # noise and thresholds from those details of each level that lie wholly on the signal, that of
+    # sample 0 at the origin
     gains, noise, thresholds = noise_gains(bank.bank, depth), np.zeros(depth), np.zeros(depth)
     for j, (low, high) in enumerate(clean_spans(bank, size, depth)[1:]):
-        first = margin >> (j + 1)
-        on_signal = details[j][first + low : first + high]
+        on_signal = details[j][origins[j] + low : origins[j] + high]
         has_own_noise = on_signal.size >= OWN_NOISE_FROM
         noise[j] = (
             estimate_noise(on_signal) if has_own_noise else noise[j - 1] * gains[j] / gains[j - 1]
@@ -226,21 +236,26 @@ def denoise(
     if shifted:
         approximations = _average_over_shifts(unshifted, bank.bank, thresholds[fine:], rule)
     for level in range(fine - 1, -1, -1):
-        shrunk = RULES[rule](details.pop(level), float(thresholds[level]))
-        approximations = bank.synthesise(approximations, shrunk)
+        detail = details.pop(level)
+        for begin, end in ranges(detail.size, CACHED):
+            detail[begin:end] = RULES[rule](detail[begin:end], float(thresholds[level]))
+        if level == split - 1:  # what the first extension has of the second one
+            begin = margins[1] - filters
+            approximations = approximations[begin : begin + detail.size]
+        approximations = bank.synthesise(approximations, detail)
     # how far the filters of all levels reach from a sample, there and back
     reach, edge = (bank.length - 1) * (period - 1), np.ones(size, dtype=np.bool_)
     edge[reach : max(size - reach, 0)] = False
     # a copy, as a view would keep the margins
-    return Denoised(approximations[margin : margin + size].copy(), noise, thresholds, edge)
+    on_signal = approximations[margins[0] : margins[0] + size]
+    return Denoised(on_signal.copy(), noise, thresholds, edge)
 
 
-def extend(samples: Array, extension: Extension, margin: int, period: int) -> Array:
+def extend(samples: Array, extension: Extension, margin: int, period: int, window: int) -> Array:
     """Signal with a margin before its first sample and one or more behind its last, so many values
-    that the coarsest period divides them.
+    that the coarsest period divides them; `window` as of `beyond`.
     """
-    # the lines at the ends are as long as one and a half times the coarsest details are apart
-    window, behind = 3 * period // 2, margin - (samples.size + 2 * margin) % -period
+    behind = margin - (samples.size + 2 * margin) % -period
     after = beyond(samples[::-1], extension, behind, window)[::-1]
     return np.concatenate([beyond(samples, extension, margin, window), samples, after])
 

@@ -38,7 +38,7 @@ def estimate_noise(details: Array) -> float:
     """
     if not (details.size and np.isfinite(details).all()):
         raise FitError("no values, or one that is not finite, show no noise", hint="exclude it")
-    return float(np.median(np.abs(details))) / MAD_OF_UNIT_NORMAL
+    return float(np.median(np.abs(details), overwrite_input=True)) / MAD_OF_UNIT_NORMAL
 
 
 @lru_cache(maxsize=64)
