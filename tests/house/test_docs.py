@@ -168,3 +168,21 @@ def test_every_recipe_key_and_every_finding_has_a_sentence():
     assert [
         name for name in sorted({*checks, "stuck", "aliased"}) if f"| `{name}` |" not in findings
     ] == []
+
+
+def test_pages_that_messages_and_lists_name_exist():
+    """Sphinx sees only docs/: links of README, changelog and CONTRIBUTING, pages that messages
+    name, with their headings.
+    """
+    lists = [ROOT / name for name in ("README.md", "CHANGELOG.md", "CONTRIBUTING.md")]
+    named = {
+        found
+        for path in [*lists, *(ROOT / "calibkit").rglob("*.py")]
+        for found in re.findall(r"\b(docs/[\w/]+\.md)(#[\w-]+)?", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 20
+    for page, anchor in sorted(named):
+        text = (ROOT / page).read_text(encoding="utf-8")
+        titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+        slugs = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+        assert anchor.removeprefix("#") in slugs | {""}, page + anchor
