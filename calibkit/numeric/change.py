@@ -58,11 +58,14 @@ class Trend:
         """2 where the values scatter as their uncertainties state, else Student's factor for the
         scatter of that many.
         """
+        # a scatter that was taken from the values themselves has two degrees of freedom less than
+        # there are values
         return gum.coverage_factor(self.count - 2 if self.birge_ratio > 1.0 else math.inf)
 
     def expand(self, year: ArrayLike) -> tuple[Array, Array]:
         """Value at years and its expanded uncertainty."""
         ahead = np.asarray(year) - self.middle_year
+        # about the weighted middle, level and slope are uncorrelated
         u = np.hypot(self.u_intercept, self.standard_uncertainty * ahead)
         return self.intercept + self.slope * ahead, self.coverage_factor * u
 
@@ -113,6 +116,7 @@ def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
     if u.size == 0 or not np.isfinite(covariance).all() or not (u > 0.0).all():
         return None
     values, vectors = np.linalg.eigh(covariance / np.outer(u, u))
+    # a direction that follows from the others would divide rounding by rounding
     determined = values > DETERMINED * values[-1]
     rank = int(determined.sum())
     distance2 = float(
@@ -132,6 +136,7 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     The slope's uncertainty is multiplied by the Birge ratio where the values scatter more about the
     line than their uncertainties state (Birge 1932); it is never made smaller.
     """
+    # a line through two dates has no scatter to be tested by
     if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
         return None
     middle = float(np.average(years, weights=standard_uncertainty**-2.0))

@@ -81,6 +81,8 @@ def local_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
             f"no gravity at latitude {latitude_deg:g}° and height {height_m:g} m",
             hint="latitude_deg lies between -90 and 90, height_m is a number of metres",
         )
+    # the geodetic latitude is that of the normal to the ellipsoid, so Somigliana's formula holds
+    # without a conversion
     square = math.sin(math.radians(latitude_deg)) ** 2
     normal = (
         EQUATOR_MPS2 * (1.0 + SOMIGLIANA * square) / math.sqrt(1.0 - ECCENTRICITY_SQUARED * square)

@@ -38,6 +38,7 @@ def find(temp_degc: Array, values: Array, u: Array) -> Iterator[tuple[int, float
     for run in range(values.size):
         other_runs = np.arange(values.size) != run
         order = _order(temp_degc, other_runs)
+        # a slope that hangs on this one run is no evidence against it
         if order < min(max(highest, 0), 1):
             continue
         design = _powers(temp_degc, order)
@@ -46,6 +47,7 @@ def find(temp_degc: Array, values: Array, u: Array) -> Iterator[tuple[int, float
             design[run] @ np.linalg.pinv(design[other_runs].T @ design[other_runs]) @ design[run]
         )
         departure = float(values[run] - design[run] @ coefficients)
+        # Bonferroni: the chance is that of all runs together
         if fdtrc(1, dof, departure**2 / (variance * (1.0 + leverage))) < CHANCE / values.size:
             yield run, departure, order == highest
 
@@ -57,6 +59,7 @@ def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
     from scipy.special import fdtrc
 
     count = values.size
+    # a mistyped unit is that of one run; a changed setting of the logger is that of all later ones
     in_degf = np.concatenate([np.eye(count, dtype=np.bool_), np.tri(count, dtype=np.bool_).T[1:-1]])
     all_runs = np.ones(count, dtype=np.bool_)
     order = _order(temp_degc, all_runs)
@@ -65,6 +68,7 @@ def find_degf(temp_degc: Array, values: Array, u: Array) -> Mask:
     _, variance, dof = _fit(_powers(temp_degc, order), values, u)
     chances = []
     for degf_runs in in_degf:
+        # what the temperatures would be in °C
         degc = np.where(degf_runs, (temp_degc - 32.0) / 1.8, temp_degc)
         common_order = min(order, _order(degc, all_runs))
         _, degc_variance, degc_dof = _fit(_powers(degc, common_order), values, u)
@@ -91,5 +95,6 @@ def _fit(design: Array, values: Array, u: Array) -> tuple[Array, float, int]:
     coefficients = np.asarray(np.linalg.lstsq(design, values, rcond=None)[0], dtype=np.float64)
     dof = values.size - design.shape[1]
     scatter = float(np.sum((values - design @ coefficients) ** 2)) / dof
+    # runs that agree by chance do not make the next one an outlier
     noise_variance = float(np.mean(u**2) + (EXACT * np.max(np.abs(values))) ** 2)
     return coefficients, max(scatter, noise_variance), dof

@@ -123,6 +123,7 @@ def _state_at_rest(
     statement: StatedBias, thermal: OnLevels, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
 ) -> None:
     """State rate at rest, earth's rate and bias, and the turn-on bias of each log."""
+    # a polynomial beyond the fitted range is no measurement
     degc = thermal.nearest_fitted(recipe.reference_temp_degc)
     if degc != recipe.reference_temp_degc:
         statement.flags.append(
@@ -161,8 +162,11 @@ def _state_at_rest(
         statement.figures.append(Figure(RESULT, bias, "deg/h", u, dof))
         by_latitude, by_elevation, by_azimuth = earth.along_axis_slopes(*axis_angles).tolist()
         written = forms.write_thermal(thermal, recipe.drift.interval_s)
+        # at rest a case thermometer that is off moves the bias by the slope of the drift
         by_case = float(forms.slope_over_case(written, {CASE: np.array([degc])})[0])
         inputs = {
+            # bias = rate - earth's rate: errors of latitude and attitude enter with the opposite
+            # sign
             "latitude_deg": (latitude, -by_latitude),
             "gyro_dph": (rate, 1.0),
             "temp_case_degc": (degc, by_case),
@@ -200,6 +204,7 @@ def _say_where_observed(logs: Sequence[PreparedLog]) -> list[str]:
             if stop > start and log.raw.time[stop - 1] - log.raw.time[start] >= LEAST_SOAK_S:
                 at_rest.append(float(log.raw.case[stop - 1]))
     levels = np.sort(at_rest)
+    # soaks of heating and cooling logs at one set point end some degrees apart
     groups = np.split(levels, np.flatnonzero(np.diff(levels) > SAME_SOAK_DEGC) + 1)
     observed = [float(group.mean()) for group in groups if group.size]
     widest = max(np.diff(observed), default=0.0)
@@ -242,12 +247,14 @@ def compare_directions(model: OnLevels | None, logs: Sequence[ThermalLog]) -> Hy
         # a running mean over nine blocks suppresses the steps of a quantised thermometer
         padded = np.pad(np.gradient(log.case, log.time), 4, mode="edge")
         rate = np.convolve(padded, np.full(9, SECONDS_PER_MINUTE / 9.0), mode="valid")
+        # soaks belong to neither direction
         direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
         parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
     number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
     bins = []
     for k in np.unique(number):
         down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
+        # fewer show no scatter, by which the difference is judged
         if min(down.size, up.size) >= LEAST_BLOCKS:
             variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
             bins.append(

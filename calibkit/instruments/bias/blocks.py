@@ -65,9 +65,11 @@ class BiasBlocks:
                 stacked = np.column_stack([design(slice(start, end)), indication[start:end]])
                 sums.append(np.add.reduceat(stacked, np.arange(0, end - start, size), axis=0))
             count = np.full(sum(map(len, sums)), float(size))
+            # the last block holds what is left over
             count[-1] = indication.size - size * (count.size - 1)
             block_means = np.concatenate(sums) / count[:, None]
             lowest, highest = chunks.extremes(abscissa)
+            # errors of the thermometer would pull its slope towards zero
             if highest - lowest < STILL * (valid[1] - valid[0]):
                 block_means[:, :-1] = np.average(block_means[:, :-1], axis=0, weights=count)
             means.append(block_means)
@@ -83,6 +85,7 @@ class BiasBlocks:
 
     def wander(self, rotation: Turned, unit: str) -> list[Shared]:
         """Courses of the bias in time of each log, where the likelihood asks for them."""
+        # orthogonal courses about the middle of a log leave its level to the turn-on bias
         time = np.concatenate([np.linspace(-1.0, 1.0, n) for n in np.bincount(self.log)])
         courses = rotation.rows(np.polynomial.legendre.legvander(time, len(COURSES)))
         return [
@@ -122,6 +125,7 @@ def fit_blocks(
     )
 
     def fit_with(noise: Shared) -> Fit:
+        # the equation is linear: one step from anywhere
         start = np.zeros(J.shape[1])
         return solve(lambda p: J @ p - y, start, [*shared, noise], names=names)
 
@@ -142,6 +146,7 @@ def between_logs(fitted: Fit, J: Array, log: Integers, combinations: Array) -> t
     freedom are those of such errors (Satterthwaite 1946).
     """
     G = fitted.gain
+    # what each log moves the coefficients by
     parts = G[:, None, :] * (log == np.arange(log[-1] + 1)[:, None])
     rows = np.arange(len(log))
     effects = [size.error.design(rows) * size.value for size in fitted.mixed]
@@ -158,5 +163,7 @@ def between_logs(fitted: Fit, J: Array, log: Integers, combinations: Array) -> t
     log_effects = factor @ (parts @ fitted.residual)
     products = np.einsum("kp,pqr->kqr", combinations @ factor, kinds)
     products = products @ np.swapaxes(products, 1, 2)
+    # (Σ λ)²/Σ λ² of the eigenvalues, by traces
     dof = np.trace(products, axis1=1, axis2=2) ** 2 / np.sum(products**2, axis=(1, 2))
+    # less than one would state U that nobody can use
     return log_effects @ log_effects.T, np.maximum(dof, 1.0)

@@ -233,6 +233,7 @@ def _tabulate_drift(basis: Stated, record: Record, levels: FittedBias) -> GridTa
     columns = [(AT_REST, drift_at_rest)]
     # a model with lags holds on a ramp where the coil is within its range
     low, high = levels.model.valid.get(RATE, (0.0, 0.0))
+    # fitted in both directions
     rate = next((rate for rate in RATES if rate <= min(-low, high)), None)
     if levels.model.form in COIL_FORMS and rate is not None:
 
@@ -284,6 +285,7 @@ def _before_after(basis: Stated, record: Record) -> GridTable:
     kinds = [kind for kind in figure_kinds if all(f"{kind[0]}.{log}" in figures for log in logs)]
 
     def cell(kind: str, words: Words, log: str) -> Result:
+        # a magnitude has no sign, and its interval ends at zero
         figure = of_figure(record, figures[f"{kind}.{log}"], words)
         return state(basis, replace(figure, magnitude=kind == "drift_left_rms"), {})
 

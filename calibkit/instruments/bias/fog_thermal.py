@@ -71,6 +71,7 @@ def fit(
     """
     logs, comparisons = _prepare(spec, data, progress(files, "reading and denoising"))
     fitted, undetermined = drift_choice.fit_ramps(logs, spec.drift)
+    # polynomials over the rate need the coefficients of every ramp
     sides = drift_choice.choose_sides([] if undetermined else fitted, spec.drift)
     levels = drift_choice.choose_on_levels(logs, spec.drift)
     export = drift_choice.widen_by_turn_on(drift_choice.decide(sides, levels, spec), logs)
@@ -160,6 +161,7 @@ def _judge_fit(
     """
     name, reduction = "drift reduction on withheld ramps", 1.0
     if export.errors:
+        # ramps that took no part in the fit: the fitted ones would flatter it
         reduction = 1.0 / drift_choice.share_of_raw(export.errors)
     elif export.model.exported:
         name = "drift reduction on the fitted ramps alone"
@@ -190,6 +192,7 @@ def _prepare(
         name, raw = log.source.name, log.raw
         levels[name] = magnitude.measure_level(raw.indication)
         slopes[name] = magnitude.fit_drift_slope(raw.case, raw.indication)
+        # a log of several ramps has no rate of its own to compare with its name or with other logs
         if len(log.ramps) == 1:
             rates[name] = log.ramps[0].rate
             lag = thermometers.measure_lag(raw.time, raw.case, raw.case - raw.gradient)
@@ -239,6 +242,7 @@ def judge(
     if limits.min_share_within_uncertainty is not None and compared:
         share = np.average(
             [entry["share_within_expanded_uncertainty"] for entry in compared],
+            # shares of logs count by their lengths
             weights=[entry["means_of_100_s"] for entry in compared],
         )
         name = "share of 100 s means within their uncertainty"
@@ -261,6 +265,7 @@ def judge(
         criteria.append(
             at_most("largest drift rms after", largest, limits.max_drift_rms_dph, "deg/h")
         )
+    # the other forms do not integrate, and pass a constant rate as it is
     if model.mode == "recursive" and model.exported:
         off = max(abs(log.gain_recursive - 1.0) for log in logs)
         criteria.append(at_most("rate gain off 1 by", off, limits.rate_gain_tolerance, "1"))
@@ -282,6 +287,7 @@ def correct(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -
         _, blocks = ramps.block_means(log, spec, rated=False)
         standard = compensate.along_blocks(model, blocks, spec.type_b).standard
         time = values(log.frame, "time_s")
+        # drift is slow: u between model intervals is a line
         added["gyro_standard_uncertainty_dph"] = np.interp(time, blocks.time, standard)
     return write_back.rewrite_log(spec, data, log, {"gyro_dph": output}, added), flags
 

@@ -75,9 +75,11 @@ class FittedBias:
         if model.form == POLYNOMIAL.name:
             return polynomial(model, numbered("p", model), self.inputs[0].column)(operating_point)
         of_gyro = model.form in forms.ON_LEVELS
+        # on a ramp the way that the gyro came is known
         spread = 0.0 if operating_point.get(RATE, 0.0) else forms.hysteresis(model)
         further = (
             (GYRO_MODEL_ERROR if of_gyro else MODEL_ERROR, *forms.model_error(model)),
+            # a rectangular distribution of that half width (JCGM 100, 4.3.7)
             (HYSTERESIS, spread / math.sqrt(3.0), math.inf),
         )
         point = of_form(forms.FORMS[model.form], model, self.inputs[:1])(operating_point)

@@ -75,9 +75,11 @@ def _of_terms(stage: str, model: Model) -> list[Sensitivity]:
         power = int(name[1:]) if name[1:].isdigit() else DEGREE.get(name, 1)
         scale[name] = -power * c
         if name == "s_temp_rate":
+            # c (T − δ) Ṫ = c T Ṫ − c δ Ṫ
             offset["s_rate"] = -c
         elif name[1:].isdigit() and power:
             offset[f"{name[0]}{power - 1}"] = -power * c
+    # a scale error about the middle of the range, by its size at the ends
     span = {name: (scale[name] - middle * offset[name]) / half for name in value}
     constant = next(iter(value))
     errors: tuple[tuple[str, Kind, dict[str, float]], ...] = (
@@ -113,6 +115,7 @@ def find_of_ramps(fitted: Sequence[FittedRamp], spec: Drift) -> tuple[Sensitivit
                 logged[error.input] = error.shift(logged[error.input])
             gradient = logged[CASE] - logged[ENV]
             shifted = ramp._replace(gradient=gradient, indication=logged[GYRO])
+            # the last three columns are a0, a1, a2; those before are the constants of the line
             line, _ = shifted.fit_line(estimate=spec.estimate)
             fit = replace(item.fit, coefficients=line.coefficients[-3:])
             models.append(forms.write_ramp(item.ramp.name, fit, spec.interval_s))
@@ -137,6 +140,7 @@ def _of_levels(stage: str, model: Model, rest_figures: Mapping[str, float]) -> l
     case = np.linspace(low, high, POINTS)
     inputs = {CASE: case, RATE: np.zeros(POINTS)}
     slope = forms.slope_over_case(model, inputs)
+    # −1 and 1 at the ends: a span error is off there by its size and not in the middle
     mapped_case = (2.0 * case - high - low) / ((high - low) or 1.0)
     design = forms.ON_LEVELS[model.form].gradient(model, inputs)
     at_rest = [
@@ -144,6 +148,7 @@ def _of_levels(stage: str, model: Model, rest_figures: Mapping[str, float]) -> l
         for k, c in enumerate(model.coefficients)
         if design[:, k].any() and (c.value or c.standard_uncertainty)
     ]
+    # offset and span of the thermometer, offset of the indication
     right_sides = np.column_stack([-slope, -slope * mapped_case, np.ones(POINTS)])
     solved = np.linalg.lstsq(design[:, at_rest], right_sides, rcond=None)[0]
     names = [f"{stage}.{model.name}.{model.coefficients[k].name}" for k in at_rest]

@@ -71,8 +71,10 @@ def _layers(board: Array, diffusion_s: float) -> Array:
     """Temperatures [n, LAYERS] at 1 Hz of a wall that is heated from one side, from equilibrium:
     dx/dt = M x + k e₁ T_board, of which each eigenvector follows the board with its own lag.
     """
+    # between layers; the time of diffusion through the whole wall goes by its square
     k = LAYERS**2 / diffusion_s
     M = k * (np.eye(LAYERS, k=1) + np.eye(LAYERS, k=-1) - 2.0 * np.eye(LAYERS))
+    # no heat leaves at the far side, where the sensors are
     M[-1, -1] = -k
     eigenvalues, eigenvectors = np.linalg.eigh(M)
     # the board keeps its temperature over a second
@@ -112,6 +114,7 @@ def campaign(seed: int) -> Campaign:
     """Simulate one sweep of six channels, one thermometer, in one log."""
     rng = np.random.default_rng(np.random.SeedSequence([seed, 18]))
     time, set_degc = _programme().set_points()
+    # the thermometer on the board follows the air of the chamber
     air, lag_s = Chamber().air(set_degc, rng), rng.uniform(120.0, 400.0)
     board = follow_with_lag(air, lag_s)
     diffusion_s = rng.uniform(400.0, 1500.0)

@@ -108,6 +108,7 @@ class FogGyro:
         from scipy.interpolate import CubicHermiteSpline  # a slow import
 
         count = len(air_degc)
+        # a last step that is not full is continued straight on
         padded = np.pad(air_degc, (0, -(count - 1) % STEP), mode="reflect", reflect_type="odd")
         before, middle, after = (
             padded[offset : offset - STEP or None : STEP].tolist()
@@ -115,6 +116,7 @@ class FogGyro:
         )
         # the whole gyro in equilibrium with still air: the root of its heat balance
         heating, growth = self.self_heating_degc, self.convection_per_degc
+        # (case - air)(1 + growth (case - air)) = heating
         start = rest_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
         temperatures = np.full(3, start)
         nodes, half = [temperatures], STEP / 2.0
@@ -150,6 +152,7 @@ class FogGyro:
         effects, hysteresis.
         """
         share = self.inner_share
+        # light passes all layers: the drift is that of their mean by heat capacity
         coil = (1.0 - share) * heat.outer + share * heat.inner
         coil_rate = (1.0 - share) * heat.outer_rate + share * heat.inner_rate
         rise = coil - REFERENCE_DEGC
@@ -251,6 +254,7 @@ def _play(degc: Array, half_width: float) -> Array:
 
     It starts at the reference temperature (Krasnosel'skii & Pokrovskii 1989, chapter 1).
     """
+    # hysteresis begins unloaded where the drift is zero
     state = REFERENCE_DEGC
     followed = []
     for low, high in zip((degc - half_width).tolist(), (degc + half_width).tolist(), strict=True):
@@ -311,8 +315,10 @@ def logs(
     """
     simulated = {}
     for name in sorted(runs):
+        # a log added to a campaign leaves the others as they were
         rng = np.random.default_rng(np.random.SeedSequence([seed, *name.encode()]))
         time, set_degc = runs[name].set_points()
+        # the gyro sees the air, not the set point: the chamber lags and overshoots
         air_degc = chamber.air(set_degc, rng)
         heat = device.heat_flow(air_degc, float(set_degc[0]))
         drift_dph, turn_on_dph = device.drift(heat), rng.normal(0.0, 1.0) * device.turn_on_dph

@@ -119,6 +119,7 @@ def fit(
         flags += [str(finding) for finding in findings if finding.flagged]
     ends = [log.extremes(power_ons.CASE) for log in logs]
     low, high = min(low for low, _ in ends), max(high for _, high in ends)
+    # a slope over a span of the thermometer's noise is noise
     if high - low < spec.thermal.min_span_degc:
         raise FitError(
             f"{', '.join(log.file for log in logs)}: the temperature goes from {low:g} to"
@@ -246,6 +247,7 @@ def fit_channel(
     if stated is not None:
         value = stated.value_in(unit)
         covariance = model.covariance.copy()
+        # the mean of n turn-on biases varies by σ²/n
         covariance[0, 0] += value**2 / count - model.turn_on_variance
         dof = min(stated.dof, float(model.dof))
         model = replace(model, covariance=covariance, constant_dof=dof)
@@ -253,6 +255,7 @@ def fit_channel(
         components = (Component(GROUP, EFFECT, value, unit, 0.0, count),)
     elif count > 1:
         value = float(np.std(model.turn_on, ddof=1))
+        # standard deviation of a standard deviation of n normal values
         u = float(value / np.sqrt(2.0 * (count - 1)))
         components = (Component(GROUP, EFFECT, value, unit, u, count),)
     # what a turn-on changes is the level of a power-on: all is shown about that of its fitted rows
@@ -264,6 +267,7 @@ def fit_channel(
         for curve, indication in ((raw, log.indication), (left, log.indication - drift)):
             curve.append(np.asarray(indication - indication[power_on.fitted].mean()))
         corrected = (log.indication - drift)[power_on.fitted]
+        # noise within parts of a power-on, in which drift hardly moves
         variances.append(dispersion.variances_within(corrected, corrected))
     fitted = np.concatenate([power_on.fitted for power_on in power_ons])
     before_and_after = np.concatenate(raw), np.concatenate(left)
@@ -301,10 +305,12 @@ def _flag_turn_on_drift(
     from scipy.special import stdtrit
 
     case = np.array([power_on.blocks.case[power_on.fitted].mean() for power_on in power_ons])
+    # two power-ons always lie on a line
     if case.size < 3 or not np.ptp(case):
         return ()
     line = linear(np.column_stack([case - case.mean(), np.ones_like(case)]), model.turn_on)
     slope, u = float(line.coefficients[0]), float(line.standard_uncertainty[0])
+    # Student's t: with three power-ons four standard uncertainties are no proof
     if abs(slope) <= stdtrit(line.dof, 1.0 - BY_CHANCE / 2.0) * u:
         return ()
     return (
@@ -357,6 +363,7 @@ def _summarize(
             withheld.append((channel_name, *cells, of_channel))
         if limits.min_reduction is not None and channel.choice.varies:
             name = f"{channel_name}: reduction on left-out stretches"
+            # the first candidate is the constant, that is no compensation
             reduction = channel.choice.tested[0].pooled / chosen_errors.pooled
             criteria.append(at_least(name, reduction, limits.min_reduction, "1"))
         if limits.max_residual_over_noise is not None:

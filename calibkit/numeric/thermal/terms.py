@@ -92,6 +92,7 @@ def chosen_columns(terms: Sequence[str]) -> Integers:
             raise FitError(
                 f"{term!r} is not a drift term", hint=f"the terms are {', '.join(TERMS)}"
             )
+        # without the lower term the model would depend on the zero of the temperature scale
         if term in NEEDS and NEEDS[term] not in terms:
             raise FitError(f"drift term {term} without {NEEDS[term]}", hint="add the lower term")
     if "b0" not in terms:
@@ -114,6 +115,7 @@ class Scales:
     def to_raw(self) -> Array:
         """Matrix [9, 9] from coefficients of the scaled design to coefficients in raw units."""
         matrix = np.zeros((9, 9))
+        # the static part is a polynomial of the mapped temperature
         matrix[:4, :4] = polynomial.to_raw_powers(self.middle, self.half, 3)
         product = self.half * self.rate
         # the product u Ṫ of the scaled temperature holds a part of Ṫ

@@ -115,6 +115,7 @@ def _sure(details: Array, noise: float, _count: int) -> float:
     n = details.size
     if n == 0 or noise == 0.0:
         return 0.0
+    # above it noise hardly ever lies: a higher threshold removes signal alone
     ceiling = math.sqrt(2.0 * math.log(n))
     squares = np.sort((details / noise) ** 2)
     if float(np.mean(squares)) - 1.0 <= math.log2(n) ** 1.5 / math.sqrt(n):
@@ -148,6 +149,7 @@ def _firm(details: Array, threshold: float) -> Array:
     & Bruce 1997).
     """
     magnitude, shrunk = np.abs(details), np.zeros_like(details)
+    # a line from 0 at t to 2 t at 2 t: continuous, and large details keep their size
     kept = np.flatnonzero(magnitude > threshold)  # hardly any at fine levels
     smaller = np.minimum(2.0 * (magnitude[kept] - threshold), magnitude[kept])
     shrunk[kept] = np.copysign(smaller, details[kept])

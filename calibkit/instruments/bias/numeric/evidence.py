@@ -70,6 +70,7 @@ class Posterior:
     @property
     def log_integral(self) -> float:
         """Logarithm of the evidence integrated over θ (Laplace), up to a constant."""
+        # ∫ exp(f) ≈ exp(f_max) √det(2π C); 2π is the same for models of equal θ
         return self.log_evidence + 0.5 * float(np.linalg.slogdet(self.theta_covariance)[1])
 
 
@@ -91,6 +92,7 @@ def condition(gram: Gram, prior: VariancePrior, theta: Array) -> tuple[Array, Ar
     # columns in units of their prior, flat ones in units of their length
     scale = np.where(np.isinf(log_v), 1.0 / np.sqrt(np.maximum(np.diag(gram.matrix), 1e-300)), 0.0)
     scale[scale == 0.0] = np.exp(0.5 * log_v[scale == 0.0])
+    # so scaled, prior variances of many decades leave the matrix well conditioned
     information = gram.matrix * np.outer(scale, scale)
     information[np.diag_indices_from(information)] += np.isfinite(log_v)
     root = np.linalg.cholesky(information)
@@ -129,6 +131,7 @@ def maximise(gram: Gram, prior: VariancePrior, start: Array | None = None) -> Po
     for _ in range(ITERATIONS):
         gradient, information = _score(prior, theta, mean, covariance)
         step = np.linalg.solve(information, gradient)
+        # far from the maximum a full step goes astray: variances are known to decades at the start
         step *= min(1.0, LARGEST_STEP / max(float(np.max(np.abs(step))), 1e-300))
         for _ in range(HALVINGS):
             candidate = condition(gram, prior, theta + step)
@@ -139,6 +142,7 @@ def maximise(gram: Gram, prior: VariancePrior, start: Array | None = None) -> Po
             break
         gain, theta = candidate[2] - value, theta + step
         mean, covariance, value = candidate
+        # a thousandth of a logarithm changes no weight of the average
         if gain < CLOSE:
             break
     theta_covariance = np.linalg.inv(_score(prior, theta, mean, covariance)[1])
@@ -156,9 +160,11 @@ def average(
     means, covariances, values = map(np.array, zip(*drawn, strict=True))
     # evidence over the density that the points are drawn from
     log_weight = values + 0.5 * np.sum(points**2, axis=1)
+    # relative to the largest, as evidences themselves underflow
     share = np.exp(log_weight - log_weight.max())
     share /= share.sum()
     mean = share @ means
     deviations = means - mean
     mean_covariance = np.einsum("m,mij->ij", share, covariances)
+    # law of total variance: mean of the variances and variance of the means
     return mean, mean_covariance + (deviations * share[:, None]).T @ deviations
