@@ -1,8 +1,6 @@
 """The command: a run folder, a profile, a validation and a date → a certificate, written once."""
 
 import datetime as dt
-import functools
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -107,11 +105,15 @@ def certify(
         )
     folder = Path() if profile_path is None else profile_path.parent
     fonts = (folder / font for font in certificate_profile.certificate.fonts)
-    mark = _read_mark(certificate_profile, folder)
-    typeset = functools.partial(
-        pdf.render, lang=lang, fonts=tuple(fonts), signed=key is not None, mark=mark
+    digital = dcc.attach_dcc(certificate, lang, schema_dir)
+    certificate = replace(certificate, attachments=(*certificate.attachments, digital))
+    document = pdf.render(
+        certificate,
+        lang,
+        tuple(fonts),
+        signed=key is not None,
+        mark=_read_mark(certificate_profile, folder),
     )
-    certificate, digital, document = _rendered(certificate, lang, typeset, schema_dir)
     if trace := signature_bytes.find_mark(document):
         raise RecipeError(
             f"the texts of the certificate hold {trace}, which verify takes for a signature's",
@@ -148,26 +150,6 @@ def _beside(out: Path) -> Path:
     for path in (out, dcc_path):
         new_files.refuse_existing(path)
     return dcc_path
-
-
-def _rendered(
-    certificate: content.Certificate,
-    lang: Lang,
-    typeset: Callable[[content.Certificate], bytes],
-    schema_dir: Path | None,
-) -> tuple[content.Certificate, content.Attachment, bytes]:
-    """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a
-    character.
-    """
-    digital = dcc.attach_dcc(certificate, lang, schema_dir)
-    with_dcc = replace(certificate, attachments=(*certificate.attachments, digital))
-    try:
-        return with_dcc, digital, typeset(with_dcc)
-    except pdf.UnshownError as error:
-        draft = certificate.without_glyphs(error.characters)
-        if draft.unshown == certificate.unshown:
-            raise
-    return _rendered(draft, lang, typeset, schema_dir)
 
 
 def _read_mark(certificate_profile: profile.Profile, folder: Path) -> bytes:

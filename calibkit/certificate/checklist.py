@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Result
-from calibkit.certificate.words import Words, character_code
+from calibkit.certificate.words import Words
 
 # where it is stated → what it is called
 FIELDS: dict[str, Words] = {
@@ -46,8 +46,6 @@ STATED_OF_STANDARDS = {
 """Keys of a standard that an accredited laboratory states."""
 MOST_LISTED = 4
 """Results that one missing item names."""
-FONTS = "certificate.fonts"
-"""Key of what is missing where no font has a character."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,12 +129,6 @@ def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Miss
             if not getattr(standard, name):
                 description = words + Words(" of the standard '{name}'", name=standard.name)
                 yield Missing(f"standard.{name}", description)
-
-
-def missing_glyphs(characters: Iterable[str]) -> Missing:
-    """What is missing where no font has these characters."""
-    codes = " ".join(map(character_code, characters))
-    return Missing(FONTS, Words("characters that no font has: {codes}", codes=codes))
 
 
 def _fields(profile: Profile) -> Iterator[Missing]:

@@ -4,8 +4,8 @@ validation and a date.
 
 import datetime as dt
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
@@ -83,8 +83,6 @@ class Certificate:
     unused_terms: tuple[str, ...]
     """Type B terms that entered no result."""
     missing: tuple[checklist.Missing, ...]
-    unshown: str = ""
-    """Characters that no font has: printed by their numbers."""
 
     @property
     def rejection(self) -> Words:
@@ -122,18 +120,6 @@ class Certificate:
     def results(self) -> tuple[Result, ...]:
         """Every result in the order of printing."""
         return tuple(result for block in self.blocks for result in block.results)
-
-    def without_glyphs(self, characters: Iterable[str]) -> "Certificate":
-        """The certificate with characters that no font has: they are printed by their numbers and
-        make it a DRAFT.
-        """
-        unshown = "".join(sorted({*self.unshown, *characters}))
-        if not unshown:
-            return self
-        other_items = tuple(item for item in self.missing if item.key != checklist.FONTS)
-        return replace(
-            self, missing=(*other_items, checklist.missing_glyphs(unshown)), unshown=unshown
-        )
 
 
 def build(

@@ -17,7 +17,7 @@ from calibkit.certificate import plots
 from calibkit.certificate.content import Attachment, Certificate
 from calibkit.certificate.results import Block
 from calibkit.certificate.sheet import sheet
-from calibkit.certificate.words import HEADINGS, SENTENCES, Lang, character_code
+from calibkit.certificate.words import Lang, character_code
 from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.libraries import extras
 
@@ -28,7 +28,8 @@ JOINERS = "\u00ad\u200b\u200c\u200d\u200e\u200f\u2060"
 """Invisible characters that text may contain: hyphenation, joiners, and marks of direction that
 reorder nothing.
 """
-FIRST_CJK = 0x2E80
+MOST_UNSHOWN = 20
+"""Characters that a message lists."""
 _UNSHOWN = re.compile(r'the text `"(.*?)"` could not be displayed', re.DOTALL)
 _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
 
@@ -42,14 +43,6 @@ LEAST_FILLED_MM = 125.0
 def _is_filled(page: int, y: float) -> bool:
     """Whether the end mark stands low enough on the last page, or on the only one."""
     return page == 1 or y >= LEAST_FILLED_MM
-
-
-class UnshownError(Exception):
-    """Characters that no font has, and that the certificate does not yet list as missing."""
-
-    def __init__(self, characters: str) -> None:
-        super().__init__(characters)
-        self.characters = characters
 
 
 def load_typst() -> Any:  # noqa: ANN401 (an optional library)
@@ -82,16 +75,15 @@ def render(
     """PDF/A-3b bytes of a certificate, to be signed electronically or by hand, with the mark of an
     accreditation (SVG or PNG); the same for the same input.
 
-    Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
-    has it, RecipeError for a file that is no font or a mark that is no image, OutputError without
-    typst.
+    Raises UsageError for Chinese without a font and for characters that no font has, RecipeError
+    for a file that is no font or a mark that is no image, OutputError without typst.
     """
     if lang != "en" and not fonts:
         raise UsageError(
             f"--lang {lang} needs a font with Chinese",
             hint='name one in the profile: [certificate] fonts = ["…"]',
         )
-    data = clean_sheet(sheet(certificate, lang, signed=signed), certificate.unshown) | {
+    data = clean_sheet(sheet(certificate, lang, signed=signed)) | {
         "attachments": [_describe_attachment(a) for a in certificate.attachments],
         "mark": list(mark),
     }
@@ -111,7 +103,7 @@ def render(
                 **font_options,
             )
         except typst.TypstError as error:
-            raise _refusal(error, lang) from error
+            raise _refusal(error) from error
         except RuntimeError as error:  # of a query, which sees the same faults first
             if not mark:
                 raise
@@ -153,30 +145,19 @@ def _choose_spacing(typst: Any, inputs: dict[str, str], font_options: dict[str, 
     return str(SPACINGS[0])
 
 
-def _refusal(error: Any, lang: Lang) -> Exception:  # noqa: ANN401 (a class of an optional library)
-    """What is wrong where typst refuses: UnshownError for characters that no font has, UsageError
-    where the certificate's own words are among them, else OutputError.
+def _refusal(error: Any) -> Exception:  # noqa: ANN401 (a class of an optional library)
+    """What is wrong where typst refuses: UsageError for characters that no font has, else
+    OutputError.
     """
     texts = _UNSHOWN.findall(error.diagnostic)
-    unshown = set("".join(_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in texts))
-    if not unshown:
+    unshown = {_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in texts}
+    characters = "".join(sorted(set("".join(unshown))))
+    if not characters:
         return OutputError(f"typst: {error.message}", hint="this is a bug")
-    if lang != "en" and (unshown_chinese := sorted(unshown & _chinese())):
-        return UsageError(
-            f"no font has {''.join(unshown_chinese[:10])}",
-            hint="name a font with Chinese in [certificate] fonts",
-        )
-    return UnshownError("".join(sorted(unshown)))
-
-
-def _chinese() -> set[str]:
-    """Characters of the certificate's own words in Chinese that no text in English has."""
-    return {
-        c
-        for words in (*HEADINGS.values(), *SENTENCES.values())
-        for c in words.zh
-        if ord(c) >= FIRST_CJK
-    }
+    return UsageError(
+        f"no font has {characters[:MOST_UNSHOWN]!r}",
+        hint='name a font that has it: [certificate] fonts = ["…"] of the profile',
+    )
 
 
 def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
@@ -206,9 +187,9 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
     return families
 
 
-def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
-    """The sheet without control characters, overrides of direction, and what no font has; long
-    words with places to break.
+def clean_sheet(document: dict[str, Any]) -> dict[str, Any]:
+    """The sheet without control characters and overrides of direction; long words with places to
+    break.
     """
 
     def clean(value: Any) -> Any:  # noqa: ANN401 (walks a JSON value)
@@ -227,7 +208,7 @@ def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
             or character in JOINERS
             or unicodedata.category(character) not in {"Cc", "Cf", "Cs", "Co", "Cn"}
         )
-        return character if visible and character not in unshown else character_code(character)
+        return character if visible else character_code(character)
 
     cleaned: dict[str, Any] = clean(document)
     return cleaned

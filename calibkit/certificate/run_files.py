@@ -2,6 +2,7 @@
 state.
 """
 
+import hashlib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,12 +12,12 @@ from typing import Any, Self
 from calibkit.certificate.words import Words
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.numeric import gum
-from calibkit.records import left_out, sealed
+from calibkit.records import left_out, run_document, sealed, store
 from calibkit.records.coefficients import Condition, Criterion, Input, Record
 from calibkit.records.left_out import LeftOut
 from calibkit.records.new_files import RUN_FILE
 from calibkit.records.run_document import VALIDATION_FORMAT, Verdict
-from calibkit.records.store import StoredRun, read_bytes
+from calibkit.records.store import StoredRun
 from calibkit.report.run import stated_criteria
 
 
@@ -61,8 +62,30 @@ class RunFiles:
     @classmethod
     def read(cls, run: StoredRun) -> Self:
         """The files of a run folder."""
-        contents = {name: read_bytes(run.folder / name) for name in (*run.records, RUN_FILE)}
+        contents = {name: store.read_bytes(run.folder / name) for name in (*run.records, RUN_FILE)}
         return cls(run.document, run.records, contents)
+
+    @classmethod
+    def parse(cls, contents: Mapping[str, bytes]) -> Self:
+        """The run whose files are among these; CoefficientError for the first that is missing,
+        damaged, or of another run.
+        """
+        if RUN_FILE not in contents:
+            raise CoefficientError(f"{RUN_FILE} is not attached")
+        document = run_document.loads(store.decode(contents[RUN_FILE], RUN_FILE), RUN_FILE)
+        records = {}
+        for entry in document["files"]:
+            name = entry["name"]
+            if name in contents:
+                text = store.decode(contents[name], name)
+                records[name] = store.own_record(document, name, text, name)
+                if hashlib.sha256(contents[name]).hexdigest() != entry["sha256"]:
+                    raise CoefficientError(
+                        f"{name}: the attached file is not the one that run.json lists"
+                    )
+            elif name.endswith(".json"):
+                raise CoefficientError(f"{name} is not attached")
+        return cls(document, records, contents)
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +199,7 @@ class AsFoundAsLeft:
         """Validation of a run from the bytes of its file; CoefficientError for another file, or
         another run's.
         """
-        try:
-            text = content.decode("utf-8")
-        except UnicodeDecodeError:
-            raise CoefficientError(
-                f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
-            ) from None
+        text = store.decode(content, name)
         document = sealed.unseal(text, name, VALIDATION_FORMAT)
         if document["run_sha256"] != run.document["sha256"]:
             raise CoefficientError(

@@ -3,22 +3,23 @@ follows from what is attached.
 
 The attached files are all that a certificate is made from. So it is made again from them, as a
 record, and both its DCC and the text of its pages are compared with that record. An unsigned
-certificate can be checked no further: nothing states who made it.
+certificate can be checked no further: nothing states who made it, and nothing covers what its
+figures and fonts look like.
 """
 
 from __future__ import annotations
 
 import base64
 import binascii
+import datetime as dt
 import hashlib
 import io
 import math
-import re
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from itertools import zip_longest
+from typing import TYPE_CHECKING
 
 from calibkit.certificate import (
-    checklist,
     content,
     dcc,
     dcc_xml,
@@ -30,17 +31,15 @@ from calibkit.certificate import (
     verify_signature,
     verify_text,
 )
-from calibkit.certificate.content import Attachment
 from calibkit.certificate.dcc_results import LANGUAGES
 from calibkit.certificate.dcc_xml import NAMES, SI
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFiles
 from calibkit.certificate.signing_key import quiet
-from calibkit.errors import CalibkitError, CoefficientError, NotCheckedError, OutputError
+from calibkit.errors import CalibkitError, CoefficientError, NotCheckedError
 from calibkit.libraries import extras
-from calibkit.records import coefficients, new_files, run_document, store
+from calibkit.records import coefficients, new_files, store
 
 if TYPE_CHECKING:
-    import datetime as dt
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
@@ -49,7 +48,9 @@ if TYPE_CHECKING:
     from calibkit.certificate.words import Lang
 
 MAGIC = b"%PDF-"
-UNSIGNED = "not signed: nothing says who made it"
+UNSIGNED = (
+    "not signed: nothing says who made it; figures and fonts are not checked, only texts and files"
+)
 MOST_PAGES = 500
 """Pages that are read; certificates of the samples have at most eight, and take 0.1 s each."""
 MOST = 6
@@ -70,6 +71,15 @@ class Verified:
     warnings: tuple[str, ...] = ()
     signatures: tuple[signature_trust.Signature, ...] = ()
     dcc: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class _OpenedPdf:
+    """Text of every page of a certificate, its attached files, and what is left of a signature."""
+
+    pages: list[str]
+    attached: dict[str, bytes]
+    trace: str
 
 
 def is_certificate(path: Path) -> bool:
@@ -96,59 +106,56 @@ def verify(
     demands = demands or signature_trust.Demands()
     extras.load_checker("lxml.etree")
     if path.suffix.lower() == ".xml":
-        return _alone(path, document, demands, schema_dir, pdfs or {})
+        return _verify_dcc(path, document, demands, schema_dir, pdfs or {})
     signatures = verify_signature.check_signatures(document, demands)
     faults = [fault for signature in signatures for fault in signature.faults]
     warnings = [warning for signature in signatures for warning in signature.warnings]
-    pages, attached, twice, trace = _opened(path, document, faults)
-    if all(signature.role == signature_trust.STAMP for signature in signatures):
-        faults += [f"its signature was taken off or damaged: {trace} is left of it"] * bool(trace)
-        warnings.append(UNSIGNED)
-    faults += [f"{name} is attached twice" for name in twice]
-    faults += _digests(attached, pages)
-    count, draft = 0, False
-    if not faults:
-        remade_faults, count, draft, release = _remade(attached, layout_of, pages, schema_dir)
-        faults += remade_faults
-        if release not in ("", dcc.RELEASE):
-            warnings.append(
-                f"made by calibkit {release}, checked by {dcc.RELEASE}: its numbers are those of"
-                " its files, its words and budgets were not compared"
-            )
-    if demands.signed and UNSIGNED in warnings:
-        faults.append("not signed, and a signature is required")
-    if faults:
-        raise _failed(path, faults)
-    if draft:
-        warnings.append("a DRAFT: not a calibration certificate")
-    if _document(attached)["verdict"] == "rejected":
-        warnings.append("the run failed its acceptance limits")
-    description = _what(attached, signatures, count)
-    return Verified(description, tuple(warnings), signatures, attached[dcc.FILE])
-
-
-def _opened(
-    path: Path, document: bytes, faults: Sequence[str]
-) -> tuple[list[str], dict[str, bytes], list[str], str]:
-    """What `_read` finds in a certificate; CoefficientError, after the faults that are known, for
-    what is none.
-    """
     try:
-        contents = _read(document)
-    except CoefficientError as error:
-        raise _failed(path, [*faults, error.message]) from None
-    except CalibkitError:
+        opened = _open(document)
+        is_signed = any(signature.role != signature_trust.STAMP for signature in signatures)
+        if not is_signed:
+            if opened.trace:
+                faults.append(f"its signature was taken off or damaged: {opened.trace} is left")
+            if demands.signed:
+                faults.append("not signed, and a signature is required")
+            warnings.append(UNSIGNED)
+        faults += _check_digests(opened)
+        run = RunFiles.parse(opened.attached)
+        own_names = {new_files.RUN_FILE, dcc.FILE, content.VALIDATION, content.PROFILE}
+        others = opened.attached.keys() - run.records.keys() - own_names
+        faults += [f"{name} does not belong to the run" for name in sorted(others)]
+        if faults:
+            raise _failure(path, faults)
+        certificate, root, release = _make_again(run, layout_of, schema_dir)
+        made_by = f"made by calibkit {release}, checked by {dcc.RELEASE}"
+        different, count = _compare(certificate, root, opened.pages, words=release == dcc.RELEASE)
+    except NotCheckedError:
         raise
-    except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
-        raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
-    if not {new_files.RUN_FILE, dcc.FILE} & contents[1].keys():
-        raise _failed(
-            path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
+    except CalibkitError as error:
+        raise _failure(path, [*faults, error.message]) from None
+    if release != dcc.RELEASE:
+        different = [f"{fault} ({made_by}: check it with that)" for fault in different]
+        warnings.append(
+            f"{made_by}: its numbers are those of its files, its words and budgets were not"
+            " compared"
         )
-    return contents
+    if different:
+        raise _failure(path, different)
+    if certificate.draft:
+        warnings.append("a DRAFT: not a calibration certificate")
+    if run.document["verdict"] == "rejected":
+        warnings.append("the run failed its acceptance limits")
+    number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
+    signed = "".join(f", {signature}" for signature in signatures)
+    description = (
+        f"certificate {number} of {run.document['serial']} r{run.document['revision']:03d},"
+        f" {len(opened.attached)} attachments as printed, {count} rows of numbers as the attached"
+        f" files give them{signed}"
+    )
+    return Verified(description, tuple(warnings), signatures, opened.attached[dcc.FILE])
 
 
-def _alone(
+def _verify_dcc(
     path: Path,
     document: bytes,
     demands: signature_trust.Demands,
@@ -160,51 +167,43 @@ def _alone(
     """
     try:
         root = dcc_xml.read(document, schema_dir)
-        files = {
-            element.findtext("dcc:fileName", "", NAMES): element
-            for element in root.iterfind(".//dcc:byteData", NAMES)
-        }
-        for name, element in files.items():
+        files = root.findall(".//dcc:byteData", NAMES)
+        for element in files:
+            name = element.findtext("dcc:fileName", "", NAMES)
             data = base64.b64decode(element.findtext("dcc:dataBase64", "", NAMES))
-            coefficients.loads(data.decode("utf-8"), name)
-    except (OutputError, CoefficientError, UnicodeDecodeError, binascii.Error) as error:
-        raise _failed(path, [_message(error)]) from None
+            coefficients.loads(store.decode(data, name), name)
+    except CalibkitError as error:
+        raise _failure(path, [error.message]) from None
+    except binascii.Error:
+        raise _failure(path, [f"{name}: not in base64, or cut off"]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
     description = f"DCC {dcc_xml.VERSION} of certificate {number}, {len(files)} coefficient files"
-    embedded_dccs = {pdf: verified.dcc for pdf, verified in pdfs.items()} or _held_beside(path)
+    embedded_dccs = {pdf: verified.dcc for pdf, verified in pdfs.items()} or _find_beside(path)
     matching_pdfs = [pdf for pdf, embedded_dcc in embedded_dccs.items() if embedded_dcc == document]
     if embedded_dccs and not matching_pdfs:
         pdf_list = ", ".join(map(str, embedded_dccs))
-        raise _failed(path, [f"it is not the {dcc.FILE} that {pdf_list} holds"])
+        raise _failure(path, [f"it is not the {dcc.FILE} that {pdf_list} holds"])
     if matching_pdfs and matching_pdfs[0] in pdfs and pdfs[matching_pdfs[0]].signatures:
         return Verified(f"{description}, which {matching_pdfs[0]} holds and its signature covers")
     if demands.signed:
         remedy = "name the signed PDF with it, which holds the same file"
-        raise _failed(path, [f"not signed, and a signature is required: {remedy}"])
-    return Verified(
-        description,
-        ("not signed: check it together with the certificate that holds the same file",),
-    )
+        raise _failure(path, [f"not signed, and a signature is required: {remedy}"])
+    remedy = "check it together with the certificate that holds the same file"
+    return Verified(description, (f"not signed: {remedy}",))
 
 
-def _held_beside(path: Path) -> dict[Path, bytes]:
+def _find_beside(path: Path) -> dict[Path, bytes]:
     """The DCC that a PDF of the same name in the same folder holds, if there is one."""
     other = path.with_suffix(".pdf")
     try:
-        attached = _read(store.read_bytes(other))[1]
+        return {other: _open(store.read_bytes(other)).attached[dcc.FILE]}
     except NotCheckedError:
         raise
-    except Exception:  # noqa: BLE001 (it is not there, or no PDF: nothing to compare with)
+    except (CalibkitError, KeyError):
         return {}
-    return {other: attached[dcc.FILE]} if dcc.FILE in attached else {}
 
 
-def _message(error: Exception) -> str:
-    """What an error states, without its hint."""
-    return error.message if isinstance(error, CalibkitError) else str(error)
-
-
-def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
+def _failure(path: Path, faults: Sequence[str]) -> CoefficientError:
     """The error that lists faults."""
     unique_faults = list(dict.fromkeys(faults))
     omission = f"; and {len(unique_faults) - MOST} more" if len(unique_faults) > MOST else ""
@@ -214,200 +213,120 @@ def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
     )
 
 
-def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str], str]:
-    """Text of every page, every attached file, the names that are attached more than once, and what
-    is left of a signature.
-    """
+def _open(document: bytes) -> _OpenedPdf:
+    """Pages and files of a certificate; CoefficientError for what is none."""
     pypdf = extras.load_checker("pypdf")
-    with quiet():
-        reader = pypdf.PdfReader(io.BytesIO(document))
-        if len(reader.pages) > MOST_PAGES:
-            raise CoefficientError(f"{len(reader.pages)} pages, at most {MOST_PAGES} are read")
-        pages = [page.extract_text() for page in reader.pages]
-        attachments = {name: list(contents) for name, contents in reader.attachments.items()}
-        trace = signature_bytes.find_trace(document, reader, pages)
-    return (
-        pages,
-        {name: contents[0] for name, contents in attachments.items()},
-        [n for n, c in attachments.items() if len(c) > 1],
-        trace,
-    )
+    try:
+        with quiet():
+            reader = pypdf.PdfReader(io.BytesIO(document))
+            if len(reader.pages) > MOST_PAGES:
+                raise CoefficientError(  # noqa: TRY301 (pages are counted as they are read)
+                    f"{len(reader.pages)} pages, at most {MOST_PAGES} are read"
+                )
+            pages = [page.extract_text() for page in reader.pages]
+            attachments = {name: list(contents) for name, contents in reader.attachments.items()}
+            trace = signature_bytes.find_trace(document, reader, pages)
+    except CalibkitError:
+        raise
+    except Exception as error:  # a damaged file fails in as many ways as it has bytes
+        raise CoefficientError("the PDF is damaged: it cannot be read") from error
+    if not {new_files.RUN_FILE, dcc.FILE} & attachments.keys():
+        raise CoefficientError(
+            "no run.json and no dcc.xml is attached: not a certificate of calibkit"
+        )
+    for name, contents in attachments.items():
+        if len(contents) > 1:
+            raise CoefficientError(f"{name} is attached twice")
+    return _OpenedPdf(pages, {name: contents[0] for name, contents in attachments.items()}, trace)
 
 
-def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[str]:
-    """Attachments whose SHA-256 is not printed, or that are not what they or run.json say they
-    are.
-    """
-    text = verify_text.compact("".join(pages))
-    for name, data in attached.items():
+def _check_digests(opened: _OpenedPdf) -> Iterator[str]:
+    """Attached files whose SHA-256 is not printed, and those that are missing or too many."""
+    text = verify_text.compact("".join(opened.pages))
+    for name, data in opened.attached.items():
         if hashlib.sha256(data).hexdigest() not in text:
             yield f"{name}: the attached file is not the one whose SHA-256 is printed"
-    for name in (new_files.RUN_FILE, dcc.FILE):
-        if name not in attached:
-            yield f"{name} is not attached"
-    try:
-        run = _document(attached)
-    except CoefficientError as error:
-        yield error.message
-        return
-    run_digests = {entry["name"]: entry["sha256"] for entry in run["files"]}
-    for name, digest in run_digests.items():
-        if name.endswith(".json") and name not in attached:
-            yield f"{name} is not attached"
-        elif name in attached and hashlib.sha256(attached[name]).hexdigest() != digest:
-            yield f"{name}: the attached file is not the one that run.json lists"
-    expected_names = {
-        *run_digests,
-        new_files.RUN_FILE,
-        dcc.FILE,
-        content.VALIDATION,
-        content.PROFILE,
-    }
-    for name in sorted(attached.keys() - expected_names):
-        yield f"{name} does not belong to the run"
-    yield from _records(attached, run)
+    if dcc.FILE not in opened.attached:
+        yield f"{dcc.FILE} is not attached"
 
 
-def _records(attached: Mapping[str, bytes], run: Mapping[str, Any]) -> Iterator[str]:
-    """Coefficient files that are damaged, changed, or of another run."""
-    for name in sorted(attached.keys() & {entry["name"] for entry in run["files"]}):
-        try:
-            record = coefficients.loads(attached[name].decode("utf-8"), name)
-        except (CoefficientError, UnicodeDecodeError) as error:
-            yield getattr(error, "message", f"{name}: not UTF-8 text")
-            continue
-        if (record.serial, record.revision) != (run["serial"], run["revision"]):
-            yield f"{name}: of {record.serial} r{record.revision:03d}, not of this run"
-
-
-def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
-    """The attached run.json, or CoefficientError."""
-    data = attached.get(new_files.RUN_FILE, b"").decode("utf-8", errors="replace")
-    return run_document.loads(data, new_files.RUN_FILE)
-
-
-def _remade(
-    attached: Mapping[str, bytes],
-    layout_of: content.LayoutOf,
-    pages: Sequence[str],
-    schema_dir: Path | None,
-) -> tuple[list[str], int, bool, str]:
-    """Where DCC and pages differ from a certificate made from the attached files; how many rows
-    agree; whether it is a DRAFT; the release that made it, whose words may be others.
+def _make_again(
+    run: RunFiles, layout_of: content.LayoutOf, schema_dir: Path | None
+) -> tuple[content.Certificate, _Element, str]:
+    """The certificate that the attached files make, with the DCC as it is attached, the root of
+    this DCC, and the release that made it.
     """
-    attached_dcc = attached[dcc.FILE]
-    try:
-        root = dcc_xml.read(attached_dcc, schema_dir)
-        lang, issued, release = _facts(root)
-    except (OutputError, ValueError) as error:
-        return [_message(error)], 0, False, ""
-    words = release == dcc.RELEASE
-    release_note = (
-        ""
-        if words
-        else f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)"
-    )
-    try:
-        certificate = _rebuilt(attached, layout_of, issued)
-        certificate = certificate.without_glyphs(_unshown(root))
-        remade_dcc = dcc.render(certificate, lang)
-    except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        fault = f"the attached files do not make a certificate: {error}{release_note}"
-        return [fault], 0, False, release
-    faults = [
-        f"{dcc.FILE}: {difference}{release_note}"
-        for difference in _differences(root, dcc_xml.read(remade_dcc), words=words)
-    ]
-    data = Attachment(dcc.FILE, attached_dcc, *dcc.DESCRIBED)
-    with_dcc = replace(certificate, attachments=(*certificate.attachments, data))
-    missing, count = verify_text.find_unprinted(
-        pdf.clean_sheet(sheet.sheet(with_dcc, lang), with_dcc.unshown), pages, words=words
-    )
-    missing = [f"{fault}{release_note}" for fault in missing]
-    return [*faults, *missing], count, certificate.draft, release
-
-
-def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
-    """Languages, date of issue, release of calibkit that a DCC states; ValueError where it states
-    none.
-    """
-    import datetime as dt
-
-    core = "dcc:administrativeData/dcc:coreData"
-    codes = {element.text for element in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
-    lang: Lang = next(
-        (key for key, language_codes in LANGUAGES.items() if codes == {*language_codes}), "en"
-    )
-    return (
-        lang,
-        dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES)),
-        root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES),
-    )
-
-
-def _unshown(root: _Element) -> set[str]:
-    """Characters that the DCC of a DRAFT says no font had: the fonts are not attached."""
-    drafts = (
-        s
-        for s in root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", NAMES)
-        if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿"))
-    )
-    texts = (
-        element.text or ""
-        for s in drafts
-        for element in s.iterfind("dcc:declaration/dcc:content", NAMES)
-    )
-    font_texts = (text for text in texts if text.startswith(f"{checklist.FONTS}: "))
-    return {
-        chr(int(digits, 16))
-        for text in font_texts
-        for digits in re.findall(r"\[U\+([0-9A-F]{4,6})\]", text)
-    }
-
-
-def _rebuilt(
-    attached: Mapping[str, bytes], layout_of: content.LayoutOf, issued: dt.date
-) -> content.Certificate:
-    """The certificate that the attached files make."""
-    document = _document(attached)
-    names = [entry["name"] for entry in document["files"] if entry["name"] in attached]
-    records = {name: coefficients.loads(attached[name].decode("utf-8"), name) for name in names}
-    run, validated = RunFiles(document, records, attached), None
+    attached = run.contents
+    root = dcc_xml.read(attached[dcc.FILE], schema_dir)
+    validated = None
     if content.VALIDATION in attached:
         validated = AsFoundAsLeft.parse(attached[content.VALIDATION], content.VALIDATION, run)
-    text = attached.get(content.PROFILE, b"").decode("utf-8")
-    certificate_profile = profile.parse(text, content.PROFILE)
-    return content.build(run, layout_of, certificate_profile, text, validated, issued)
+    text = store.decode(attached.get(content.PROFILE, b""), content.PROFILE)
+    try:
+        issued = dt.date.fromisoformat(root.findtext(".//dcc:issueDate", "", NAMES))
+        certificate = content.build(
+            *(run, layout_of, profile.parse(text, content.PROFILE), text, validated, issued)
+        )
+    except CalibkitError as error:
+        raise CoefficientError(
+            f"the attached files do not make a certificate: {error.message}"
+        ) from None
+    except (KeyError, TypeError, ValueError) as error:
+        raise CoefficientError(
+            "the attached files do not make a certificate: they do not fit each other, or"
+            f" {dcc.FILE} states no date of issue"
+        ) from error
+    data = content.Attachment(dcc.FILE, attached[dcc.FILE], *dcc.DESCRIBED)
+    certificate = replace(certificate, attachments=(*certificate.attachments, data))
+    return certificate, root, root.findtext(".//dcc:software/dcc:release", "", NAMES)
+
+
+def _compare(
+    certificate: content.Certificate, root: _Element, pages: Sequence[str], *, words: bool
+) -> tuple[list[str], int]:
+    """Where an attached DCC and the pages differ from a certificate, and how many rows of numbers
+    agree; without `words` numbers alone, as another release may have other words.
+    """
+    codes = {element.text for element in root.iterfind(".//dcc:usedLangCodeISO639_1", NAMES)}
+    lang: Lang = next((key for key, of_lang in LANGUAGES.items() if codes == {*of_lang}), "en")
+    without_dcc = replace(certificate, attachments=certificate.attachments[:-1])
+    remade = dcc_xml.read(dcc.render(without_dcc, lang))
+    faults = [f"{dcc.FILE}: {fault}" for fault in _differences(root, remade, words=words)]
+    printed = pdf.clean_sheet(sheet.sheet(certificate, lang))
+    missing, count = verify_text.find_unprinted(printed, pages, words=words)
+    return [*faults, *missing], count
 
 
 def _differences(attached_root: _Element, remade_root: _Element, *, words: bool) -> Iterator[str]:
     """First difference between two documents: elements, attributes, texts, numbers to nine digits;
-    without `words` those of another release, its own included, are passed over.
+    without `words` those of D-SI alone.
     """
-    pairs = zip(attached_root.iter(), remade_root.iter(), strict=False)
     place = ""
-    for element, remade_element in pairs:
-        name = str(element.tag).rpartition("}")[2]
+    attached, remade = (
+        [element for element in root.iter() if words or str(element.tag).startswith(f"{{{SI}}}")]
+        for root in (attached_root, remade_root)
+    )
+    for element, expected in zip_longest(attached, remade):
+        name = str((element if expected is None else expected).tag).rpartition("}")[2]
         if (
-            element.tag != remade_element.tag
-            or element.items() != remade_element.items()
-            or len(element) != len(remade_element)
+            element is None
+            or expected is None
+            or element.tag != expected.tag
+            or element.items() != expected.items()
         ):
             yield f"{name} is not what the attached files give{place}"
             return
-        compared = words or name not in {"content", "release"}
-        numbers = str(element.tag).startswith(f"{{{SI}}}")  # an identifier may look like a number
-        same_text = element.text == remade_element.text or (
-            numbers and _same(element.text or "", remade_element.text or "")
-        )
-        if compared and not same_text:
+        text, expected_text = element.text or "", expected.text or ""
+        # an identifier outside of D-SI may look like a number
+        is_number = str(element.tag).startswith(f"{{{SI}}}")
+        if text != expected_text and not (is_number and _same(text, expected_text)):
             yield (
-                f"{name} '{(element.text or '')[:40]}' is not what the attached files give,"
-                f" '{(remade_element.text or '')[:40]}'{place}"
+                f"{name} '{text[:40]}' is not what the attached files give,"
+                f" '{expected_text[:40]}'{place}"
             )
             return
         if name in {"label", "labelXMLList"}:
-            place = f", at {(element.text or '').split(' ', 1)[0]}"
+            place = f", at {text.split(' ', 1)[0]}"
 
 
 def _same(text: str, other_text: str) -> bool:
@@ -418,16 +337,3 @@ def _same(text: str, other_text: str) -> bool:
     except ValueError:
         return False
     return all(math.isclose(a, b, rel_tol=SAME, abs_tol=1e-300) for a, b in pairs)
-
-
-def _what(
-    attached: Mapping[str, bytes], signatures: Sequence[signature_trust.Signature], count: int
-) -> str:
-    """A certificate in one line."""
-    run = _document(attached)
-    number = dcc_xml.read(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
-    signed = "".join(f", {signature}" for signature in signatures)
-    return (
-        f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)}"
-        f" attachments as printed, {count} rows of numbers as the attached files give them{signed}"
-    )

@@ -149,7 +149,8 @@ def _verify_all(
             verified = pipeline.verify(path, demands, schema_dir, verified_pdfs)
         except CalibkitError as error:
             checked = not isinstance(error, NotCheckedError)
-            results[path] = base_result | {"ok": False, "checked": checked, "what": str(error)}
+            what = str(error).removeprefix(f"{path}: ")
+            results[path] = base_result | {"ok": False, "checked": checked, "what": what}
             failed.append(error)
             continue
         if path.suffix.lower() == ".pdf":

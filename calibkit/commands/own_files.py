@@ -18,10 +18,13 @@ def identify(path: Path) -> str:
         raise UsageError(
             f"{path}: no such file", hint="name a coefficient file, a validation or a run folder"
         )
-    from calibkit.firmware import targets
+    from calibkit.firmware import facts, targets
 
     if path.suffix in targets.READERS:
-        return targets.READERS[path.suffix](str(path), store.read_bytes(path))
+        description = targets.READERS[path.suffix](str(path), store.read_bytes(path))
+        if path.suffix == ".c" and path.with_suffix(".h").is_file():
+            facts.require_same_export(path, path.with_suffix(".h"))
+        return description
     return _check_document(path)
 
 

@@ -4,6 +4,7 @@ import hashlib
 import re
 import textwrap
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 
 from calibkit.errors import CoefficientError, visible
 from calibkit.firmware import exact
@@ -35,6 +36,8 @@ PLAIN = re.compile(r"[A-Za-z0-9_.+ -]")
 LOADER = "loader of blobs"
 """What the first line of a loader states; it has no numbers of its own."""
 DEVICE = re.compile(r"^ \* device +(.*), effective", re.MULTILINE)
+EXPORT = re.compile(r"^ \* (?:device|coefficients|run|number) .*", re.MULTILINE)
+"""Facts that a header and a source of one export share."""
 SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
@@ -176,3 +179,16 @@ def verify(name: str, content: bytes) -> str:
     return (
         f"C {kind} of {device.group(1)}{verdict_mark(fact.removeprefix(' * ') for fact in facts)}"
     )
+
+
+def require_same_export(source: Path, header: Path) -> None:
+    """CoefficientError where a header is not of the export that a source is of."""
+    of_source, of_header = (
+        EXPORT.findall(path.read_text(encoding="ascii", errors="replace").partition("*/")[0])
+        for path in (source, header)
+    )
+    if of_source != of_header:
+        raise CoefficientError(
+            f"{source}: {header.name} beside it is of another export",
+            hint="export both again, and keep them together",
+        )

@@ -268,7 +268,7 @@ def load(folder: Path) -> StoredRun:
     """
     document = run_document.loads(read_utf8(folder / RUN_FILE), f"{folder / RUN_FILE}")
     records = {
-        path.name: _own_record(document, path)
+        path.name: own_record(document, path.name, read_utf8(path), str(path))
         for path in _listed(folder, document, RUN_FILE)
         if path.suffix == ".json"
     }
@@ -320,17 +320,19 @@ def _listed(folder: Path, document: Mapping[str, Any], listing: str) -> list[Pat
     return paths
 
 
-def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
-    """Coefficient record of a run's file; CoefficientError where it is of another unit, revision or
-    date.
+def own_record(
+    document: Mapping[str, Any], name: str, text: str, place: str
+) -> coefficients.Record:
+    """Coefficient record of a run's file, which messages call by its place; CoefficientError where
+    it is of another unit, revision or date.
     """
-    record = coefficients.loads(read_utf8(path), str(path))
+    record = coefficients.loads(text, place)
     expected = {key: document[key] for key in ("serial", "revision", "effective_from")}
-    for key, value in ({"stage": path.stem} | expected).items():
+    for key, value in ({"stage": name.removesuffix(".json")} | expected).items():
         if getattr(record, key) != value:
             source = "the file's name" if key == "stage" else RUN_FILE
             raise CoefficientError(
-                f"{path}: {key} '{getattr(record, key)}', but {source} says '{value}'",
+                f"{place}: {key} '{getattr(record, key)}', but {source} says '{value}'",
                 hint="the file is of another run; do not use it",
             )
     return record
@@ -363,11 +365,16 @@ def read_bytes(path: Path) -> bytes:
 
 def read_utf8(path: Path) -> str:
     """Text of a file that calibkit wrote, or CoefficientError."""
+    return decode(read_bytes(path), str(path))
+
+
+def decode(content: bytes, name: str) -> str:
+    """Text of the bytes of a file that calibkit wrote, or CoefficientError."""
     try:
-        return read_bytes(path).decode("utf-8")
+        return content.decode("utf-8")
     except UnicodeDecodeError:
         raise CoefficientError(
-            f"{path}: not a text that calibkit wrote", hint="restore the file as it was written"
+            f"{name}: not a text that calibkit wrote", hint="restore the file as it was written"
         ) from None
 
 

@@ -442,14 +442,15 @@ def test_chinese_is_set_in_the_font_that_the_profile_names(issue, tmp_path, lang
     assert "DRAFT" not in whole
 
 
-@needs_pdftotext
-def test_characters_that_no_font_has_are_printed_by_number_and_make_a_draft(issue, tmp_path):
-    """Without a Chinese font a Chinese name must not vanish or turn into boxes."""
-    out = issue(profile=profile_with("计量", tmp_path / "lab.toml"))
-    whole = squeezed("".join(text_of(out)))
-    assert "[U+8BA1][U+91CF]" in whole
-    assert "DRAFT" in whole
-    assert "charactersthatnofonthas" in whole
+def test_characters_that_no_font_has_are_refused(runs, tmp_path, calibkit):
+    """A Chinese name must not vanish or turn into boxes: exit 2, the characters, what to do."""
+    out = tmp_path / "c.pdf"
+    profile = profile_with("计量", tmp_path / "lab.toml")
+    outcome = calibkit("certify", "S-1", runs=runs, out=out, profile=profile)
+    assert outcome.code == 2
+    assert "no font has '计量'" in outcome.err
+    assert "[certificate] fonts" in outcome.err
+    assert not out.exists()
 
 
 @needs_pdftotext
@@ -493,47 +494,3 @@ def test_a_name_that_is_no_pdf_is_refused_with_what_to_name(out, runs, calibkit)
     outcome = calibkit("certify", "S-1", "--runs", runs, "--out", out, "--profile", PROFILE)
     assert outcome.code == 2
     assert "ends in .pdf" in outcome.err
-
-
-def test_a_draft_for_want_of_a_font_is_admitted_everywhere(runs, tmp_path, calibkit):
-    """Stderr, --json, DCC and verify say what the pages say."""
-    arguments = (
-        "certify",
-        "S-1",
-        "--runs",
-        runs,
-        "--date",
-        "2026-11-21",
-        "--set",
-        'customer.name="计 Ltd"',
-    )
-    arguments = (*arguments, "--profile", PROFILE)
-    out = tmp_path / "c.pdf"
-    assert (
-        "certificate.fonts: characters that no font has: [U+8BA1]"
-        in calibkit(*arguments, "--out", out).err
-    )
-    assert "certificate.fonts" in out.with_suffix(".xml").read_text(encoding="utf-8")
-    checked = calibkit("verify", out)
-    assert checked.code == 0
-    assert "DRAFT" in checked.err
-    said = calibkit(*arguments, "--out", tmp_path / "d.pdf", "--json").json
-    assert said["draft"] is True
-    assert [item["key"] for item in said["missing"]] == ["certificate.fonts"]
-
-
-@needs_chinese
-@needs_pdftotext
-def test_an_emoji_beside_a_chinese_font_makes_a_draft_and_no_demand_for_chinese(issue):
-    """Not everything above the Chinese signs is Chinese."""
-    stated = (
-        "--lang",
-        "both",
-        "--set",
-        f'certificate.fonts=["{CHINESE}"]',
-        "--set",
-        'customer.name="Lab \U0001f680"',
-    )
-    whole = squeezed("".join(text_of(issue(*stated))))
-    assert "[U+1F680]" in whole
-    assert "DRAFT" in whole

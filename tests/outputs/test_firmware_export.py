@@ -65,6 +65,18 @@ def test_an_export_verifies_and_is_the_same_in_another_process(
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
 
 
+def test_a_source_beside_the_header_of_another_export_is_named(drift_run, tmp_path, calibkit):
+    """gyro.c of single precision with the gyro.h of double precision: exit 4."""
+    for number in ("f32", "f64"):
+        arguments = ("--target", "c", "--number", number, "--prefix", "gyro")
+        assert calibkit("export", drift_run, *arguments, "--out", tmp_path / number).code == 0
+    source, header = tmp_path / "f32" / "gyro.c", tmp_path / "f32" / "gyro.h"
+    header.write_bytes((tmp_path / "f64" / "gyro.h").read_bytes())
+    outcome = calibkit("verify", header, source)
+    assert outcome.code == 4
+    assert f"FAILED {source}: gyro.h beside it is of another export" in outcome.err
+
+
 def test_nothing_is_overwritten_and_nothing_is_half_written(triad_run, tmp_path, calibkit):
     """A file in the way stops the export before it writes the other one."""
     (tmp_path / "cal.h").write_text("mine")
