@@ -108,6 +108,7 @@ def _over_temperature(basis: Stated, record: Record) -> Block:
             continue
         grids.append(grid)
         if not kind[1]:  # the change of every column from its first row
+            # 1e6 times what is shown: scale factors and cross terms are ratios, zeros are in g
             unit = "ppm" if grid.units[0] == "1" else "µg"
             low = f"{grid.points[0]:g}".replace("-", "−")
             change = Words(": change from {low} °C", low=low)
@@ -150,6 +151,7 @@ def _q(basis: Stated, record: Record) -> Block:
         state(basis, coefficient(record, model, c.name, name), {}, principal=True)
         for c in model.coefficients
     )
+    # Q is one determination, without a polynomial over temperature
     degc = model.value("temperature")
     notes = (
         Words("Q holds at {degc:g} °C.", degc=degc),

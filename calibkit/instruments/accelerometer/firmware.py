@@ -34,9 +34,12 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     (file,) = files(spec)
     record = required_record(records, file, spec)
     draft = Draft(padded=spec.export.layout == "padded")
+    # coefficients are of indications along gravity: with both sides turned, terms of even order
+    # change sign
     sign = -1 if convention == "specific_force" else 1
     valid = record.models[0].valid[forms.TEMPERATURE]
     middle, half = (
+        # a calibration at one temperature has no map, and its polynomials are constants
         draft.temperature(valid) if valid[1] > valid[0] else (Fraction(valid[0]), Fraction(0))
     )
     full = Fraction(spec.full_scale("accel_g"))

@@ -48,6 +48,7 @@ def over_temperature(stage: str, model: Model) -> dict[tuple[str, bool], list[Qu
     polynomials: dict[tuple[str, str, tuple[str, bool]], list[str]] = {}
     if model.form == forms.K.name:
         axis = AXES[forms.K_MODELS.index(model.name)]
+        # K8 and K9 have no temperature: they are stated as coefficients alone
         polynomials["scale", axis, ("k", False)] = [*forms.SCALE_FACTOR]
         polynomials["zero", axis, ("z", False)] = [*forms.ZERO_OFFSET]
     elif model.form != forms.Q.name and forms.TEMPERATURE in model.valid:
@@ -104,6 +105,7 @@ def results(records: Mapping[str, Record], spec: AccelerometerRecipe) -> tuple[Q
         limit = ResultLimit("acceptance.max_residual_rms_g", largest)
     quantities = []
     for axis, letter in enumerate(AXES):
+        # K has a model for each axis, a triad one for all
         model = models[axis % len(models)]
         quantity = Quantity(
             f"corrected_{letter}",

@@ -52,6 +52,7 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
         faces += rng.normal(0.0, 0.04, faces.shape)
         directions = np.vstack((faces, rng.normal(size=(max(count - 6, 0), 3))))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        # gravity along each sensor's own axis
         acting = path(rng, directions) @ axes.T
         walk = np.cumsum(rng.normal(0.0, WALK_G, acting.shape), axis=0)
         indicated = (

@@ -75,6 +75,7 @@ def list_terms(record: Record) -> list[tuple[FigureName, Quantity]]:
             words = name_term(name.term) + Words.literal(f", {name.record}" if name.record else "")
             term = replace(
                 of_figure(record, figure, words),
+                # a symmetric U would reach below zero, where no magnitude lies
                 magnitude=figure.value < FEW * figure.standard_uncertainty,
                 principal=name.term in PRINCIPAL,
             )
@@ -122,6 +123,7 @@ def blocks(basis: Stated) -> tuple[Block, ...]:
         result = state(basis, of_figure(record, figure, DEVIATIONS[name.term]), {})
         if result.uncertainty is not None:
             u = result.uncertainty.standard_uncertainty
+            # u = σ/√(2 dof), solved for the degrees of freedom
             dof = 0.5 * (figure.value / u) ** 2
             low, high = chi_square_limits(np.array(figure.value), np.array(dof), probability)
             expanded = replace(result.uncertainty, probability=probability, effective_dof=dof)

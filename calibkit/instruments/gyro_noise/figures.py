@@ -170,6 +170,8 @@ def draw(title: str, fitted: Fitted[NoiseReport]) -> Drawn:
         laws, labels = {law.name: law for law in noise.sensor.laws}, []
         for term in noise.terms.terms:
             law = laws[term.name]
+            # what this term alone makes: σ² ∝ τ^exponent; the scale goes back from the unit of the
+            # term
             of_term = term.value / law.scale * tau ** (law.exponent / 2.0)
             above.plot(tau, of_term, color=MUTED, ls="--", lw=0.8)
             labels.append(f"{term.symbol} {term.value:.3g} {unit_mark(term.unit)}")

@@ -96,6 +96,7 @@ def _estimate(
     result = StageResult(
         STAGE, figures=tuple(figures), flags=tuple(flags), conditions=(probability,)
     )
+    # deviations are differences of means: an offset drops out of them
     sensitivities = [Sensitivity(column, "scale", scales[column]) for column in scales]
     sensitivities += [Sensitivity(column, "offset", offsets[column]) for column in offsets]
     return records, result, tuple(sensitivities)
@@ -182,6 +183,7 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
         except CalibkitError:
             return None
         logged = [values(log.frame, name) for name in TEMPERATURES if name in log.frame.columns]
+        # in a short log a temperature is steady also on a ramp
         long = float(np.ptp(values(log.frame, "time_s"))) >= LONG_S
         steady = all(float(np.ptp(degc)) <= deviations.STEADY_DEGC for degc in logged)
         if len(log.frame) < spec.noise.min_rows or (logged and not (long and steady)):
@@ -189,6 +191,7 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
         for name in accelerations:
             data = values(log.frame, name)
             blocks = np.array_split(data[~np.isnan(data)], BLOCKS)
+            # medians: a knock is no turn
             if np.ptp([np.median(block) for block in blocks if block.size]) > STILL_G:
                 return None
     return replace(

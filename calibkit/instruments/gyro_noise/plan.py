@@ -88,6 +88,7 @@ class RecordBench(Bench):
     def rows_of_logs(self, logs: Sequence[Log]) -> tuple[int, float]:
         """The longest log."""
         times = [values(log.frame, "time_s") for log in logs]
+        # a fit takes each log alone, and the longest shows the slowest terms
         longest = max(times, key=lambda time: float(time[-1] - time[0]))
         interval = float(np.median(np.diff(longest)))
         return round(float(longest[-1] - longest[0]) / interval) + 1, interval
@@ -111,6 +112,8 @@ class RecordBench(Bench):
             points=recipe.points,
         )
         return {
+            # u is of the square root of a coefficient of σ²; the scale brings it to the unit of
+            # the term
             WORDS[law.name]: {NOISE: np.array([(law.scale * size) ** 2])}
             for law, size in zip(GYRO.laws, u, strict=True)
             if law.name in self.terms
@@ -127,6 +130,7 @@ class RecordBench(Bench):
     def design(self, degc: Tour, choice: None, dwell_s: float) -> Design:  # noqa: ARG002 (as of Bench)
         """One log at the reference temperature, after the instrument has warmed up."""
         device, clock = self.device, Clock(self.task.equipment)
+        # a warm-up would look like a rate ramp
         clock.settle(device, self.spec.reference_temp_degc, shortest_s=device.warm_up_s)
         log = self.task.name_log(f"{LOG}.csv")
         clock.add("soak", dwell_s, log)

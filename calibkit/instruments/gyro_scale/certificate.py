@@ -167,6 +167,7 @@ def of_line(record: Record, line: Model, letter: str, words: Words) -> Quantity:
         if model.name == curve_name and forms.TEMPERATURE in line.valid:
             degc = temperature_of_line(line)
             curve = np.polynomial.Polynomial([c.value for c in model.coefficients])
+            # a thermometer that reads too high assigns the value to too high a temperature
             slopes = {forms.TEMPERATURE: (degc, -float(curve.deriv()(degc)))}
     quantity = coefficient(record, line, letter, words, slopes)
     if letter == "F0" or is_cross(line.name):
@@ -191,6 +192,7 @@ def across(record: Record, quantity: Quantity, slope: float) -> Quantity:
 
     def point(input_values: At) -> Point:
         without = quantity.point(input_values)
+        # axes of a table are meant to be square
         return replace(without, influences={**without.influences, ANGLE: (90.0, slope)})
 
     undecided: Words | None = None
@@ -219,6 +221,7 @@ def by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
     on alpha_deg enter them.
     """
     alpha = model.value("alpha_deg")
+    # dγ/dα, per degree
     slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
     slopes = {
         "gamma": slope,
@@ -247,6 +250,7 @@ def of_direction(record: Record, figure: Figure, words: Words, dof: float) -> Qu
     """
     slope = 1.0
     if not figure.name.startswith(ANGLE):
+        # a component that rounding took beyond 1 turns by nothing
         slope = math.radians(math.sqrt(max(1.0 - figure.value**2, 0.0)))
     return across(record, of_figure(record, figure, words, dof=dof), slope)
 
@@ -264,6 +268,7 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
         near: tuple[QuantityInput, ...] = ()
         if forms.TEMPERATURE in matrix.model.valid:
             low, high = matrix.model.valid[forms.TEMPERATURE]
+            # without a curve over temperature K holds near its runs
             slack = forms.TEMPERATURE_SLACK
             near = (QuantityInput(forms.TEMPERATURE, low - slack, high + slack),)
         for k, name in enumerate(matrix.names[: S.size]):
@@ -286,6 +291,7 @@ def list_sensitivities(records: Mapping[str, Record], spec: AnyRecipe) -> Iterat
                 model="",
                 words=Words.literal(f"scale factor of gyro {gyro}{axis and f' about {axis}'}"),
                 compared=(({},),),
+                # errors across the axes are relative to the own scale factor, as rates are
                 limit=None if ppm is None else ResultLimit(f"acceptance.{key}", ppm / PPM * own_K),
                 relative=is_own_axis,
                 called=(K.key, f"{K.model}.{K.name}", K.name),
@@ -377,6 +383,7 @@ def _state_pair(basis: Stated, record: Record) -> Block:
     *ratios, alpha = (state(basis, quantity, {}) for quantity in list_pair(record, pair))
     if alpha.uncertainty is not None:
         U = alpha.uncertainty.expanded_uncertainty
+        # no angle between two axes lies outside 0° … 180°
         if not (alpha.value - U > 0.0 and alpha.value + U < 180.0):
             # first-order u(α) diverges at 0° and 180°; the ends of γ know of no type B terms
             low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
