@@ -186,3 +186,14 @@ def test_pages_that_messages_and_lists_name_exist():
         titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
         slugs = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
         assert anchor.removeprefix("#") in slugs | {""}, page + anchor
+
+
+def test_the_changelog_names_a_change_once():
+    """A merge that takes both sides brings a replaced list back: no heading and no entry stands
+    twice, and what is unreleased is read in a few minutes.
+    """
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    unreleased = text.partition("## Unreleased\n")[2].partition("\n## ")[0]
+    lines = [line for line in unreleased.splitlines() if line.startswith(("#", "- "))]
+    assert len(lines) == len(set(lines))
+    assert len(unreleased.split()) < 4000, "one or two sentences for each change"
