@@ -35,6 +35,7 @@ def find_bounds(chain: Chain, program: Program, *, full: bool = False) -> dict[s
     columns = [analysis.walk(at_rest | {name: 1.0})[1] for name in driven]
     sources = [memory.source for memory in driven.values()]
     growth = [[column[source] - start[source] for column in columns] for source in sources]
+    # a filter forgets: however long it runs, its error stays below a fixed point
     settled_errors = _settled(growth, [start[source] for source in sources])
     errors, _ = analysis.walk(dict(zip(driven, settled_errors, strict=True)))
     return {
@@ -65,6 +66,7 @@ def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[fl
     """Errors e = growth · e + fed of remembered values after any number of updates."""
     size = range(len(fed))
     matrix = [[Fraction(int(i == j)) - Fraction(growth[i][j]) for j in size] for i in size]
+    # e = (1 − growth)⁻¹ fed, the sum of what all updates before have left
     return [float(x) for x in exact.solve(matrix, [Fraction(x) for x in fed])]
 
 
@@ -107,6 +109,8 @@ class _Analysis:
                 errors[step.name] = remembered[step.name]
             elif followed is not None and step.name in gains:
                 mapped = (followed.name, followed.source)
+                # an error of the map moves all filters alike: it is bounded once by the gain, not
+                # in each
                 quiet = {**errors, **inner, **dict.fromkeys(mapped, 0.0)}
                 inner[step.name] = step.error(quiet, self.rounding)
                 driving = max(errors[name] for name in mapped)

@@ -122,6 +122,7 @@ class Structure:
         value that is remembered.
         """
         remembered = {memory.source for memory in self.memories}
+        # a sum is limited lest it grows without end
         return any(isinstance(step, Limit) and step.name in remembered for step in self.steps)
 
     @property

@@ -97,6 +97,7 @@ class Draft:
             column,
             "degC",
             "temperature of the sensor case",
+            # an input is limited to this: the error bound holds for any number that is handed over
             (middle - BEYOND * half, middle + BEYOND * half),
         )
         self.ranges.append(f"{column} {exact.limits_text(*valid)} degC")
@@ -122,10 +123,12 @@ class Draft:
         coefficients = exact.trimmed(numbers)
         if self.padded:
             varies = any(step.name == variable for step in self.steps)
+            # a layout is that of all devices of a type, whatever this one's fit left out
             self.table(table, exact.padded(numbers, order) if varies else numbers[:1])
             return [ChainTerm(table, variable if varies else "", factors, sign)]
         if not coefficients:
             return []
+        # a multiplication by 1 is a rounding and a number for nothing
         if coefficients == (Fraction(1),) and factors:
             return [ChainTerm("", "", factors, sign)]
         self.table(table, coefficients)
@@ -225,6 +228,7 @@ def _used(steps: Sequence[ChainStep], values: Sequence[str]) -> set[str]:
         name = remaining.pop()
         if name not in used:
             used.add(name)
+            # what nothing depends on is not computed, and its input not asked for
             remaining += steps_by_name[name].sources if name in steps_by_name else ()
     return used
 

@@ -106,6 +106,7 @@ def span(low: float, high: float) -> tuple[Fraction, Fraction]:
     but the reciprocal's.
     """
     width = Fraction(high) - Fraction(low)
+    # eleven bits: any float holds them, and the range grows by less than one percent
     quantum = Fraction(2) ** (power_of_two(width) - 10) if width > 0 else Fraction(1)
     middle = round((Fraction(low) + Fraction(high)) / 2 / quantum) * quantum
     half = -(-max(Fraction(high) - middle, middle - Fraction(low)) // quantum) * quantum
@@ -117,6 +118,7 @@ def solve(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Po
     rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]
     size = len(rows)
     for column in range(size):
+        # exact numbers need no largest pivot
         pivot = next(k for k in range(column, size) if rows[k][column] != 0)
         rows[column], rows[pivot] = rows[pivot], rows[column]
         rows[column] = [entry / rows[column][column] for entry in rows[column]]

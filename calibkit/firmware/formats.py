@@ -28,12 +28,15 @@ class Format:
         quantum = Fraction(2) ** (e - self.bits)
         if abs(x) / quantum >= 2**self.bits:
             quantum *= 2
+        # denormal numbers keep the spacing of the smallest normal one
         quantum = max(quantum, Fraction(2) ** (-149 if self.bits == 24 else -1074))
         return float(round(x / quantum) * quantum)
 
     def text(self, x: float) -> str:
         """C literal that reads back to the same number."""
+        # digits that give every number of the format back
         digits = f"{x:.9g}" if self.bits == 24 else f"{x:.17g}"
+        # without a point C reads an integer, and 1F is no constant
         literal = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
         return f"{literal}F" if self.bits == 24 else literal
 

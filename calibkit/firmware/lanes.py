@@ -71,4 +71,5 @@ class Call:
     def limited(self, x: Words, low: Any, high: Any, flag: str = "", group: str = "") -> Words:  # noqa: ANN401 (words or numbers)
         """Bring a value into a range; raises the flag where it was outside."""
         self.flag(flag, (x < low) | (x > high), group)
+        # as the C code compares: a value that is no number stays one
         return np.where(x < low, low, np.where(x > high, high, x))

@@ -104,6 +104,7 @@ def keep_time(chain: Chain, followed: str, rate: Fraction, longest_gap_s: float)
     lags = _Lags.find(chain)
     started = _errors_of_start(lags)
     settling_updates = len(started) - 1
+    # of slow ramps noise of the thermometer would be a jump
     move = max(FASTEST * rate * Fraction(h) / 60, (high - low) / NOISE)
     structure = replace(chain.structure, pace=Pace(followed, longest, "pace", tuple(chain.ramped)))
     furthest = exact.round_to(float(move), 3, up=True)
@@ -162,6 +163,7 @@ def _errors_of_gap(lags: _Lags, longest: int) -> Mapping[str, float]:
     between its ends that the largest fitted rate reaches: at most 2 R s (g − s)/g from the line.
     """
     lag_errors, largest_errors = np.zeros(len(lags.names)), np.zeros(len(lags.names))
+    # of a case that ran ahead at the largest rate and came back, from the line between both ends
     distances = [2.0 * k * (longest - k) / longest for k in range(longest + 1)]
     for before, after in pairwise(distances):
         lag_errors = lags.decay @ lag_errors + lags.driven * (after - before) / FASTEST

@@ -207,6 +207,7 @@ def render(export: FirmwareRun, pilot: _Pilot) -> bytes:
     lines = pilot.lines(thermal)
     error_texts = {}
     for name, (printed, rounded, span) in _errors(thermal, _values(lines), pilot).items():
+        # `not <=` so that an error that is no number is refused too
         if not (error := printed + rounded) <= LARGEST_ERROR * span:
             raise OutputError(
                 f"{name.replace('_', ' ')}: single precision leaves an error of {error:.1e} of"
@@ -259,12 +260,14 @@ def _thermal(export: FirmwareRun, pilot: _Pilot) -> _Thermal:
             hint="export it with --target c or blob, or fit bias_temperature over temp_case_degc",
         )
     middle, reciprocal, low, high = tables[structure.maps[0].table]
+    # where the autopilot lets one choose, the middle: smallest powers, smallest roundings
     reference, half = pilot.reference or _single(middle), 1 / reciprocal
     channels = []
     for column, polynomial in over_u.items():
         channel = _channel(column, polynomial, pilot.title)
         powers = exact.mapped(channel.over_u, (reference - middle) * reciprocal, reciprocal)
         channels.append(replace(channel, powers=powers))
+    # rounded inwards, the autopilot would clamp within the fitted range
     limits = _outwards(middle + half * low, -np.inf), _outwards(middle + half * high, np.inf)
     return _Thermal(tuple(channels), reference, limits, middle, half)
 

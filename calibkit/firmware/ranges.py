@@ -24,6 +24,7 @@ def magnitude(a: Range) -> Fraction:
 
 def polynomial(c: Sequence[Fraction], variable: Range) -> Range:
     """Range of a polynomial around its constant: an upper bound, not the narrowest."""
+    # |c₀ + Σ c_k x^k − c₀| ≤ Σ |c_k| reach^k: no search for extremes, and safe
     reach = magnitude(variable)
     spread = sum((abs(x) * reach**k for k, x in enumerate(c[1:], start=1)), Fraction(0))
     return c[0] - spread, c[0] + spread

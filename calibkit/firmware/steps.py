@@ -155,6 +155,7 @@ class ChainTerm:
         factors = [call.values[name] for name in self.factors]
         if self.table:
             *lower, highest = call.numbers(self.table)
+            # in the order of the C code: another order rounds otherwise
             value: Words = np.full(call.status.shape, highest)
             for c in reversed(lower if self.over else ()):
                 value = value * call.values[self.over] + c
@@ -198,6 +199,8 @@ class ChainTerm:
             return error
         u, error_of_u = rounding.reaches[self.over], errors[self.over]
         for k in range(len(c) - 2, -1, -1):
+            # of one step of Horner's scheme: what was there grows by u, then product and sum are
+            # rounded
             error = error * u + total * error_of_u + rounding.of(total * u) + stored[k]
             total = total * u + float(abs(c[k]))
             error += rounding.of(total)
@@ -256,6 +259,7 @@ class Sum(ChainStep):
         partial = Fraction(0)
         for number, term in enumerate(self.terms):
             parts = term.ranges(rounding.ranges)
+            # by the factors: S V − K V has the derivative S − K by V, not S + K
             shared.setdefault(term.factors, []).append(parts[0])
             partial += ranges.magnitude(parts[-1])
             if number:
@@ -334,6 +338,7 @@ class Quotient(ChainStep):
     def range(self, intervals: Ranges) -> Range:
         """Product with the reciprocal."""
         low, high = intervals.values[self.denominator]
+        # the denominator has one sign
         return ranges.product(intervals.values[self.numerator], (1 / high, 1 / low))
 
     def error(self, errors: Errors, rounding: Rounding) -> float:
@@ -341,6 +346,7 @@ class Quotient(ChainStep):
         low, high = rounding.ranges.values[self.denominator]
         reach, error = rounding.reaches[self.name], errors[self.denominator]
         smallest = float(min(abs(low), abs(high)))
+        # d(a/b) = (da − (a/b) db)/b
         return (errors[self.numerator] + reach * error) / (smallest - error) + rounding.of(reach)
 
     def expression(self, code: Code) -> str:
@@ -443,6 +449,7 @@ class Slope(_OfOne):
     def value(self, call: Call) -> Words:
         """Sum of the weighted differences, the newest first."""
         older = call.before.histories[self.name][:-1]
+        # differences from the newest value: the level drops out before anything is rounded
         history = np.vstack([call.values[self.source][None, :], older])
         call.histories[self.name] = history
         count = np.minimum(call.before.updates + 1, self.length)
@@ -524,6 +531,7 @@ class Select(_OfOne):
         for case in self.cases:
             (threshold,) = call.numbers(case.table)
             up, down = source >= threshold, source <= -threshold
+            # as else-if in C: a case is asked only where none before it held
             lanes = undecided & {1: up, -1: down, 0: up | down}[case.side]
             total = np.where(lanes, call.values[case.value], total)
             side = call.sides.get(case.group, np.zeros_like(call.status))
@@ -555,6 +563,7 @@ class Select(_OfOne):
             down = f"({self.source} <= -{code.tables}{case.table})"
             holds = {1: up, -1: down, 0: f"({up} || {down})"}[case.side]
             lines += [f"{word} {holds} {{", f"    {self.name} = {case.value};"]
+            # the clamps of the sides that were not taken say nothing
             lines.append(f"    status |= status_{case.group};")
             word = "} else if"
         lines += ["} else {", f"    status |= {c_flag(self.flag)};", "}"]

@@ -100,10 +100,12 @@ def _sum_terms(
     """Sum of the drift terms of u, rate, gradient and gradient_rate, less the drift at rest at the
     reference temperature.
     """
+    # drivers come in units of their largest fitted magnitude
     r, g, q = (largest(model, column) for column in DRIVERS[1:])
     low, high = model.valid[CASE]
     *powers, s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(model, *TERMS)
     static = exact.mapped(powers, middle, half)
+    # subtracted exactly here, not as a difference of two rounded polynomials in the product
     at_rest = exact.value(static, (Fraction(min(max(reference_degc, low), high)) - middle) / half)
     return draft.sum(
         "drift",
