@@ -11,7 +11,7 @@ import click
 
 from calibkit.cli import fleets, logs, outputs, plans, records, results
 from calibkit.cli.console import prepare_streams
-from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
+from calibkit.cli.ending import run_to_exit_code
 from calibkit.cli.options import CommandGroup
 from calibkit.records.version import __version__
 
@@ -63,7 +63,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # libraries loaded later start no threads that calibkit.libraries.threads must stop
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
-    tolerate_closed_pipes()
     prepare_streams(argv)
     sys.exit(
         run_to_exit_code(

@@ -9,6 +9,7 @@ import json
 import os
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -18,7 +19,6 @@ from calibkit.records.clock import now
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from rich.console import Console
 
@@ -27,40 +27,6 @@ if TYPE_CHECKING:
 
 _WIDTH = 110
 """Columns of a table that is not printed on a terminal."""
-_STAND_INS = {
-    "°": "deg",
-    "µ": "u",
-    "μ": "u",
-    "²": "^2",
-    "³": "^3",
-    "×": "x",
-    "·": "*",
-    "−": "-",
-    "–": "-",
-    "—": "-",
-    "±": "+-",
-    "…": "...",
-    "→": "->",
-    "≤": "<=",
-    "≥": ">=",
-    "√": "sqrt ",
-    "α": "alpha",
-    "γ": "gamma",
-    "ε": "epsilon",
-    "σ": "sigma",
-    "τ": "tau",
-    "θ": "theta",
-    "ψ": "psi",
-    "Δ": "Delta",
-    "₀": "0",
-    "₇": "7",
-    "₈": "8",
-    "₉": "9",
-    "₁": "1",
-    "₂": "2",
-    "’": "'",
-}
-"""What stands for a character that a console cannot print; any other becomes a question mark."""
 
 
 @dataclass(slots=True)
@@ -83,29 +49,19 @@ DRY_RUN = " (dry run: not written)"
 
 
 def prepare_streams(arguments: Sequence[str]) -> None:
-    """Make the streams print anything: LF, UTF-8 where redirected, stand-ins where a console lacks
-    a character. Settings are those of a new command.
+    """Make the streams print anything: LF, UTF-8 where redirected, escapes where a console lacks a
+    character. Settings are those of a new command.
     """
-    codecs.register_error("calibkit", _readable)
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # closed by who called
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 (for the whole process)
+        elif hasattr(stream, "reconfigure"):
             redirected = not stream.isatty() and not os.environ.get("PYTHONIOENCODING")
             encoding = "utf-8" if redirected else stream.encoding
-            stream.reconfigure(encoding=encoding, errors="calibkit", newline="\n")
+            stream.reconfigure(encoding=encoding, errors="backslashreplace", newline="\n")
     SETTINGS.quiet, SETTINGS.verbose, SETTINGS.details, SETTINGS.log = False, False, False, None
     SETTINGS.arguments = tuple(arguments)
-
-
-def _readable(error: UnicodeError) -> tuple[str, int]:
-    """Stand-ins for the characters that an encoding lacks (an error handler of `codecs`)."""
-    if not isinstance(error, UnicodeEncodeError):
-        raise error
-    return (
-        "".join(
-            _STAND_INS.get(character, "?") for character in error.object[error.start : error.end]
-        ),
-        error.end,
-    )
 
 
 def log_line(level: str, text: str) -> None:
@@ -270,8 +226,6 @@ def print_result(
 
 
 def print_data(text: str) -> None:
-    """Print a text of data on stdout; a character that the console lacks is escaped as \\uXXXX, not
-    replaced.
-    """
+    """Print a text of data on stdout; a character that the console lacks is escaped."""
     encoding = sys.stdout.encoding or "utf-8"
     click.echo(text.encode(encoding, "backslashreplace").decode(encoding), nl=False)

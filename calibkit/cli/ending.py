@@ -1,15 +1,11 @@
-"""How a command ends: the exit codes of the contract, one message per failure; and as it would have
-where the reader of a stream has left, like `calibkit show | head`.
-"""
+"""How a command ends: the exit codes of the contract, one message per failure."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
-import io
 import os
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -20,11 +16,9 @@ from calibkit.errors import CalibkitError, OutputError, StoppedError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from _typeshed import ReadableBuffer
-
 _BROKEN_PIPE = 141
-"""Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say
-that a limit failed.
+"""Exit code of a command whose reader has left, like `calibkit show | head`, as shells count it
+(128 + SIGPIPE); 1 would say that a limit failed.
 """
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a write to a stream; files that calibkit writes itself have OutputError."""
@@ -32,7 +26,15 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 def run_to_exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
     """Run a command and return its exit code, with which the log file ends."""
-    code = _exit_code(run, as_json=as_json)
+    try:
+        code = _exit_code(run, as_json=as_json)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except SystemExit as end:  # click ends so itself: completion with 0, a closed pipe with 1
+        code = _BROKEN_PIPE if end.code else 0
+    except BrokenPipeError:
+        code = _BROKEN_PIPE
+        _discard_output()
     log_line("ended", f"exit code {code}")
     return code
 
@@ -52,6 +54,8 @@ def _exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
         context = getattr(error, "ctx", None)
         hint = f"see {context.command_path if context else 'calibkit'} --help"
         return _fail(UsageError(error.format_message().rstrip("."), hint=hint), as_json=as_json)
+    except BrokenPipeError:
+        raise
     except (KeyboardInterrupt, click.Abort):
         return _fail(
             StoppedError("interrupted; what was not finished was not written"), as_json=as_json
@@ -63,15 +67,8 @@ def _exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
 
 def _end_unexpected(error: Exception, *, as_json: bool) -> int:
     """Exit code of a command that failed to print, or failed by an error of calibkit."""
-    full = isinstance(error, OSError) and error.filename is None and error.errno in _FULL
-    if full or isinstance(error, BrokenPipeError):
-        # the interpreter would try to write again at its end what is still buffered
-        with contextlib.suppress(OSError, ValueError):
-            _discard(sys.stdout.fileno())
-    if isinstance(error, BrokenPipeError):
-        # of another pipe than stdout and stderr, or where the system cannot tell whose it is
-        return _BROKEN_PIPE
-    if isinstance(error, OSError) and full:
+    if isinstance(error, OSError) and error.filename is None and error.errno in _FULL:
+        _discard_output()
         unprinted = OutputError(
             f"stdout: cannot be written: {error.strerror}",
             hint="free space; what was printed is not whole",
@@ -104,46 +101,9 @@ def _fail(error: CalibkitError, *, as_json: bool) -> int:
     return error.exit_code
 
 
-def _discard(descriptor: int) -> None:
-    """Send what is written to a file descriptor from now on nowhere."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, descriptor)
-    os.close(nowhere)
-
-
-class _Pipe(io.FileIO):
-    """A file descriptor; once nobody reads it any more, what is written to it goes nowhere."""
-
-    def write(self, data: ReadableBuffer, /) -> int:
-        """Write bytes; a broken pipe takes them all, these and what follows."""
-        try:
-            return super().write(data)
-        except BrokenPipeError:
-            _discard(self.fileno())
-            return super().write(data)
-
-
-def tolerate_closed_pipes() -> None:
-    """Put a `_Pipe` below stdout and stderr of the process where they are redirected; on a terminal
-    somebody reads. What is written to one that is closed goes nowhere.
-    """
-    for name in ("stdout", "stderr"):
-        stream = getattr(sys, name)
-        if stream is None:
-            nowhere = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 (for the whole process)
-            setattr(sys, name, nowhere)
-        elif (
-            stream is getattr(sys, f"__{name}__")
-            and isinstance(stream, io.TextIOWrapper)
-            and not stream.isatty()
-        ):
-            stream.flush()
-            raw = io.BufferedWriter(_Pipe(stream.fileno(), "wb", closefd=False))
-            wrapped = io.TextIOWrapper(
-                raw,
-                encoding=stream.encoding,
-                errors=stream.errors,
-                line_buffering=stream.line_buffering,
-                write_through=stream.write_through,
-            )
-            setattr(sys, name, wrapped)
+def _discard_output() -> None:
+    """Send what is still to be printed on stdout nowhere; the interpreter would try at its end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)

@@ -1,8 +1,6 @@
-"""The command that follows: it works as it is printed, however calibkit was called."""
+"""The command that follows, as it is typed."""
 
 import shlex
-import shutil
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,22 +10,9 @@ from calibkit.records import store
 from calibkit.report.documents import PAGE
 
 
-def _program() -> str:
-    """How calibkit was called, so that the next call works in the same shell."""
-    program = Path(sys.argv[0])
-    if program.match("calibkit/__main__.py"):
-        return shlex.join([sys.executable, "-m", "calibkit"])
-    program_on_path = shutil.which("calibkit")
-    if program.stem != "calibkit" or (
-        program_on_path and Path(program_on_path).resolve() == program.resolve()
-    ):
-        return "calibkit"
-    return shlex.quote(str(program))
-
-
 def _command_line(*words: object) -> str:
     """A call of calibkit, as it is typed."""
-    return f"{_program()} {shlex.join(map(str, words))}"
+    return f"calibkit {shlex.join(map(str, words))}"
 
 
 def _name_run(run: store.StoredRun, runs: Path) -> tuple[str, ...]:
