@@ -23,7 +23,7 @@ _MOST_CHARACTERS = 200
 
 @dataclass(frozen=True, slots=True)
 class Demands:
-    """What signatures are held against.
+    """What signatures are checked by.
 
     `now` is the time of checking; `trust` and `trust_timestamp` are files of certificates whose
     signatures, or whose time stamps alone, are trusted; `required` asks for a signature, whoever
@@ -147,7 +147,7 @@ class JudgedSignature:
         )
 
     def _context(self, roots: list[Any], moment: dt.datetime) -> Any:  # noqa: ANN401 (a class of an optional library)
-        """What certificates are held against at a moment; nothing is asked of any network."""
+        """What certificates are checked by at a moment; nothing is asked of any network."""
         from pyhanko_certvalidator import ValidationContext
 
         options: dict[str, Any] = {

@@ -1,4 +1,4 @@
-"""The key that signs a certificate: opened, and held against what a signature is worth nothing
+"""The key that signs a certificate: opened, and checked for what a signature is worth nothing
 without.
 """
 

@@ -25,7 +25,7 @@ class KeyFigure:
     """
     unit: str
     limit: float | None
-    """Acceptance limit, where the figure is held against one."""
+    """Acceptance limit, where the figure has one."""
     value: float
     standard_uncertainty: float
     dof: float = math.inf

@@ -177,7 +177,7 @@ def propose(evidence: Evidence) -> RecipeChoice | None:
 
 BINS = 200
 """Equal steps of the abscissa of which the figure and its table show means, and at which the
-polynomial of an unseen log is held against the frozen one.
+polynomial of an unseen log is compared with the frozen one.
 """
 POINTS = 9
 """Abscissae at which the degrees of freedom of the bias are found, for those of p0."""

@@ -477,7 +477,7 @@ def check_coverage(
 
     The limit for a mean combines the expanded uncertainty of the drift, about the log's mean that
     of the drift less its mean, with noise: white noise of the blocks and flicker noise, at the
-    levels of the fit. Absolutely, a log is held against the rate at rest that the `figures` of
+    levels of the fit. Absolutely, a log is compared with the rate at rest that the `figures` of
     drift_rate.json state, and the turn-on bias of one more log is in the limit.
     """
     if model.thermal is None:

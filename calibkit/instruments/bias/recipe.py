@@ -263,7 +263,7 @@ class Drift(Table):
     sides: Literal["separate", "joint"] = "separate"
     #: "recursive" keeps the true rate; "one_step", as published, removes it.
     compensation: Literal["recursive", "one_step"] = "recursive"
-    #: Log → temperature rate that was ordered, held against the measured one.
+    #: Log → temperature rate that was ordered, compared with the measured one.
     rates_degc_min: dict[str, float] = {}
 
 

@@ -142,7 +142,7 @@ def validate(
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     logs: Iterable[Log],
 ) -> tuple[dict[str, Any], Summary]:
-    """Noise of records that were not fitted, held against the recipe's limits."""
+    """Noise of records that were not fitted, with the limits of the recipe."""
     unseen, result, sensitivities = _estimate(spec, logs)
     entries = []
     for log in dict.fromkeys(noise.log for noise in unseen):

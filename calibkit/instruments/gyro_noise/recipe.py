@@ -95,7 +95,7 @@ class _Noise(Table):
 
 
 class NoiseAcceptance(Table):
-    """Limits; one on a term that is not observable is held against what the term can be at most."""
+    """Limits; of a term that is not observable, on what the term can be at most."""
 
     #: Standard deviation of the record over the noise within 1/32 of it.
     max_residual_over_noise: Positive | None = None

@@ -468,7 +468,7 @@ def of_contradicted_shares(table: Lines, gyros: Sequence[str]) -> Iterator[str]:
     for log, run in enumerate(table.runs):
         others = np.arange(about.size) != log
         peers, lying = others & (about == about[log]), across[log]
-        # a log is held against two others or more
+        # a log is compared with two others or more
         if not lying.any() or np.count_nonzero(peers) < 2:
             continue
         square, dof = 0.0, 0

@@ -289,7 +289,7 @@ def _find_wrong_rates(spec: GyroRecipe, log: Log, means: HeldMeans) -> Iterator[
             place,
             f"the table turns by up to {fast.max():.0f}° from row to row at {fast.size} held rates",
             f"less than {HALF_TURN_DEG:g}°",
-            f"log faster; the rate is held against the angle at {slower_text} only, and a wrong"
+            f"log faster; the rate is compared with the angle at {slower_text} only, and a wrong"
             " unit of a fast rate is not seen",
             "warn",
             "aliased",

@@ -1,4 +1,4 @@
-"""Models of a bias that are held against each other on ramps that were left out of the fit, and the
+"""Models of a bias compared with each other on ramps that were left out of the fit, and the
 figures that say how well one does.
 
     drift rms       standard deviation of the means of an output over groups of intervals
