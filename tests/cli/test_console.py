@@ -2,27 +2,23 @@
 completion, exit codes.
 """
 
-import ast
 import hashlib
 import json
 import os
 import re
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
 
 from calibkit import cli
-from calibkit.cli import console, options
 from calibkit.commands import pipeline
 from conftest import ROOT
 from kept import keep, model
 from sample_runs import sample_run
 
 TITLE = 'title="温度 γ ±0.5 °C 陀螺"'
-COMMANDS = sorted(cli.cli.commands)
 
 
 def run(*arguments, cwd=ROOT, python=(), **environment):
@@ -97,15 +93,6 @@ def test_no_console_stops_a_fit_and_the_files_are_the_same_bytes(fitted, name):
     assert b"\r" not in files["run.json"] + files["report.txt"] + files["bias.json"]
 
 
-def test_what_a_console_lacks_is_escaped(fitted):
-    """ASCII has neither ± nor 温度; GBK has both and prints them; a C locale prints UTF-8."""
-    ascii_, gbk, c = (fitted[name][0].stdout for name in ("ascii", "gbk", "C"))
-    text = ascii_.decode("ascii")
-    assert r"\u6e29\u5ea6 \u03b3 \xb10.5 \xb0C" in text
-    assert "温度 γ ±0.5 °C 陀螺" in gbk.decode("gbk")
-    assert "温度 γ ±0.5 °C 陀螺" in c.decode("utf-8")
-
-
 @pytest.mark.parametrize(("encoding", "command"), [("ascii", "check"), ("gbk", "history")])
 def test_json_is_whole_on_every_console(fitted, encoding, command):
     """A JSON document on a console that is not Unicode is the same document, other characters
@@ -120,17 +107,6 @@ def test_json_is_whole_on_every_console(fitted, encoding, command):
     assert json.loads(printed.decode("ascii"))["ok"] is True
     unicode = run(*calls[command], "--json").stdout
     assert json.loads(printed) == json.loads(unicode.decode("utf-8"))
-
-
-def test_csv_on_a_poor_console_escapes_and_loses_nothing(tmp_path):
-    """A model named 温度 in CSV on an ASCII console is escaped, not turned into question marks;
-    UTF-8 where redirected.
-    """
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}, name="温度"), serial="陀螺-1")
-    call = ("show", "陀螺-1", "--runs", tmp_path, "--csv")
-    assert b"\\u6e29\\u5ea6" in run(*call, PYTHONIOENCODING="ascii").stdout
-    assert "温度".encode() in run(*call).stdout
-    assert "温度".encode("gbk") in run(*call, PYTHONIOENCODING="gbk").stdout
 
 
 EVERY_COMMAND = """
@@ -157,95 +133,6 @@ def test_help_and_refusals_print_on_every_console(encoding):
     )
     assert done.returncode == 0, done.stderr
     assert b"Traceback" not in done.stderr
-
-
-@cache
-def trees():
-    """Path of each module of the package → its syntax tree."""
-    return {
-        path: ast.parse(path.read_text(encoding="utf-8"))
-        for path in sorted((ROOT / "calibkit").rglob("*.py"))
-    }
-
-
-def test_output_ends_lines_with_lf_only(tmp_path, monkeypatch):
-    """Stdout is set to LF and a redirected one to UTF-8, as it has to be said on Windows."""
-    calls = []
-
-    class Stream:
-        encoding = "cp936"
-
-        def isatty(self):
-            return False
-
-        def reconfigure(self, **settings):
-            calls.append(settings)
-
-    monkeypatch.delenv("PYTHONIOENCODING", raising=False)
-    monkeypatch.setattr(sys, "stdout", Stream())
-    monkeypatch.setattr(sys, "stderr", None)  # as under pythonw
-    console.prepare_streams([])
-    sys.stderr.close()
-    assert calls == [{"encoding": "utf-8", "errors": "backslashreplace", "newline": "\n"}]
-
-
-def test_every_text_file_is_opened_with_its_encoding():
-    """No call opens a text in the locale's encoding: open, read_text and write_text say which one,
-    or are binary.
-    """
-    for path, tree in trees().items():
-        for node in ast.walk(tree):
-            if not isinstance(node, ast.Call):
-                continue
-            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
-            owner = getattr(getattr(node.func, "value", None), "id", "")
-            texts = [entry.value for entry in node.args if isinstance(entry, ast.Constant)]
-            binary = any(isinstance(text, str) and "b" in text for text in texts)
-            if name in {"read_text", "write_text"} or (
-                name == "open" and owner not in {"os", "h5py"} and not binary
-            ):
-                keywords = {keyword.arg for keyword in node.keywords}
-                library = isinstance(node.func, ast.Attribute) and isinstance(
-                    node.func.value, ast.Attribute
-                )
-                assert "encoding" in keywords or library, f"{path}:{node.lineno}"
-                assert name != "write_text" or "newline" in keywords, (
-                    f"{path}:{node.lineno}: CRLF on Windows"
-                )
-
-
-POSIX_ONLY = {
-    "fork", "geteuid", "getuid", "chown", "setsid", "killpg", "getpgid", "mkfifo", "nice", "alarm", "setitimer", "uname",
-    "wait3", "forkpty", "openpty", "sched_setaffinity", "sched_getaffinity", "statvfs", "O_DIRECTORY", "O_NOFOLLOW",
-    "SIGKILL", "SIGALRM", "SIGUSR1", "SIGHUP", "setrlimit",
-}  # fmt: skip
-POSIX_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog", "crypt"}
-
-
-def test_no_posix_only_call_stands_without_a_fallback():
-    """What only POSIX has is imported inside a try that catches its absence, and its names are not
-    used anywhere.
-    """
-    for path, tree in trees().items():
-        guarded = {
-            id(inner)
-            for node in ast.walk(tree)
-            if isinstance(node, ast.Try)
-            and any(
-                getattr(handler.type, "id", "") in {"ImportError", "AttributeError"}
-                for handler in node.handlers
-            )
-            for inner in ast.walk(node)
-        }
-        for node in ast.walk(tree):
-            if id(node) in guarded:
-                continue
-            if isinstance(node, ast.Attribute):
-                assert node.attr not in POSIX_ONLY, f"{path}:{node.lineno}: {node.attr}"
-            if isinstance(node, ast.Import):
-                assert not {name.name for name in node.names} & POSIX_MODULES, (
-                    f"{path}:{node.lineno}"
-                )
 
 
 # colours
@@ -286,81 +173,10 @@ def test_no_color_means_no_escape_sequence(tmp_path, environment, coloured):
     assert (b"\x1b[" in printed) is coloured
 
 
-def test_a_redirected_stdout_has_no_colours(tmp_path):
-    """A pipe gets plain text, whatever the terminal's name."""
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    assert (
-        b"\x1b"
-        not in run(
-            "show", "S-1", "--runs", tmp_path, TERM="xterm-256color", COLORTERM="truecolor"
-        ).stdout
-    )
-
-
 # help
 
 
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_the_help_starts_with_two_examples(calibkit, command):
-    """The first lines of every help are examples that can be typed; they do not stand there
-    twice.
-    """
-    outcome = calibkit(*filter(None, [command, "--help"]))
-    lines = outcome.out.splitlines()
-    assert lines[0] == "Examples:"
-    start = f"  calibkit {command}".rstrip()
-    assert lines[1].startswith(start)
-    assert lines[2].startswith(start)
-    assert sum(line.strip() == lines[1].strip() for line in lines) == 1
-    assert "\n\n\n" not in outcome.out
-
-
-@pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_no_line_of_the_help_is_wider_than_a_terminal(calibkit, monkeypatch, command):
-    """In a terminal of 80 columns nothing is broken within a word, examples too."""
-    monkeypatch.setenv("COLUMNS", "80")
-    lines = calibkit(*filter(None, [command, "--help"])).out.splitlines()
-    assert [line for line in lines if len(line) > 80] == []
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_has_the_common_options(command):
-    """--json, --quiet, --verbose and --log-file are on all commands."""
-    found = {name for parameter in cli.cli.commands[command].params for name in parameter.opts}
-    assert {"--json", "--quiet", "--verbose", "--log-file"} <= found
-    assert isinstance(cli.cli.commands[command], options._Command)
-
-
-def test_every_example_can_be_parsed():
-    """Options in the examples exist: each line is parsed by the command that it shows (values are
-    not looked up).
-    """
-    import shlex
-
-    for name, command in cli.cli.commands.items():
-        for line in options._examples(command.help or ""):
-            words = shlex.split(line.split(" >")[0])
-            assert words[:2] == ["calibkit", name]
-            context = command.make_context(name, words[2:], resilient_parsing=True)
-            assert context.params, line
-
-
 # quiet, verbose, log
-
-
-def test_quiet_leaves_warnings_and_verbose_adds_what_is_done(tmp_path, calibkit):
-    """Quiet prints only the run folder and flags, verbose names every log on stderr; neither
-    changes the result.
-    """
-    where = ("--data", warm_up(tmp_path / "logs"), "--serial", "S", "--out", tmp_path)
-    call = ("fit", "bias_temperature", *where, "--dry-run")
-    quiet, verbose = calibkit(*call, "--quiet"), calibkit(*call, "-v")
-    assert quiet.out.splitlines() == [f"{tmp_path / 'S' / 'r001'} (dry run: not written)"]
-    assert [line for line in quiet.err.splitlines() if not line.startswith(("!", "?"))] == []
-    assert len(verbose.out.splitlines()) > 5
-    assert verbose.out.splitlines()[-1] == quiet.out.splitlines()[-1]
-    assert "read warm.csv: 300 rows, sha256 " in verbose.err
-    assert calibkit(*call, "-q", "-v").code == 2
 
 
 def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
@@ -420,57 +236,6 @@ def rated(tmp_path_factory):
     pipeline.simulate("rate_table", more, 8)
     runs = sample_run(tmp_path_factory, "rate_table").folder.parents[1]
     return {"runs": runs, "data": ROOT / "datasets" / "rate_table", "more": more}
-
-
-def test_the_log_file_keeps_the_call_what_was_said_and_the_end(tmp_path, calibkit):
-    """Two calls are appended, each from its arguments to its exit code, with times in UTC; nothing
-    else goes there.
-    """
-    log = tmp_path / "calibkit.log"
-    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
-    assert calibkit("show", "S-1", "--runs", tmp_path / "runs", "--log-file", log).code == 0
-    assert calibkit("show", "S-2", "--runs", tmp_path / "runs", "--log-file", log).code == 2
-    lines = log.read_text(encoding="utf-8").splitlines()
-    assert all(
-        re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ (called|summary|say|ended) ", line)
-        for line in lines
-    )
-    ends = [line.split("exit code ")[1] for line in lines if " ended " in line]
-    assert ends == ["0", "2"]
-    assert any("calibkit: run 'S-2' is neither" in line for line in lines)
-    assert sum(" called " in line for line in lines) == 2
-
-
-def test_a_log_file_that_cannot_be_written_is_exit_code_4(tmp_path, calibkit):
-    """A log file in a folder that is not there, or in a run folder, is refused before anything is
-    done.
-    """
-    folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
-    call = ("show", "S-1", "--runs", tmp_path / "runs", "--log-file")
-    assert calibkit(*call, tmp_path / "none" / "x.log").code == 4
-    inside = calibkit(*call, folder / "x.log")
-    assert inside.code == 4
-    assert "run folder" in inside.err
-    assert calibkit("show", "S-1", "--runs", tmp_path / "runs").code == 0
-
-
-def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibkit, monkeypatch):
-    """When the disk fills up under the log, the command says so once and goes on."""
-    from calibkit.errors import OutputError
-
-    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    own, calls = console._append_to_log, []
-
-    def fails_after_the_first(*arguments):
-        calls.append(arguments)
-        if len(calls) > 1:
-            raise OutputError("--log-file: No space left on device")
-        own(*arguments)
-
-    monkeypatch.setattr(console, "_append_to_log", fails_after_the_first)
-    outcome = calibkit("show", "S-1", "--runs", tmp_path, "--log-file", tmp_path / "x.log")
-    assert outcome.code == 0
-    assert outcome.err.count("no more is logged") == 1
 
 
 # completion
@@ -655,18 +420,3 @@ def test_the_documented_exit_codes_are_these():
     for text in (cli.cli.help, (ROOT / "README.md").read_text(encoding="utf-8")):
         codes = re.search(r"Exit codes: (.+?interrupted)", text.replace("\n", " ")).group(1)
         assert {int(code) for code in re.findall(r"\b\d+\b", codes)} == tested
-
-
-def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
-    """`calibkit show | head -1` ends quietly."""
-    keep(tmp_path, model({f"K{k}": (1.0, "1", 0.1) for k in range(3000)}, covariance=[]))
-    with subprocess.Popen(
-        [sys.executable, "-m", "calibkit", "show", "S-1", "--runs", str(tmp_path), "--csv"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        cwd=ROOT,
-    ) as process:
-        process.stdout.readline()
-        process.stdout.close()
-        assert process.stderr.read() == b""
-        assert process.wait(timeout=60) == 0

@@ -13,21 +13,18 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibkit import instruments, recipe
-from calibkit.errors import CalibkitError, StoppedError
-from calibkit.fleet import device, files, keys, local, run, server, table
+from calibkit import instruments
+from calibkit.errors import StoppedError
+from calibkit.fleet import device, files, keys, run, table
 from calibkit.instruments.bias import figures
-from calibkit.records import atomic, clock, store
+from calibkit.records import atomic, store
 from cli import quick_device
 from cli.fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
-from conftest import ROOT, slow_after, write_log
-from sample_runs import sample_run
+from conftest import ROOT, slow_after
 
 
 @pytest.fixture
@@ -100,33 +97,6 @@ def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(
     assert done.exit_code == 70
 
 
-def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypatch):
-    """Whatever the environment says, a process of the fleet multiplies with one thread; the
-    environment stays.
-    """
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    assert [
-        said.message for said in local.fit_devices(quick_device.threads, plan, ["A", "B"], 2)
-    ] == [
-        "1",
-        "1",
-    ]
-    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
-
-
-@pytest.mark.skipif(not server.COPIES, reason="processes begin anew on this system")
-def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
-    """A process, copied of one that has a single thread, has imported what draws figures from the
-    code that hired it.
-    """
-    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    said = [
-        outcome.message for outcome in local.fit_devices(quick_device.imported, plan, ["A", "B"], 2)
-    ]
-    assert said == [f"True {atomic.__file__} 1"] * 2
-
-
 @pytest.mark.slow
 @pytest.mark.drawn
 def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
@@ -153,28 +123,6 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     whole = tmp_path / "whole"
     assert calibkit(*call, "--out", whole, "--jobs", "2").code == 0
     assert tree(out) == tree(whole)
-
-
-def test_a_fleet_without_a_date_takes_that_of_the_logs(tmp_path):
-    """The last row of each unit's logs; today where logs carry no dates; a second call fits
-    nothing again, and fleet.json states the latest date.
-    """
-    for number, first in enumerate(("2024-05-01", "2024-06-01", None)):
-        folder = tmp_path / "units" / f"U{number:03d}"
-        unit_log(folder, number)
-        if first:
-            head, *rows = (folder / "warmup.csv").read_text().splitlines()
-            stamped = [
-                f"{first} 08:00:{k:02d},{row.split(',', 1)[1]}" for k, row in enumerate(rows)
-            ]
-            (folder / "warmup.csv").write_text("\n".join([head, *stamped, ""]))
-    text = RECIPE.replace("[polynomials]", 'format = "text"\n[polynomials]')
-    done = fit(tmp_path / "units", tmp_path / "runs", text=text, date="")
-    dates = [store.load(tmp_path / "runs" / f"U{k:03d}" / "r001") for k in range(3)]
-    found = [run.document["effective_from"] for run in dates]
-    assert found == ["2024-05-01", "2024-06-01", clock.date_or_today(None)]
-    assert json.loads((done.folder / "fleet.json").read_text())["effective_from"] == found[2]
-    assert fit(tmp_path / "units", tmp_path / "runs", text=text, date="").before == 3
 
 
 @pytest.mark.drawn
@@ -255,38 +203,12 @@ def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(
     assert {path.parent.name for path in (tmp_path / "runs").glob("U*/r002")} == again
 
 
-def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
-    """The second waits for the first and finds its run, as when a worker that was taken for dead is
-    not.
-    """
-    fleet_logs(tmp_path / "units", 1)
-    plan = device.DeviceTask(
-        recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY
-    )
-    plan.out.mkdir()
-    with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(quick_device.outcome, [plan, plan], ["U000", "U000"]))
-    assert sorted((row.run, row.before) for row in found) == [("r001", False), ("r001", True)]
-
-
 def broken(data, serial):
     """Make a unit whose log cannot be read."""
     (data / serial).mkdir(parents=True)
     (data / serial / "warmup.csv").write_text(
         "time_s,temp_case_degc,gyro_dph\n1,2\n", encoding="utf-8"
     )
-
-
-def test_bad_data_end_a_fleet_with_the_units_own_error(tmp_path, quick):
-    """Without --keep-going the first unit that cannot be fitted is named, with its code; no table
-    is written.
-    """
-    fleet_logs(tmp_path / "units", 2)
-    broken(tmp_path / "units", "A-1")
-    with pytest.raises(CalibkitError, match=r"A-1: warmup.csv:2: .*--keep-going") as stopped:
-        fit(tmp_path / "units", tmp_path / "runs")
-    assert stopped.value.exit_code == 3
-    assert not (tmp_path / "runs" / store.FLEETS).exists()
 
 
 def test_keep_going_fits_the_others_and_tells_what_is_wrong_with_each(tmp_path, quick):
@@ -330,65 +252,6 @@ def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
     assert multiprocessing.active_children() == []
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes to interrupt")
-def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
-    """Interrupted while its processes still import, all of them at once as by a terminal, the
-    command alone says so.
-    """
-    fleet_logs(tmp_path / "units", 2)
-    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
-    arguments = ["fleet", "bias.toml", "--data", "units", "--jobs", "2", "--verbose"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        [sys.executable, "-m", "calibkit", *arguments],
-        cwd=tmp_path,
-        env=environment,
-        stderr=subprocess.PIPE,
-        start_new_session=True,
-        text=True,
-    ) as process:
-        while not (tmp_path / "runs").exists():
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(0.005)
-        os.killpg(process.pid, signal.SIGINT)
-        said = process.stderr.read()
-        assert process.wait() == 130
-    assert len(said.strip().splitlines()) == 1, said
-    assert "interrupted" in said
-    assert left_over(tmp_path / "runs") == []
-
-
-@pytest.mark.skipif(not server.COPIES, reason="processes are not copies of one here")
-def test_a_process_whose_parent_sends_it_no_task_ends_in_silence():
-    """Interrupted between the request for a process and its task, the parent alone says so."""
-    script = """if __name__ == "__main__":
-    import os
-    from multiprocessing import forkserver
-    from calibkit.fleet import server
-
-    context, pipes = server.context(), []
-
-    def interrupted(descriptors, connect=forkserver.connect_to_new_process):
-        pipes.extend(connect(descriptors))
-        raise KeyboardInterrupt
-
-    forkserver.connect_to_new_process = interrupted
-    try:
-        context.Process(target=print).start()
-    except KeyboardInterrupt:
-        os.close(pipes[1])
-    print(forkserver.read_signed(pipes[0]) > 0, forkserver.read_signed(pipes[0]))
-"""
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        check=True,
-        text=True,
-    )
-    assert (done.stdout, done.stderr) == ("True 1\n", "")
-
-
 def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
     """Two units with the same bytes: one has the other's coefficients, so neither verdict is
     believed; exit code 3.
@@ -400,28 +263,6 @@ def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
     assert verdicts["U001"] == ("copied logs", "U009")
     assert verdicts["U009"] == ("copied logs", "U001")
     assert verdicts["U000"] == ("no verdict", "")
-    assert done.exit_code == 3
-
-
-def test_a_copied_folder_with_other_line_ends_is_seen_too(tmp_path, quick):
-    """The values are the same, the bytes are not: copied logs; a unit of which one log of two is
-    another's is none.
-    """
-    fleet_logs(tmp_path / "units", 3)
-    text = (tmp_path / "units" / "U001" / "warmup.csv").read_text(encoding="utf-8")
-    (tmp_path / "units" / "U009").mkdir()
-    (tmp_path / "units" / "U009" / "warm.csv").write_bytes(text.replace("\n", "\r\n").encode())
-    shutil.copy(
-        tmp_path / "units" / "U000" / "warmup.csv", tmp_path / "units" / "U002" / "second.csv"
-    )
-    done = fit(tmp_path / "units", tmp_path / "runs")
-    verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
-    assert verdicts == {
-        "U000": "no verdict",
-        "U001": "copied logs",
-        "U002": "no verdict",
-        "U009": "copied logs",
-    }
     assert done.exit_code == 3
 
 
@@ -490,38 +331,6 @@ def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, 
     assert calibkit("verify", folder).code == 4
 
 
-RATES = """procedure = "rate_table"
-gyros = ["x"]
-[logs]
-files = ["*.csv"]
-[acceptance]
-max_nonlinearity_ppm = 1000.0
-"""
-
-
-def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
-    """A gyro that loses 1 % at its highest rate is rejected, the other accepted; the fleet says so
-    with exit code 1.
-    """
-    for serial, loss in (("G-1", 0.0), ("G-2", 0.01)):
-        rate = np.repeat([-50.0, -20.0, -10.0, 10.0, 20.0, 50.0], 30)
-        counts = 1000.0 * rate * (1.0 - loss * (rate == 50.0)) + np.tile([0.0, 1.0, -1.0], 60)
-        write_log(
-            tmp_path / "units" / serial / "run.csv",
-            time_s=np.arange(rate.size) * 1.0,
-            table_rate_dps=rate,
-            gyro_x_lsb=counts,
-        )
-    (tmp_path / "rates.toml").write_text(RATES, encoding="utf-8")
-    out = calibkit(
-        "fleet", tmp_path / "rates.toml", data=tmp_path / "units", out=tmp_path / "r", jobs=1
-    )
-    assert out.code == 1, out.err
-    assert "2 devices: 1 accepted, 1 rejected" in out.out
-    assert "rejected: G-2@r001" in out.out
-    assert "G-1@" not in out.out
-
-
 def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick):
     """Every unit, digest, verdict and outlier is that of the run that follows; no folder, no lock,
     nothing is there.
@@ -543,83 +352,6 @@ def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick)
     assert (
         (rehearsed.exit_code, rehearsed.folder) == (done.exit_code, done.folder) == (3, done.folder)
     )
-
-
-def test_a_dry_run_of_a_fleet_that_is_finished_in_part_says_what_is_left(tmp_path, quick, calibkit):
-    """What was fitted before, what would be fitted, with which recipe, to which logs; a whole fleet
-    is told as it is.
-    """
-    data, out = tmp_path / "units", tmp_path / "runs"
-    fleet_logs(data, 2)
-    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
-    call = [
-        "fleet",
-        tmp_path / "bias.toml",
-        "--data",
-        data,
-        "--out",
-        out,
-        "--date",
-        DAY,
-        "--jobs",
-        1,
-        "--dry-run",
-    ]
-    fit(data, out)
-    assert calibkit(*call).out.splitlines()[-1] == str(out / "_fleet" / "r001")
-    unit_log(data / "U001", 77)
-    unit_log(data / "U002", 2)
-    before = tree(out)
-    told = calibkit(*call)
-    assert told.code == 0
-    assert told.out.splitlines() == [
-        "3 devices: 3 no verdict; 1 fitted before",
-        "U000@r001: was fitted before to warmup.csv",
-        "U001@r002: would be fitted with bias.toml to warmup.csv",
-        "U002@r001: would be fitted with bias.toml to warmup.csv",
-        # one warm-up cannot show how turn-on biases differ
-        "3 flags in 3 runs: see their reports",
-        f"{out / '_fleet' / 'r002'} (dry run: not written)",
-    ]
-    said = calibkit(*call, "--json").json
-    assert said["dry_run"] is True
-    assert [(entry["logs"], entry["before"]) for entry in said["units"]] == [
-        (["warmup.csv"], True),
-        (["warmup.csv"], False),
-        (["warmup.csv"], False),
-    ]
-    assert tree(out) == before
-    broken(data, "A-1")
-    stopped = calibkit(*call)
-    assert stopped.code == 3
-    assert "nothing was written; --keep-going" in stopped.err
-    assert calibkit(*call, "--out", data / "U000" / "warmup.csv" / "runs").code == 2
-    assert calibkit(*call, "--out", tmp_path / "bias.toml" / "runs").code == 4
-
-
-def test_json_names_the_units_that_failed(tmp_path, calibkit):
-    """One document on stdout, with an error where a unit has no calibration."""
-    fleet_logs(tmp_path / "units", 1)
-    broken(tmp_path / "units", "A-1")
-    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
-    call = (
-        "fleet",
-        tmp_path / "bias.toml",
-        "--data",
-        tmp_path / "units",
-        "--out",
-        tmp_path / "r",
-        "--jobs",
-        1,
-        "--json",
-    )
-    stopped = calibkit(*call)
-    assert (stopped.code, stopped.json["error"]["code"]) == (3, "log_format")
-    kept = calibkit(*call, "--keep-going")
-    assert kept.code == 3
-    assert kept.json["ok"] is False
-    assert kept.json["error"]["message"] == "1 of 2 devices have no calibration of their own"
-    assert [entry["verdict"] for entry in kept.json["units"]] == ["failed", "no verdict"]
 
 
 @pytest.mark.parametrize(
@@ -653,13 +385,6 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_fitted(
     assert outcome.code == code
     assert said in outcome.err
     assert not list(tmp_path.rglob("r001"))
-
-
-def test_every_procedure_has_key_figures():
-    """A procedure that is new must say what is compared from unit to unit."""
-    assert [
-        name for name in instruments.SHIPPED if not instruments.optional(name, "KEY_FIGURES")
-    ] == []
 
 
 @pytest.mark.parametrize("procedure", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
@@ -737,16 +462,3 @@ def test_the_screen_of_200_devices_names_who_stands_out_and_the_page_has_them_al
     assert re.findall(r"https?:|url\(|<link|<img", page) == []
     full = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going", "--details").out
     assert full.count("failed: A-") == 40
-
-
-def test_key_values_stand_in_one_order_however_a_run_is_read(tmp_path_factory):
-    """A run that was just fitted has its files in the order of stages, one that is read in that of
-    their names: the table of a fleet was another the second time.
-    """
-    run = store.load(sample_run(tmp_path_factory, "gyro_pair").folder)
-    turned = replace(run, records=dict(reversed(run.records.items())))
-    names = [
-        [figure.name for figure in keys.select_key_figures(one, (".+",), 25.0)]
-        for one in (run, turned)
-    ]
-    assert names[0] == names[1]

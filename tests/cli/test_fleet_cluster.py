@@ -11,7 +11,7 @@ import pytest
 
 from calibkit import recipe
 from calibkit.errors import UsageError
-from calibkit.fleet import cluster, device, run
+from calibkit.fleet import cluster, device
 from cli.fleet_units import DAY, RECIPE, fit, fleet_logs, tree
 from conftest import ROOT
 
@@ -124,24 +124,3 @@ def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
     refused(elsewhere, address, r"sees no folder .*elsewhere; .*same path on every worker")
     monkeypatch.setattr(cluster, "__version__", "99")
     refused(plan, address, "has calibkit .*, here is 99")
-
-
-def test_without_dask_the_command_says_how_to_install_it(tmp_path, monkeypatch):
-    """The extra is named."""
-    monkeypatch.setitem(sys.modules, "distributed", None)
-    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    with pytest.raises(UsageError, match=r"pip install 'calibkit\[cluster\]'"):
-        list(cluster.fit_devices(plan, ["U000"], "tcp://127.0.0.1:1"))
-
-
-def test_a_run_that_a_worker_wrote_elsewhere_is_not_taken_for_one(tmp_path):
-    """Where the worker's --out is another folder of that name, the run it reports is not here and
-    the unit fails.
-    """
-    plan = device.DeviceTask(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    row = device.Row("U000", "r001", "", "accepted", (), (), (), 0, before=False)
-    found = run._require_run_here(row, plan)
-    assert (found.exit_code, found.message) == (
-        4,
-        "a worker wrote r001, which is not in --out here",
-    )

@@ -151,35 +151,6 @@ def test_a_plugin_that_cannot_be_used_is_skipped_with_a_warning_where_none_asks(
     )
 
 
-def test_an_instrument_that_cannot_be_used_is_left_out_where_none_asks(
-    install, monkeypatch, caplog
-):
-    """`init` and `simulate` go on with the others; a recipe of the broken one is refused."""
-    install("solo", "1 / 0", group="instruments")
-    install("duo", "CALIBKIT_INTERFACE = 2", group="instruments")
-    install("old", "CALIBKIT_INTERFACE = 1", group="instruments")
-    monkeypatch.setattr(instruments, "REGISTRY", instruments.Registry())
-    with caplog.at_level(logging.WARNING, logger="calibkit"):
-        assert set(instruments.list_usable()) == set(instruments.SHIPPED)
-    duo, solo, old = sorted((record.getMessage() for record in caplog.records), reverse=True)
-    assert "solo_reader 1.0 is skipped: the package cannot be imported: ZeroDivision" in solo
-    assert "old_reader 1.0 is skipped: the package states version 1 of the plugin" in old
-    assert "duo_reader, whose entry point duo_reader lacks Recipe, FORMS, read, faults, fit," in duo
-    with pytest.raises(UsageError, match="duo_reader"):
-        instruments.find("duo")
-
-
-def test_what_calibkit_reads_by_itself_no_plugin_takes(tmp_path, install):
-    """A plugin whose mark every text begins with, or whose name is that of a shipped format,
-    changes nothing.
-    """
-    install("csv", READER.replace("PAIRS1", "time"))
-    install("pairs", READER.replace("PAIRS1", "time"))
-    for content in (b"time_s,gyro_dph\n0,1\n1,2\n", b"time_s;gyro_dph\n0,5;1\n1,5;2\n"):
-        assert read(tmp_path, content).plugins == ()
-    assert read(tmp_path, b"time_s,gyro_dph\n0,1\n", format="csv").plugins == ()
-
-
 def test_whatever_a_reader_raises_is_an_error_of_the_log(tmp_path, install):
     """The message names file, format, package and what was raised."""
     install("pairs", READER)
@@ -201,14 +172,6 @@ def test_a_reader_that_gives_no_table_of_its_file_is_refused(tmp_path, install, 
     """Another digest than that of the file would let a copy of a log pass for another log."""
     install("pairs", READER.replace(written, returned))
     with pytest.raises(LogFormatError, match=r"pairs_reader 1\.0"):
-        read(tmp_path, PAIRS, format="pairs")
-
-
-def test_two_packages_that_add_one_name_are_refused(tmp_path, install):
-    """Which of them would read the log is not for calibkit to choose."""
-    install("pairs", READER, module="one_reader")
-    install("pairs", READER, module="other_reader")
-    with pytest.raises(UsageError, match="two plugins are called 'pairs'"):
         read(tmp_path, PAIRS, format="pairs")
 
 

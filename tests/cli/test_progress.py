@@ -62,20 +62,6 @@ def test_a_terminal_sees_stage_percent_and_time_left(tmp_path, command):
     assert printed.rfind(b"\x1b[?25h") > printed.rfind(b"\x1b[?25l")
 
 
-def test_nobody_sees_progress_in_a_file(tmp_path):
-    """Redirected, a fit prints no bar and no escape sequence."""
-    data = still(tmp_path / "logs", 3)
-    done = subprocess.run(
-        [sys.executable, "-m", "calibkit", "check", "bias_temperature", "--data", str(data)],
-        capture_output=True,
-        cwd=ROOT,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        check=True,
-    )
-    assert done.stderr == b""
-    assert b"\x1b" not in done.stdout
-
-
 def test_ctrl_c_leaves_nothing_behind(tmp_path):
     """Interrupted while it reads, a fit ends with 130 and one line; no run, no lock, no temporary
     file is there, and the cursor is back.

@@ -6,7 +6,6 @@ import datetime as dt
 import io
 import json
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -95,24 +94,6 @@ def test_results_outside_the_scope_are_marked_wherever_they_stand(run):
     assert not any("*" in text for text in strings(sheet.sheet(unmarked, "en")["blocks"]))
 
 
-def test_an_accredited_laboratory_is_asked_for_what_it_must_state(run):
-    """A result in the scope, who accredited it, range and U of its standards."""
-    none = built(run, ACCREDITED[1], 'accreditation.body=""', "cmc=[]")
-    assert {"accreditation.body", "cmc"} <= {item.key for item in none.missing}
-    bare = 'standard=[{name="S", certificate="C", date=2026-01-01, laboratory="L"}]'
-    missing = {item.key for item in built(run, *ACCREDITED, bare).missing}
-    assert missing == {"standard.range", "standard.expanded_uncertainty"}
-    assert built(run, bare, "accreditation={}", "cmc=[]").missing == ()
-
-
-def test_a_floor_alone_is_no_type_b_contribution(run):
-    """A principal result whose U is the CMC still lacks what is known of the equipment."""
-    made = built(run, *ACCREDITED, "type_b=[]")
-    key = "gyro_scale.gyro_x.K"
-    assert key in {r.key for r in checklist.fits_alone(made.results)}
-    assert "type_b" in {item.key for item in made.missing}
-
-
 @pytest.mark.parametrize(
     ("override", "message"),
     [
@@ -171,75 +152,7 @@ def test_persons_order_code_clause_traceability_and_standards_are_printed(run, l
     assert len(sheet.sheet(one, lang)["signatories"]) == 1
 
 
-def test_conditions_that_the_logs_measured_stand_beside_the_stated_ones(run):
-    """Lowest and highest case temperature of all logs, from run.json; none in a run of before."""
-    made = built(run)
-    ((column, low, high),) = made.run.measured
-    entries = [entry["measured"]["temp_case_degc"] for entry in run.document["inputs"]]
-    assert (column, low, high) == (
-        "temp_case_degc",
-        min(a for a, _ in entries),
-        max(b for _, b in entries),
-    )
-    rows = dict(sheet.sheet(made, "en")["conditions"])
-    assert rows["Measured in the logs: case temperature"] == f"−{-low:.1f} °C … {high:.1f} °C"
-    before = replace(made, run=replace(made.run, measured=()))
-    assert not any("Measured" in label for label, _ in sheet.sheet(before, "en")["conditions"])
-
-
-def test_the_attached_profile_states_the_same_without_comments():
-    """Comments may be a laboratory's own; what --set changed stands in its key."""
-    for path in sorted(PROFILES.glob("*.toml")):
-        found, text = profile.load(
-            path, ('certificate.number="C-1"', "results.decision_rule=simple")
-        )
-        assert "#" not in text
-        assert profile.parse(text, "profile.toml") == found
-        assert found.certificate.number == "C-1"
-    awkward = 'a "quoted" \\ back\nline \x7f tab\t 校准 # no comment'
-    stated = profile.Profile(remarks=(awkward,), item=profile._Item(type=awkward))
-    assert profile.parse(profile.dumps(stated), "profile.toml") == stated
-
-
-def test_an_attached_profile_of_a_release_before_is_read_with_its_comments_and_overrides():
-    """Certificates that were issued keep their digest and their meaning."""
-    text = '[certificate]\nnumber = "A" # ours\n# --set certificate.number="B"\n'
-    assert profile.parse(text, "profile.toml").certificate.number == "B"
-
-
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{}</svg>'
-GROUPS = "".join(f'<g id="a{k}">' + 10 * f'<use href="#a{k - 1}"/>' + "</g>" for k in range(1, 9))
-MARKS = {
-    "linked file": SVG.format('<image href="other.png" width="5" height="5"/>'),
-    "linked address": SVG.format('<image href="http://127.0.0.1:9/a.png" width="5" height="5"/>'),
-    "1e8 nodes": SVG.format(
-        f'<defs><g id="a0"><path d="M0 0"/></g>{GROUPS}</defs><use href="#a8"/>'
-    ),
-    "deep": SVG.format(20_000 * "<g>" + 20_000 * "</g>"),
-    "not closed": SVG.format("")[:-6],
-    "no SVG": "<html><svg></html>",
-}
-
-
-@pytest.mark.parametrize("kind", [*MARKS, "endless"])
-def test_a_mark_that_cannot_be_drawn_is_refused_in_one_line(run, tmp_path, capsys, kind):
-    """A linked image, a bomb of nodes, no whole image, no end: exit code 2, and no certificate."""
-    pytest.importorskip("typst")
-    path = tmp_path / "mark.svg"
-    if kind == "endless":
-        path.symlink_to("/dev/zero")
-    else:
-        path.write_text(MARKS[kind], encoding="utf-8")
-    folder = tmp_path / "lab.toml"
-    folder.write_bytes((PROFILES / "rate_table.toml").read_bytes())
-    stated = 'accreditation={body="B",number="N",mark="mark.svg"}'
-    out = tmp_path / "c.pdf"
-    asked = ("--profile", folder, "--set", stated, "--date", "2026-11-21", "--out", out)
-    with pytest.raises(SystemExit) as stopped:
-        cli.main(["certify", str(run.folder), *map(str, asked)])
-    said = capsys.readouterr().err
-    assert (stopped.value.code, said.count("\n"), out.exists()) == (2, 1, False), said
-    assert "mark" in said
 
 
 STANDARD = """

@@ -8,28 +8,25 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import given, strategies as st
 from scipy import stats
 
 import kept
 from calibkit.certificate import (
     checklist,
     conformity,
-    content,
     profile,
     quantities,
     stated,
     tables,
     uncertainty,
 )
-from calibkit.certificate.results import Result, Uncertainty, round_descriptor, round_result
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.results import Result, Uncertainty, round_result
+from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB
 from calibkit.records.coefficients import Coefficient, Model, Record
 from calibkit.records.sensitivities import Sensitivity
-
-NO_TERMS = uncertainty.TypeBTerms(())
 
 
 def of_type(uncertainty, kind):
@@ -76,25 +73,6 @@ def test_printed_numbers_read_back_within_half_of_their_last_digit(value, u):
     assert abs(back - value) <= 0.0501 * u + 1e-12 * abs(value)
 
 
-def test_a_number_without_uncertainty_is_printed_to_three_digits_and_a_count_as_it_is():
-    """0.053625836 becomes 0.0536, 36 stays 36."""
-    assert round_descriptor(0.053625836).value == "0.0536"
-    assert round_descriptor(36.0).value == "36"
-    assert (round_descriptor(1.2345e-9).value, round_descriptor(1.2345e-9).exponent) == ("1.23", -9)
-
-
-def test_units_are_printed_as_the_field_writes_them():
-    """Degrees, powers and pure numbers; one solidus, or brackets."""
-    units = (
-        *("1/deg", "deg/h/degC^2", "g/degC3", "1", "m/s^2", "1/deg/degC"),
-        *("deg/h/degC/(degC/min)", "g/degC/(degC/min)", "deg/h/sqrt(h)", "1/(1)^2", "(deg/h)^2"),
-    )
-    assert [unit_mark(unit) for unit in units] == [
-        *("1/°", "(°/h)/°C²", "g/°C³", "", "m/s²", "1/(°·°C)"),
-        *("(°/h)/(°C·°C/min)", "(g/°C)/(°C/min)", "(°/h)/√h", "", "(°/h)²"),
-    ]
-
-
 def limits(lower, upper, rule="guarded", unit="ppm"):
     """A specification of the result."""
     return profile.Specification(result="stage.*", unit=unit, lower=lower, upper=upper, rule=rule)
@@ -137,18 +115,6 @@ def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
     assert conformity._judge(magnitude, None, 3.0, "guarded")[0] == "fail"
     assert conformity._judge(magnitude, None, 3.2, "guarded")[0] == "pass"
     assert conformity._judge(magnitude, None, 1.4, "guarded")[0] == "no statement possible"
-
-
-def test_the_guarded_rule_is_the_default():
-    """A specification that names no rule is judged with the guard band."""
-    found = conformity.judge_results(
-        [limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile._Results().decision_rule
-    )
-    assert (found[0].rule, found[0].verdict, found[0].acceptance) == (
-        "guarded",
-        "fail",
-        (None, 8.0),
-    )
 
 
 def test_a_specification_of_no_result_or_in_another_unit_is_refused():
@@ -250,21 +216,6 @@ def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_re
         )
 
 
-def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_ones_are_named():
-    """One effect counts once; what enters no result is said to."""
-    old = TypeB(
-        name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=9.0
-    )
-    new = TypeB(
-        name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1
-    )
-    idle = TypeB(name="table", quantity="table_rate_dps", unit="ppm", standard_uncertainty=1.0)
-    source = uncertainty.TypeBTerms.merge([old], [new, idle])
-    assert source.terms == (new, idle)
-    used = at(10.0, *source.terms).uncertainty
-    assert content._name_unused_terms(source.terms, [used]) == ("table",)
-
-
 @pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
 def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value, u):
     """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function,
@@ -278,13 +229,6 @@ def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value,
     assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
 
 
-def test_a_magnitude_of_zero_is_printed_to_the_place_of_its_uncertainty():
-    """The lower end of its interval is zero but for rounding: [0.000…0.030] and not 0.0 × 10⁻⁷."""
-    stated = Uncertainty((), 0.015, math.inf, 2.0, 0.03, 0.9545)
-    none = Result("q", "f.json", "", Words("n"), 0.0, "deg/h", stated, interval=(9.4e-7, 0.03))
-    assert tables.format_result(none) == ("0.000", "[0.000…0.030]")
-
-
 def test_ends_of_an_interval_are_printed_as_its_value_is():
     """The same power of ten and the same place: 1.2e−07 beside 1.234 × 10⁻⁷ was read as another
     number.
@@ -294,37 +238,6 @@ def test_ends_of_an_interval_are_printed_as_its_value_is():
         "1.234 × 10⁻⁷",
         "[1.200…1.302] × 10⁻⁷",
     )
-
-
-def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
-    """Two degrees of freedom: far wider than the normal one."""
-    few = stated.interval_of_magnitude(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
-    many = stated.interval_of_magnitude(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
-    assert few[1] - few[0] > 2.0 * (many[1] - many[0])
-
-
-@given(st.floats(-200.0, 200.0).map(lambda low: round(low, 3)), st.floats(0.5, 400.0))
-@example(1.2, 0.5)
-def test_default_temperatures_are_round_and_inside_the_range(low, width):
-    """Between two and eight numbers of at most three digits' step, none outside."""
-    found = stated._round_numbers(low, low + width)
-    assert 2 <= len(found) <= stated.MOST_TEMPERATURES
-    assert all(low <= t <= low + width for t in found)
-    assert len(set(np.round(np.diff(found), 9))) == 1
-
-
-def test_a_temperature_outside_the_range_is_left_out_and_named():
-    """Nothing is stated at 70 °C of a curve that holds to 60 °C."""
-    context = stated.Stated({}, NO_TERMS, (0.0, 70.0), 25.0)
-    assert context.grid(stated.TEMPERATURE, *MODEL.valid[stated.TEMPERATURE]) == (0.0,)
-    assert "70 °C" in context.left_out(MODEL)[0].en
-
-
-def test_a_table_says_which_coverage_factor_its_uncertainties_have():
-    """The factor beside the value, and the degrees of freedom where Student gave it."""
-    assert tables.format_stated(at(0.0))[2] == "2.23"
-    assert "Student with ν_eff = 12" in tables._factor_words([at(0.0)]).en
-    assert tables._factor_words([result(1.0)]) is None
 
 
 WHOLE = """
@@ -423,12 +336,6 @@ def test_what_cannot_be_true_makes_a_draft(tmp_path, override, key):
     assert lacks(WHOLE, tmp_path, override) == [key]
 
 
-def test_a_validation_stands_for_the_statement_on_adjustment(tmp_path):
-    """As-found and as-left results are stated by the validation, or their absence is explained."""
-    assert lacks(WHOLE, tmp_path, "adjustment.statement=") == ["adjustment.statement"]
-    assert lacks(WHOLE, tmp_path, "adjustment.statement=", validated=True) == []
-
-
 @pytest.mark.parametrize(
     ("line", "said"),
     [
@@ -453,22 +360,6 @@ def test_a_fault_in_a_profile_is_named_with_its_line(tmp_path, line, said):
     """
     with pytest.raises(RecipeError, match=said.replace("[", r"\[").replace(".", r"\.")):
         parsed(line, tmp_path)
-
-
-def test_a_date_may_be_written_with_or_without_quotes(tmp_path):
-    """TOML dates and ISO texts are the same."""
-    for written in ("2026-11-12", '"2026-11-12"'):
-        assert parsed(f"[dates]\nperformed = {written}", tmp_path).dates.performed == dt.date(
-            2026, 11, 12
-        )
-
-
-def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
-    """A misspelt key would never be missed."""
-    empty = profile.load(None)[0]
-    for key in checklist.FIELDS:
-        table, _, name = key.partition(".")
-        assert hasattr(getattr(empty, table), name), key
 
 
 def test_a_validation_of_another_run_is_refused(tmp_path):
@@ -550,16 +441,6 @@ def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, s
     judged to lie on.
     """
     assert tables.format_beside(value, limit) == shown
-
-
-@settings(deadline=None, max_examples=40)
-@given(st.floats(-1e6, 1e6), st.floats(-1e-3, 1e-3) | st.just(0.0))
-def test_a_printed_value_lies_on_the_side_of_its_limit_that_it_lies_on(limit, share):
-    """Whatever the limit and however near the value."""
-    value = limit + share * max(abs(limit), 1e-9)
-    text = tables.format_beside(value, limit).replace("−", "-").replace(" × 10", "e")
-    printed = float(text.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")))
-    assert (printed > limit, printed < limit) == (value > limit, value < limit)
 
 
 def test_a_result_has_the_degrees_of_freedom_of_the_coefficients_that_it_is_made_of():

@@ -2,8 +2,6 @@
 coefficient files themselves.
 """
 
-import importlib
-import json
 import math
 from dataclasses import replace
 from functools import cache, partial
@@ -12,16 +10,14 @@ import numpy as np
 import pytest
 
 from calibkit import instruments
-from calibkit.certificate import content, pdf, profile, results, run_files, sheet, tables
+from calibkit.certificate import content, pdf, profile, run_files, tables
 from calibkit.commands import pipeline
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.bias import forms as fog_forms
 from calibkit.instruments.bias.numeric import bank
-from calibkit.numeric import earth, gum
 from calibkit.numeric.thermal.terms import Valid
-from calibkit.records import store
 from conftest import ROOT, write_log
 from sample_runs import ISSUED, fitted, sample_run
 
@@ -131,40 +127,6 @@ def test_one_quantity_has_one_uncertainty_under_both_its_names(run, name):
             )
 
 
-def test_the_level_of_a_drift_model_is_as_uncertain_as_the_bias_at_its_origin(run):
-    """Whatever the model, b0 is the rate at rest at 0 °C, of a bank at 25 °C."""
-    files = run_files.RunFiles.read(run("fog_thermal"))
-    (model,) = files.records["drift_rate.json"].models
-    origin = 25 if model.form == fog_forms.BANK.name else 0
-    recipe_there = {**files.document["recipe"], "overrides": [f"reference_temp_degc={origin}"]}
-    there = replace(files, document={**files.document, "recipe": recipe_there})
-    stated = profile.load(ROOT / "reports" / "profiles" / "fog_thermal.toml")
-    found = by_key(content.build(there, instruments.certificate_layout, *stated, None, ISSUED))
-    b0, bias = found["drift_rate.drift.b0"], found[f"drift_rate.drift.bias@{origin}"]
-    assert b0.value == pytest.approx(bias.value, rel=1e-12)
-    assert b0.uncertainty.expanded_uncertainty == pytest.approx(
-        bias.uncertainty.expanded_uncertainty, rel=1e-6
-    )
-
-
-def test_an_error_of_inclination_moves_the_zero_of_z_and_hardly_q(run):
-    """A table whose inclination is 0.003° off moves the zero of z by 37 µg, as plain least squares
-    on shifted references shows, Q by less than 6 µrad.
-    """
-    found = by_key(certificate(run("accelerometer"), "accelerometer"))
-    named = {
-        key: next(
-            (c.contribution for c in found[key].uncertainty.contributions if "inclin" in c.name.en),
-            0.0,
-        )
-        for key in ("accel_k.accel_z.zero@25", "accel_q.triad.Q1", "accel_k.accel_x.scale@25")
-    }
-    one = 0.003 / math.sqrt(3.0)
-    assert named["accel_k.accel_z.zero@25"] == pytest.approx(0.0124 * one, rel=0.02)
-    assert named["accel_q.triad.Q1"] < 2e-4 * one
-    assert named["accel_k.accel_x.scale@25"] < 2e-4 * one
-
-
 def test_the_temperature_sensitivity_has_a_thermometer_term(run):
     """A thermometer that is off by its u at one end of the runs and by −u at the other turns the
     slope by 2u over their span.
@@ -187,29 +149,6 @@ def test_principal_results_without_type_b_make_a_draft_unless_a_reason_is_stated
     assert "type_b" not in [item.key for item in made.missing]
     assert "a check of the software" in made.without_type_b.en
     assert any(result.principal for result in made.results)
-
-
-def test_a_run_that_knows_no_sensitivities_gives_a_draft_that_says_so(run):
-    """Runs of before hold none: what the table's errors do to the results is not known."""
-    files = run_files.RunFiles.read(run("rate_table"))
-    old = replace(files, document={k: v for k, v in files.document.items() if k != "sensitivities"})
-    stated = profile.load(ROOT / "reports" / "profiles" / "rate_table.toml")
-    made = content.build(old, instruments.certificate_layout, *stated, None, ISSUED)
-    assert "sensitivities" in [item.key for item in made.missing]
-
-
-def test_the_factor_stands_beside_each_value_as_a_number(run):
-    """A column k in every table with U: that of three runs' repeatability is an interval, that of
-    a curve of few degrees of freedom Student's.
-    """
-    shown = sheet.sheet(certificate(run("gyro_triad"), "gyro_triad"), "en")
-    for block in shown["blocks"]:
-        for table in block["tables"]:
-            for k, head in enumerate(table["heads"]):
-                if head.startswith("U"):
-                    assert table["heads"][k + 1] == "k"
-                    factors = [row[k + 1] for row in table["rows"] if row[k + 1]]
-                    assert all(2.0 <= float(factor) <= 13.97 for factor in factors)
 
 
 def test_scale_and_zero_of_an_accelerometer_are_what_the_k_factor_gives(run):
@@ -268,27 +207,6 @@ def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
             assert drift.uncertainty.expanded_uncertainty == pytest.approx(
                 entry["expanded_uncertainty"], rel=1e-9
             )
-
-
-def test_a_bias_without_the_earth_s_rate_is_stated_where_the_run_knows_it(tmp_path, run):
-    """With latitude and input axis: the bias of the coefficient file, as uncertain as the rate at
-    rest; else the rate alone.
-    """
-    key = "drift_rate.bias_at_reference"
-    assert key not in by_key(certificate(run("fog_thermal"), "fog_thermal"))
-    known = fitted(
-        tmp_path, "fog_thermal", overrides=("site.latitude_deg=34.2", "input_axis.elevation_deg=90")
-    )
-    found = by_key(certificate(known, "fog_thermal"))
-    stated = {figure.name: figure.value for figure in known.records["drift_rate.json"].figures}
-    at_rest = found["drift_rate.drift.bias@25"]
-    assert found[key].value == stated["bias_at_reference"]
-    assert at_rest.value - found[key].value == pytest.approx(
-        stated["earth_rate_along_input_axis"], abs=1e-9
-    )
-    assert found[key].uncertainty.expanded_uncertainty == pytest.approx(
-        at_rest.uncertainty.expanded_uncertainty, rel=1e-3
-    )
 
 
 def test_what_is_zero_by_definition_is_printed_as_the_reference_and_not_judged(run):
@@ -361,21 +279,6 @@ def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
     )
 
 
-def test_a_few_runs_widen_the_coverage_factor(run):
-    """The repeatability of three runs has 2 degrees of freedom: k = 4.53; K over temperature has
-    those of its model, which the runs' own noise rules where they repeat within it.
-    """
-    made = run("rate_table")
-    found = by_key(certificate(made))
-    curve = made.records["gyro_scale.json"].model("gyro_x.K_over_temperature")
-    assert found[
-        "gyro_scale.gyro_x.K_over_temperature.value@25"
-    ].uncertainty.coverage_factor == pytest.approx(gum.coverage_factor(curve.dof))
-    assert found[
-        "gyro_scale.repeatability.GJB 2426A.gyro_x"
-    ].uncertainty.coverage_factor == pytest.approx(4.527, abs=1e-3)
-
-
 def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path):
     """The withheld ramps of the sample gyro, before and after, with the rate gain; the file is
     attached.
@@ -423,72 +326,6 @@ def test_no_exported_drift_term_is_said_and_not_made_up(tmp_path):
         "No drift term is exported" in note.en for block in found.blocks for note in block.notes
     )
     assert pdf.render(found, "en").startswith(b"%PDF")
-
-
-@pytest.mark.parametrize("name", ["bias_temperature", "accelerometer_magnitude"])
-def test_other_procedures_have_certificates_too(tmp_path, name):
-    """A polynomial of temperature, and a triad without a turntable."""
-    if name == "bias_temperature":
-        t = np.linspace(20.0, 45.0, 400)
-        noise = np.random.default_rng(1).normal(0.0, 0.05, t.size)
-        write_log(
-            tmp_path / "a.csv",
-            time_s=np.arange(400.0),
-            temp_case_degc=t,
-            gyro_dph=3.0 + 0.02 * t + noise,
-        )
-        data = tmp_path
-    else:
-        data = ROOT / "datasets" / "accelerometer"
-    overrides = ('dwells.mode="rows"',) if name == "accelerometer_magnitude" else ()
-    found = certificate(fitted(tmp_path / "runs", name, data, overrides=overrides))
-    assert found.results
-    assert pdf.render(found, "en").startswith(b"%PDF")
-
-
-def test_excluded_logs_and_flags_are_on_the_certificate(run):
-    """What was left out, why and by whom is stated as the run has it."""
-    made = run("gyro_pair")
-    document = json.loads(json.dumps(made.document))
-    document["excluded"] = [
-        {"log": "a.csv", "from_s": 10.0, "to_s": 20.0, "reason": "door opened", "person": "op"}
-    ]
-    document["flags"] = ["something odd"]
-    changed = store.StoredRun(made.folder, document, made.records)
-    found = certificate(changed)
-    assert found.run.excluded == (("a.csv from 10 s to 20 s", "door opened", "op"),)
-    assert found.run.flags == ("something odd",)
-
-
-def test_every_equation_that_a_layout_states_is_drawn():
-    """The page's layout has the equation of each form; one without would print none."""
-    drawn = (ROOT / "calibkit" / "certificate" / "certificate.typ").read_text(encoding="utf-8")
-    stated = set()
-    for path in (ROOT / "calibkit" / "instruments").glob("*/*.py"):
-        if "Equation(" not in path.read_text(encoding="utf-8"):
-            continue
-        name = f"calibkit.instruments.{path.parent.name}.{path.stem}"
-        for value in vars(importlib.import_module(name)).values():
-            several = value.values() if isinstance(value, dict) else value
-            equations = several if isinstance(value, (dict, tuple)) else (value,)
-            stated |= {one.form for one in equations if isinstance(one, results.Equation)}
-    assert len(stated) > 10
-    assert {form for form in stated if f'"{form}": $' not in drawn} == set()
-
-
-def test_the_alignment_of_the_input_axis_enters_the_bias_of_a_gyro(tmp_path):
-    """By the derivative of the earth's rate along it, in the certificate and in run.json alike."""
-    where = ("site.latitude_deg=34.2", "input_axis={elevation_deg=20.0, azimuth_deg=75.0}")
-    names = ("input_axis_elevation_deg", "input_axis_azimuth_deg")
-    terms = ", ".join(
-        f'{{name="{n}", quantity="{n}", unit="deg", standard_uncertainty=0.1}}' for n in names
-    )
-    made = fitted(tmp_path, "fog_thermal", overrides=(*where, f"type_b=[{terms}]"))
-    bias = next(r for r in certificate(made).results if r.key.startswith("drift_rate.bias_at"))
-    found = {c.quantity: c for c in bias.uncertainty.contributions if c.kind == "B"}
-    slopes = earth.along_axis_slopes(34.2, 20.0, 75.0)[1:]
-    for name, slope in zip(names, slopes, strict=True):
-        assert found[name].contribution == pytest.approx(0.1 * abs(slope), rel=1e-12)
 
 
 def test_the_orders_of_s_over_temperature_are_averaged_and_their_spread_is_type_a(run):
@@ -542,16 +379,3 @@ def test_the_report_of_a_fit_states_the_principal_results_as_the_certificate_doe
     for result in principal:
         value, U = tables.format_result(result)
         assert f"{value} ± {U}" in text or f"{value} {U}" in text
-
-
-def test_a_bias_at_0_has_one_uncertainty_as_coefficient_and_as_value(run):
-    """Model error included: the coefficient b0 of a channel is its bias at rest at 0 °C."""
-    found = by_key(certificate(run("thermal"), None, "results.temperatures_degc=[0.0, 25.0]"))
-    values = {key: result for key, result in found.items() if key.endswith(".bias@0")}
-    assert values
-    for key, value in values.items():
-        coefficient = found[key.replace("bias@0", "b0")]
-        assert coefficient.value == pytest.approx(value.value, rel=1e-12)
-        assert coefficient.uncertainty.expanded_uncertainty == pytest.approx(
-            value.uncertainty.expanded_uncertainty, rel=1e-12
-        )

@@ -24,7 +24,7 @@ from calibkit.records.coefficients import (
     StageResult,
 )
 from calibkit.report import figures, page as pages, svg
-from calibkit.report.run import EXACT, Shown, compose_page, quantity_table
+from calibkit.report.run import Shown, compose_page
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
 from conftest import ROOT
@@ -297,23 +297,6 @@ def test_every_number_of_the_tables_is_that_of_the_coefficient_file(fitted):
     assert str(run.document["inputs"][0]["rows"]) in digests
 
 
-def test_a_made_up_coefficient_keeps_its_last_bit():
-    """0.1 + 0.2 is printed 0.30000000000000004, with its uncertainty's every bit beside the three
-    digits.
-    """
-    found = numbers(tree(made("plain")), "gyro_scale: plain (")
-    assert found == [("plain", 0.1 + 0.2, 1.0 / 3.0, "plain"), ("K1", -1e-300, 0.0, "1")]
-    assert ">0.30000000000000004</td>" in made("plain").decode()
-
-
-def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
-    """A figure that a fit left as numpy's float64 was printed as "np.float64(0.3)"."""
-    one = np.float64(0.1) + np.float64(0.2)
-    quantity = Coefficient("drift_rms", one, "deg/h", 0.0)
-    table = quantity_table("figures", [quantity], head="figure", digits=EXACT)
-    assert ">0.30000000000000004</td>" in str(pages.summary_table(table))
-
-
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):
     """Two fits write the same bytes; run.json lists the page, and a changed
     page is no run any more.
@@ -332,22 +315,6 @@ def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit)
     assert (outcome.code, "report.html" in outcome.err) == (4, True)
 
 
-def test_a_log_name_with_two_dollars_is_no_formula(fitted):
-    """The record was called <b>$_$ & 'x': its name is in the figure as it is."""
-    page = tree((fitted[0] / "report.html").read_bytes())
-    assert "S-1 r001: noise of <b>$_$ & 'x'" in words(page.find(".//figure"))
-
-
-def test_a_chinese_name_is_drawn_without_a_word_on_the_console(capfd):
-    """Page and PDF of a log called 温度: no warning about letters, fonts or weights; the page holds
-    the name as text.
-    """
-    drawn = figure("温度 ±5")
-    figures.settle((drawn,))
-    assert "温度 ±5" in svg.inline((drawn,))[0][0]
-    assert capfd.readouterr() == ("", "")
-
-
 def test_long_curves_keep_their_extremes_and_their_gaps():
     """A spike of one point in a million, the ends, and a gap are there after thinning; a short
     curve is drawn whole.
@@ -364,111 +331,3 @@ def test_long_curves_keep_their_extremes_and_their_gaps():
     assert loop.size < 4100
     assert np.cos(x / 1e5)[loop].max() == np.cos(x / 1e5).max()
     assert not svg._thin(Line2D([0.0, 1.0], [0.0, 1.0]), 400)
-
-
-def test_a_report_of_long_records_stays_below_three_megabytes():
-    """24 curves of 20,000 points and 4 clouds of 20,000: the page says that it was thinned, and how
-    large it may get.
-    """
-    rng = np.random.default_rng(2)
-    drawings = []
-    for _ in range(4):
-        made_figure, axes = figures.page(2, 2, title="long")
-        for k, ax in enumerate(axes):
-            x = np.arange(20_000.0)
-            for _ in range(2 if k else 0):
-                ax.plot(x, rng.normal(size=x.size))
-            if not k:
-                ax.plot(rng.normal(size=20_000), rng.normal(size=20_000), ".")
-        drawings.append(made_figure)
-    page = made("plain", drawings=drawings)
-    assert len(page) < 3_000_000
-    assert b"extremes of short pieces" in page
-    assert b"extremes of short pieces" not in made("plain", drawings=(figure("a"),))
-
-
-def test_what_a_panel_spans_stands_beside_it():
-    """Linear, log and symlog axes carry scale and limits; an axis that counts names carries
-    none.
-    """
-    made_figure, axes = figures.page(1, 3, title="spans")
-    axes[0].plot([1.0, 2.0], [3.0, 4.0])
-    axes[1].loglog([1.0, 10.0], [1.0, 100.0])
-    axes[2].barh(["a", "b"], [1.0, 2.0])
-    axes[2].set_xscale("symlog", linthresh=0.5)
-    figures.settle((made_figure,))
-    drawn, _ = svg.inline((made_figure,))
-    spans = re.findall(r'data-x="(\w*)[^"]*" data-y="(\w*)', drawn[0])
-    assert spans == [("linear", "linear"), ("log", "log"), ("symlog", "")]
-    boxes = re.findall(r'data-box="([^"]+)"', drawn[0])
-    width, height = (72.0 * size for size in made_figure.get_size_inches())
-    for box in boxes:
-        left, top, wide, high = map(float, box.split())
-        assert 0.0 < left < left + wide < width
-        assert 0.0 < top < top + high < height
-
-
-def test_every_style_of_the_figures_is_said_by_attributes_or_by_the_page():
-    """What matplotlib says in styles and the page drops is only what the page's own style sheet
-    says.
-    """
-    dropped = set()
-    given = svg._styled
-    said = re.compile(r"([\w-]+):")
-
-    def watched(style):
-        kept = given(style)
-        dropped.update(set(said.findall(style)) - set(kept))
-        return kept
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(svg, "_styled", watched)
-        svg.inline((figure(),))
-    assert dropped <= {"font-family"}
-
-
-MARKED = r'<path d="(m[^"]*)"[^>]*marker-mid='
-NUMBER = r"-?[\d.]+(?:e-?\d+)?"
-
-
-def test_a_small_device_of_a_fleet_has_a_small_report(tmp_path, calibkit, log_writer):
-    """Run folder of one channel over temperature: at most 40 kB, of which a third is style and
-    script that every page needs; its figure keeps every label and every point.
-    """
-    seconds = np.arange(2000.0)
-    case = 60.0 - 80.0 * np.exp(-3.0 * seconds / 2000.0)
-    gyro = 0.02 * case + np.random.default_rng(0).normal(0.0, 0.05, 2000)
-    log_writer(tmp_path / "U1" / "w.csv", time_s=seconds, temp_case_degc=case, gyro_dph=gyro)
-    (tmp_path / "r.toml").write_text(
-        'procedure = "bias_temperature"\n[logs]\nfiles = ["*.csv"]\n[polynomials]\n'
-        'abscissa = "temp_case_degc"\nbias = [{ indication = "gyro_dph", order = 3 }]\n',
-        encoding="utf-8",
-    )
-    where = ("--data", tmp_path / "U1", "--serial", "U1", "--out", tmp_path / "runs")
-    calibkit("fit", tmp_path / "r.toml", *where, "--date", "2026-11-21")
-    folder = tmp_path / "runs" / "U1" / "r001"
-    assert sum(file.stat().st_size for file in folder.iterdir()) <= 40_000
-    page = (folder / "report.html").read_bytes()
-    drawing = re.search(r"<svg.*</svg>", page.decode(), re.DOTALL).group()
-    assert re.findall(r"<text[^>]*>(−?\d+)</text>", drawing)[:3] == ["−20", "−10", "0"]
-    marks = [len(re.findall(NUMBER, way)) // 2 for way in re.findall(MARKED, drawing)]
-    assert max(marks) > 140
-
-
-def test_equal_marks_are_one_path_with_a_mark_at_every_corner():
-    """Places, look and clipping of marks are those of matplotlib's own SVG, whatever parts are
-    drawn beside them.
-    """
-    made = figure("plain")
-    (ax,) = made.axes
-    x = np.linspace(0.1, 0.9, 50)
-    ax.plot(x, x**2, "o", color="black", alpha=0.5, mec="#aa3377")
-    figures.settle([made])
-    (drawing,), _ = svg.inline([made])
-    (way,) = re.findall(MARKED, drawing)
-    steps = np.array(re.findall(NUMBER, way), dtype=float).reshape(-1, 2)
-    wanted = ax.transData.transform(np.column_stack([x, x**2])) * (1.0, -1.0)
-    wanted[:, 1] += made.bbox.height
-    np.testing.assert_allclose(np.cumsum(steps, axis=0), wanted, atol=0.006)
-    (mark,) = re.findall(r"<marker[^>]*>(.*?)</marker>", drawing)
-    assert all(part in mark for part in ('stroke="#aa3377"', 'fill="#000000"', 'opacity="0.5"'))

@@ -9,19 +9,14 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
 
 import pytest
 
-from calibkit.errors import CoefficientError, UsageError
-from calibkit.records import store
+from calibkit.errors import CoefficientError
 from calibkit.viewer import index
-from calibkit.viewer.server import RunPages, Server, _NotFoundError
+from calibkit.viewer.server import RunPages, Server
 from conftest import ROOT
 from kept import LIMITED, RECIPES, keep, model, rate_table
-from outputs import browser
-
-needs_browser = pytest.mark.skipif(browser.found() is None, reason="no Chromium on this machine")
 
 
 @pytest.fixture(scope="module")
@@ -65,18 +60,6 @@ def served(runs, tmp_path_factory):
         ask.server = server
         yield ask
         server.shutdown()
-
-
-def test_devices_are_listed_with_the_verdict_of_their_newest_run(served):
-    """Each with a link to its page; a search and a verdict narrow the list."""
-    status, text, _ = served("/")
-    assert status == 200
-    assert "3 devices, 6 runs" in text
-    assert 'href="/device/GY-1"' in text
-    assert "陀螺-7" not in served("/?q=gy-1")[1].split("<table")[1]
-    assert "GY-1" not in served("/?verdict=rejected")[1].split("<table")[1]
-    assert "No device is like that" in served("/?q=nothing")[1]
-    assert served("/?page=99999999999999999999")[0] == 200
 
 
 def test_a_device_shows_its_answer_its_runs_and_its_key_values(served):
@@ -146,19 +129,6 @@ def test_nothing_outside_the_listed_files_of_a_run_is_served(served, runs, path)
         assert text == "hello\n"
 
 
-def test_a_link_instead_of_a_file_is_not_followed(tmp_path):
-    """A report that is a link out of the folder is not sent, even with the right digest."""
-    folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
-    outside = tmp_path / "outside.txt"
-    outside.write_bytes((folder / "report.txt").read_bytes())
-    (folder / "report.txt").unlink()
-    (folder / "report.txt").symlink_to(outside)
-    site = RunPages(tmp_path / "runs", tmp_path / "cache")
-    assert site.answer("/run/S-1/r001/gyro_scale.json", {}).status == 200
-    with pytest.raises(_NotFoundError):
-        site.answer("/run/S-1/r001/report.txt", {})
-
-
 @pytest.mark.skipif(os.name != "posix", reason="needs pipes")
 @pytest.mark.parametrize("file", ["run.json", "report.txt", "drift.json"])
 def test_a_pipe_in_the_place_of_a_file_does_not_hold_the_pages(tmp_path, file):
@@ -199,19 +169,6 @@ def test_the_server_reads_and_never_writes(served, runs):
     assert (status, text) == (200, "")
     assert int(headers["Content-Length"]) > 1000
     assert sorted((str(path), path.lstat().st_mtime_ns) for path in runs.rglob("*")) == before
-
-
-def test_every_page_may_load_nothing_from_elsewhere(served):
-    """The policy allows the page's own style; a report is alone in its sandbox; every answer says
-    that its type is not to be guessed.
-    """
-    for path in ("/", "/device/GY-1", "/nothing", "/run/GY-1/r001/report.txt", "/style.css"):
-        headers = served(path)[2]
-        assert headers["Content-Security-Policy"].startswith("default-src 'none'; style-src 'self'")
-        assert headers["X-Content-Type-Options"] == "nosniff"
-        assert headers["Referrer-Policy"] == "no-referrer"
-    assert served("/run/GY-1/r001/run.json")[2]["Content-Type"].startswith("text/plain")
-    assert served.server.server_address[0] == "127.0.0.1"
 
 
 # the index
@@ -262,49 +219,6 @@ def test_the_index_is_read_again_where_a_run_changed(tmp_path):
     assert index.read_index(runs, cache)["GYRO-0000"][0].stamp.startswith("0 ")
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"version": 1, "entries": [{"serial": 3}]}'])
-def test_a_cache_that_is_gone_or_damaged_changes_nothing(tmp_path, damage):
-    """It can be deleted at any time; what cannot be read is made anew."""
-    runs = many(tmp_path, 2, 1)
-    first = index.read_index(runs, tmp_path / "cache")
-    (file,) = (tmp_path / "cache").iterdir()
-    if damage:
-        file.write_text(damage, encoding="utf-8")
-    else:
-        file.unlink()
-    assert index.read_index(runs, tmp_path / "cache") == first
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    assert index.read_index(runs, tmp_path / "file" / "cache") == first
-    with pytest.raises(UsageError):
-        index.read_index(tmp_path / "absent", tmp_path / "cache")
-
-
-def test_without_a_home_folder_the_runs_are_read_and_nothing_is_kept(tmp_path, monkeypatch):
-    """A user without a home, as in a container, sees the same runs."""
-
-    def homeless():
-        raise RuntimeError("Could not determine home directory.")
-
-    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr(index.Path, "home", homeless)
-    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
-    assert list(index.read_index(tmp_path / "runs")) == ["S-1"]
-
-
-def test_nonsense_in_a_run_folder_is_one_line_of_the_list(tmp_path):
-    """A run.json that is none, of another shape, a folder or a link: the rest is listed."""
-    runs = many(tmp_path, 1, 1)
-    for number, text in enumerate(("{", "[]", "null", '{"serial": 1}', '"x"'), start=2):
-        made = runs / "GYRO-0000" / f"r{number:03d}"
-        made.mkdir()
-        (made / "run.json").write_text(text, encoding="utf-8")
-    (runs / "GYRO-0000" / "r010").mkdir()
-    (runs / "GYRO-0000" / "r010" / "run.json").mkdir()
-    found = index.read_index(runs, tmp_path / "cache")["GYRO-0000"]
-    assert [bool(entry.fault) for entry in found] == [False, True, True, True, True, True, True]
-
-
 # the command and the browser
 
 
@@ -326,72 +240,3 @@ def test_the_command_serves_until_it_is_stopped(runs, tmp_path):
             process.kill()
     unknown = subprocess.run([*call, "NOBODY"], capture_output=True, check=False, env=environment)
     assert unknown.returncode == 2
-
-
-class Address:
-    """An address where `Browser.open` expects a file."""
-
-    def __init__(self, url):
-        self.url = url
-
-    def resolve(self):
-        """Return itself."""
-        return self
-
-    def as_uri(self):
-        """Return the address."""
-        return self.url
-
-
-@needs_browser
-def test_a_thousand_runs_in_a_browser_ask_for_nothing_elsewhere(tmp_path, runs):
-    """The list of 1,000 runs is there within a second of the request, at both widths nothing is
-    wider than the screen, and the browser reports no fault and no address but this server's.
-    """
-    many(tmp_path)
-    for name in ("GY-1", "陀螺-7"):
-        shutil.copytree(runs / name, tmp_path / "runs" / name)
-    with (
-        Server(RunPages(tmp_path / "runs", tmp_path / "cache"), 0) as server,
-        browser.browser() as page,
-    ):
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        paths = ("", "device/GY-1", "compare/GY-1?old=r001&new=r004", "run/GY-1/r001", "nothing")
-        for path in paths:
-            for width, dark in ((1280, False), (390, True)):
-                address = Address(server.url + path)
-                page.open(address, width=width, dark=dark, phone=width < 400)
-                assert page.value("document.documentElement.scrollWidth") <= width
-                elsewhere = [url for url in page.requests() if not url.startswith(server.url)]
-                assert elsewhere == []
-                faults = [event for event in page.said() if "404" not in json.dumps(event)]
-                assert faults == []
-        page.open(Address(server.url))
-        assert page.value("document.querySelectorAll('tbody tr').length") == 100
-        took = "performance.getEntriesByType('navigation')[0].responseEnd"
-        assert page.value(took) < 1000.0
-        blocked = "fetch('https://example.org/').then(() => 'sent', () => 'blocked')"
-        assert page.value(blocked) == "blocked"
-        server.shutdown()
-
-
-def test_help_of_open_imports_no_numpy():
-    """The page of help is there at once."""
-    code = (
-        "import sys\nfrom calibkit import cli\n"
-        "try:\n    cli.main(['open', '--help'])\nexcept SystemExit: pass\n"
-        "print([m for m in ('numpy', 'pandas', 'matplotlib', 'http.server') if m in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
-    )
-    assert done.stdout.strip().endswith("[]")
-
-
-def test_the_sample_runs_folder_is_the_default(tmp_path, monkeypatch, calibkit):
-    """Without a folder of runs the command says so."""
-    monkeypatch.chdir(tmp_path)
-    outcome = calibkit("open", "--no-browser", "GY-1")
-    assert outcome.code == 2
-    assert "no such folder" in outcome.err
-    assert store.revisions(Path("runs")) == []
