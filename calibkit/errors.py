@@ -1,7 +1,5 @@
 """What can go wrong, one class a kind, each with the exit code that a script can rely on."""
 
-import difflib
-import json
 import unicodedata
 from collections.abc import Iterable, Sequence
 
@@ -164,6 +162,8 @@ def format_ranges(numbers: Iterable[int], max_ranges: int = 8) -> str:
 
 def advise_exclude(log: str, **part: object) -> str:
     """An [[exclude]] of a log or a part of it on one line, for the head of a recipe or `--set`."""
+    import json  # not before a command needs it
+
     keys = {"log": log, **part, "reason": "…", "person": "…"}
     written = ", ".join(
         f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in keys.items()
@@ -175,5 +175,7 @@ def did_you_mean(name: str, known_words: Iterable[str], otherwise: str) -> str:
     """Advice that names the known word closest to one that is not known; `otherwise` where none is
     close.
     """
+    import difflib  # not before a name is wrong
+
     close = difflib.get_close_matches(name, known_words, n=1)
     return f"did you mean '{close[0]}'?" if close else otherwise

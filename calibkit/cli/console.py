@@ -5,10 +5,8 @@ another encoding.
 from __future__ import annotations
 
 import codecs
-import json
 import os
 import sys
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,13 +27,14 @@ _WIDTH = 110
 """Columns of a table that is not printed on a terminal."""
 
 
-@dataclass(slots=True)
 class _Settings:
-    """What the running command prints beside its result, and where that is kept."""
+    """What the running command prints beside its result, and where that is kept. No dataclass: to
+    make one takes longer than a module of commands.
+    """
 
-    quiet: bool = False
-    verbose: bool = False
-    details: bool = False
+    quiet = False
+    verbose = False
+    details = False
     """Whether full tables are printed in place of the first screen."""
     log: Path | None = None
     """Log file."""
@@ -200,6 +199,8 @@ def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document on stdout; where that is not Unicode, other characters are escaped
     and nothing is lost.
     """
+    import json  # not before it is asked for
+
     unicode = codecs.lookup(sys.stdout.encoding or "utf-8").name.startswith("utf")
     click.echo(json.dumps(document, ensure_ascii=not unicode, indent=1))
 
