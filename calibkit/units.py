@@ -264,6 +264,7 @@ def convert(values: Array, source: str, target: str, *, gravity_mps2: float | No
         )
     if a == b:
         return values
+    # of K and °C: a sum alone, without the roundings of a factor
     if (a.factor, a.divisor) == (b.factor, b.divisor):
         return values + (a.shift - b.shift)
     return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
@@ -373,6 +374,7 @@ def scaled(values: Array, factor: float, *, offset: float = 0.0) -> Array:
     """
     if factor != 1.0:
         exact = Fraction(repr(float(factor)))
+        # larger whole numbers are no exact float64
         if max(abs(exact.numerator), exact.denominator) >= 1 << 53:
             values = values * factor
         else:
@@ -392,6 +394,7 @@ def parse_unit(text: str) -> str:
     inner = text[1:-1].strip() if text[:1] + text[-1:] in {"()", "（）", "[]", "<>", "{}"} else text
     for candidate in (text, inner, text.lower(), inner.lower()):
         unit = ALIASES.get(candidate, candidate)
+        # "1" in brackets is a number of a column, no unit
         if unit in TABLE and (unit != "1" or candidate in ALIASES):
             return unit
     return ""

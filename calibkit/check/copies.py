@@ -125,6 +125,7 @@ def _count_rounded(rounded: Content, exact: Content) -> tuple[int, int]:
     if rounded.first.keys() != exact.first.keys() or not rounded.sample:
         return 0, 0
     places = {name: (rounded.last_places[name], exact.last_places[name]) for name in exact.first}
+    # rounding makes columns coarser, none finer
     if any(coarser < finer for coarser, finer in places.values()) or all(
         coarser == finer for coarser, finer in places.values()
     ):
@@ -144,6 +145,7 @@ def _last_place(column: Array) -> float:
     for decimals in range(-3, MOST_DECIMALS):
         scaled = present * 10.0**decimals
         arithmetic = 1e-14 * np.max(np.abs(scaled), initial=1.0)
+        # with so many digits every float looks like a multiple
         if arithmetic > 0.01:
             break
         if np.all(np.abs(scaled - np.rint(scaled)) <= arithmetic):
@@ -162,6 +164,7 @@ def _count_shared(first: frozenset[Any], second: frozenset[Any]) -> tuple[int, i
     """
     if first.isdisjoint(second):
         return 0, 0
+    # samples keep the smallest hashes: above the largest of the shorter one nothing can be shared
     reach = min(max(first), max(second))
     reached = [sum(member <= reach for member in sample) for sample in (first, second)]
     return min(reached), len(first & second)
@@ -270,6 +273,7 @@ def read_unseen(
         and not (entry.positions or entry.stations)
     ]
     if not name and usable:
+        # the fingerprint of the run is of what it fitted, without what it excluded
         remaining = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
         name = _find_fitted_copy(remaining.first_rows(), inputs, remaining.sample_without_time())
     if name:

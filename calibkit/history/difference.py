@@ -215,6 +215,7 @@ def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
         return "gone" if b is ABSENT else "appeared"
     if not comparable or a.unit != b.unit:
         return "not comparable"
+    # equal to the last bit: nothing was determined anew, or it is a setting
     if a.value == b.value:
         return "held" if u > 0.0 else "equal"
     if u == 0.0:
@@ -242,6 +243,7 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
         or not len(old.covariance) == len(new.covariance) == len(names)
     ):
         return None
+    # two determinations from different logs are independent
     covariance = np.asarray(old.covariance) + np.asarray(new.covariance)
     dof = min(model.dof_of(c) for model in (old, new) for c in model.coefficients) or math.inf
     return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)

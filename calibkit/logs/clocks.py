@@ -90,6 +90,7 @@ def average(time_s: Array, value: Array, at_s: Array) -> Array:
     mean lacks half its rows.
     """
     step, usual = float(np.median(np.diff(at_s))), float(np.median(np.diff(time_s)))
+    # above the first value: a sum of many large readings loses the digits of their means
     total = np.concatenate(([0.0], np.cumsum(value - value[0])))
     first = np.searchsorted(time_s, at_s - step / 2.0, side="left")
     stop = np.searchsorted(time_s, at_s + step / 2.0, side="left")

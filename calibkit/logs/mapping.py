@@ -56,6 +56,7 @@ def read_file(
     lines: dict[str, frozenset[int]] = {}
     for entry in recipe.exclude:
         for a, b in entry.parts.get("lines", ()):
+            # an excluded line may be torn: the reader must pass it over, not refuse it
             lines[entry.log] = lines.get(entry.log, frozenset()) | frozenset(range(a, b + 1))
     logs = recipe.logs.without_lines(lines) if lines else recipe.logs
     return map_log(recipe, read(path, file, logs, number_columns), required_columns, optional)
@@ -107,6 +108,7 @@ def map_log(
         notes.append(f"the first row removed: {', '.join(counted)} are counts since the row before")
         lost.append((_SINCE_ROW_BEFORE, frame.index[:1].to_numpy()))
         frame = frame.iloc[1:]
+    # certificates are of the instrument's own unit: after units and signs, before rows go
     frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped, incomplete = _drop_incomplete_rows(frame, required_columns, recipe)
     frame, excluded_rows = drop_excluded_rows(frame, recipe.exclude, file, table)

@@ -174,6 +174,7 @@ def _take(
         )
     steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
     take, how = clocks.resample, "linear between its rows at"
+    # single rows of a faster logger would carry its whole noise, and alias what is between them
     if steps[1] >= 2.0 * steps[0]:
         take, how = clocks.average, "means about"
     return {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}, (
@@ -207,6 +208,7 @@ def _read_first(
 def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     """Read the second logger's file in canonical columns, without rows that lack a value."""
     logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
+    # exclusions name rows of the log, not of its second logger
     second_recipe = recipe.model_copy(
         update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None}
     )
@@ -228,6 +230,7 @@ def _relate_clocks(
     recipe says. A stated drift counts from the second logger's own second 0, `begins`.
     """
     if not probe:
+        # a stated drift is taken as exact: the recipe has no uncertainty of it
         covariance = np.diag([(chamber.standard_uncertainty_s or 0.0) ** 2, 0.0])
         return clocks.Clocks(
             chamber.offset_s, chamber.drift_ppm * 1e-6, covariance, begins, 1.0, 0.0, 0

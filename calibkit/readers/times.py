@@ -107,8 +107,10 @@ def recognise_format(fields: Sequence[str]) -> str:
     if 2 * len(forms) <= len(fields):
         return ""
     with_fraction = [form for form in forms if "%f" in form]
+    # some loggers leave out a fraction of 0: the longer form reads both
     usual = max(set(with_fraction or forms), key=(with_fraction or forms).count)
     hours = [int(time_match["h"]) for time_match in map(_TIME.fullmatch, stripped) if time_match]
+    # no time of day has 25 hours
     if usual.startswith("%H") and max(hours, default=0) > 23:
         return ELAPSED
     return usual
@@ -197,6 +199,7 @@ def _subtract_first(
     if zero is not None:
         zero = replace(zero, nanoseconds=zero.nanoseconds + int(nanoseconds[valid_rows[0]]))
     elapsed_ns = nanoseconds - nanoseconds[valid_rows[0]]
+    # whole microseconds: one division of exact numbers gives the float64 nearest to the digits
     seconds = elapsed_ns // 1000 / 1e6
     if np.any(elapsed_ns % 1000):
         seconds = np.where(np.abs(elapsed_ns) < 1 << 53, elapsed_ns / 1e9, elapsed_ns / 1e6 / 1e3)
@@ -304,6 +307,7 @@ def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tupl
     """
     day = 86_400_000_000_000
     valid_rows = np.flatnonzero(~missing)
+    # a smaller step back is a clock that was set, which checks find
     back = np.diff(nanoseconds[valid_rows]) < -day // 2
     added = np.zeros(nanoseconds.shape, dtype=np.int64)
     added[valid_rows] = np.concatenate([[0], np.cumsum(back)])

@@ -120,10 +120,12 @@ def save(
         return target
     with output_errors(target.parent, "give another --out"):
         atomic.make_folder(target.parent)
+        # in the same folder: only within one file system is a rename one step
         temporary = Path(tempfile.mkdtemp(prefix=atomic.UNFINISHED, dir=target.parent))
     try:
         atomic.remove_abandoned(temporary)
         with output_errors(target, "free space or give another --out"):
+            # mkdtemp makes folders that only their owner can read
             temporary.chmod(0o755)
             for name, content in files.items():
                 atomic.write_synced(temporary / name, content)
@@ -131,12 +133,15 @@ def save(
             try:
                 _rename_folder(temporary, target)
             except OSError as error:
+                # the other fit was first: the number is its own, and this run is sealed anew with
+                # the next
                 if error.errno in _TAKEN:
                     return None
                 raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     _mark_highest(target.parent, revision)
+    # the entry of the renamed folder is on the disk only after that
     atomic.sync_folder(target.parent)
     return target
 
