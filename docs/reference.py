@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 PACKAGE = Path(__file__).resolve().parents[1] / "calibkit"
 MARK = re.compile(r"^<!-- from the code: (\w+) -->$", re.MULTILINE)
 LIMITS = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-SHARED_OPTIONS = ("json", "quiet", "verbose", "log_file", "dry_run", "details", "help")
+SHARED_OPTIONS = ("json", "quiet", "verbose", "dry_run", "details", "help")
 """Options that the page states once for all commands."""
 POSITION_OF_NAME = {"Finding": 5, "finding_at_row": 6, "finding_of_column": 5, "Finding.of": 9}
 """Function that makes a finding → position of its name among the arguments."""

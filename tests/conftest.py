@@ -89,7 +89,7 @@ def slow_after(count, values):
 
 def called(*arguments, **options):
     """Run the command line in this process and return its exit code; an option may be a keyword,
-    `log_file=path` for --log-file, which one among the arguments overrides.
+    `out=path` for --out, which one among the arguments overrides.
     """
     words = [*arguments[:1]]
     for name, value in options.items():

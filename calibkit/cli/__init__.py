@@ -63,7 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # libraries loaded later start no threads that calibkit.libraries.threads must stop
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
-    prepare_streams(argv)
+    prepare_streams()
     sys.exit(
         run_to_exit_code(
             lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False),

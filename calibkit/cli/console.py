@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from calibkit.errors import OutputError, visible
-from calibkit.records.clock import now
+from calibkit.errors import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,18 +27,14 @@ _WIDTH = 110
 
 
 class _Settings:
-    """What the running command prints beside its result, and where that is kept. No dataclass: to
-    make one takes longer than a module of commands.
+    """What the running command prints beside its result. No dataclass: to make one takes longer than
+    a module of commands.
     """
 
     quiet = False
     verbose = False
     details = False
     """Whether full tables are printed in place of the first screen."""
-    log: Path | None = None
-    """Log file."""
-    arguments: tuple[str, ...] = ()
-    """Arguments of the command line."""
 
 
 SETTINGS = _Settings()
@@ -47,7 +42,7 @@ SETTINGS = _Settings()
 DRY_RUN = " (dry run: not written)"
 
 
-def prepare_streams(arguments: Sequence[str]) -> None:
+def prepare_streams() -> None:
     """Make the streams print anything: LF, UTF-8 where redirected, escapes where a console lacks a
     character. Settings are those of a new command.
     """
@@ -59,49 +54,12 @@ def prepare_streams(arguments: Sequence[str]) -> None:
             redirected = not stream.isatty() and not os.environ.get("PYTHONIOENCODING")
             encoding = "utf-8" if redirected else stream.encoding
             stream.reconfigure(encoding=encoding, errors="backslashreplace", newline="\n")
-    SETTINGS.quiet, SETTINGS.verbose, SETTINGS.details, SETTINGS.log = False, False, False, None
-    SETTINGS.arguments = tuple(arguments)
-
-
-def log_line(level: str, text: str) -> None:
-    """Write lines into the log file, if there is one."""
-    if SETTINGS.log:
-        try:
-            _append_to_log(SETTINGS.log, level, text)
-        except OutputError as error:  # the command itself has not failed
-            SETTINGS.log = None
-            click.echo(f"! no more is logged: {error}", err=True)
-
-
-def begin_log(path: Path, command_line: str) -> None:
-    """Begin to log into a file; raises OutputError where that is not possible."""
-    _append_to_log(path, "called", command_line)
-    SETTINGS.log = path
-
-
-def _append_to_log(path: Path, level: str, text: str) -> None:
-    """Append lines to a log file, each with the time (UTC) and its kind; raises OutputError.
-
-    A log file is the one file that calibkit adds to; it is never opened inside a run folder, and no
-    result is ever read from it.
-    """
-    from calibkit.records import new_files
-
-    new_files.refuse_run_folder(path)
-    time = now().strftime("%Y-%m-%dT%H:%M:%SZ")
-    try:
-        with path.open("a", encoding="utf-8", errors="backslashreplace", newline="\n") as stream:
-            stream.writelines(f"{time} {level:8} {line}\n" for line in text.splitlines())
-    except OSError as error:
-        raise OutputError(
-            f"--log-file {path}: {error.strerror}", hint="give another file"
-        ) from None
+    SETTINGS.quiet, SETTINGS.verbose, SETTINGS.details = False, False, False
 
 
 def print_message(text: str) -> None:
     """Print on stderr what matters in every mode: a flag, a guess, a failure."""
     text = visible(text, lines=True)
-    log_line("say", text)
     click.echo(text, err=True)
 
 
@@ -120,14 +78,12 @@ def print_guesses(guesses: Iterable[str]) -> None:
 def print_done(title: str, lines: Iterable[str]) -> None:
     """Print on stderr what a command did, a line each; --quiet leaves it out."""
     for line in () if SETTINGS.quiet else (f"{title}:", *(f"  {line}" for line in lines)):
-        log_line("done", line)
         click.echo(line, err=True)
 
 
 def print_detail(text: str) -> None:
     """Print on stderr what only --verbose asks for."""
     text = visible(text, lines=True)
-    log_line("verbose", text)
     if SETTINGS.verbose:
         click.echo(text, err=True)
 
@@ -152,8 +108,6 @@ def print_summary(summary: Summary) -> None:
     """Print a summary on stdout."""
     from calibkit.report import screen
 
-    if SETTINGS.log:
-        log_line("summary", screen.plain_text(summary))
     screen.show(summary, _console())
 
 
@@ -178,8 +132,6 @@ def print_screen(
     from calibkit.report import screen
 
     console = _console()
-    if SETTINGS.log:
-        log_line("summary", screen.plain_text(summary))
     max_lines = screen.MOST - lines_below
     for line in screen.compose_screen(summary, tail, console.width, max_lines=max_lines):
         verdict = bool(line) and summary.last_line.startswith(line)

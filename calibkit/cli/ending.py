@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from calibkit.cli.console import error_document, log_line, print_json, print_message
+from calibkit.cli.console import error_document, print_json, print_message
 from calibkit.errors import CalibkitError, OutputError, StoppedError, UsageError
 
 if TYPE_CHECKING:
@@ -25,17 +25,16 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
 
 def run_to_exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
-    """Run a command and return its exit code, with which the log file ends."""
+    """Run a command and return its exit code."""
     try:
         code = _exit_code(run, as_json=as_json)
         sys.stdout.flush()
         sys.stderr.flush()
     except SystemExit as end:  # click ends so itself: completion with 0, a closed pipe with 1
-        code = _BROKEN_PIPE if end.code else 0
+        return _BROKEN_PIPE if end.code else 0
     except BrokenPipeError:
-        code = _BROKEN_PIPE
         _discard_output()
-    log_line("ended", f"exit code {code}")
+        return _BROKEN_PIPE
     return code
 
 
@@ -94,7 +93,6 @@ def _end_unexpected(error: Exception, *, as_json: bool) -> int:
 def _fail(error: CalibkitError, *, as_json: bool) -> int:
     """Print what went wrong, on stderr or as JSON, and return the exit code."""
     if as_json:
-        log_line("say", f"calibkit: {error}")
         print_json({"ok": False, "error": error_document(error)})
     else:
         print_message(f"calibkit: {error}")

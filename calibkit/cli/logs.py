@@ -5,8 +5,6 @@ from pathlib import Path
 import click
 
 from calibkit.cli.console import (
-    DRY_RUN,
-    log_line,
     print_all_or_screen,
     print_data,
     print_detail,
@@ -98,7 +96,6 @@ def fit(
     if not as_json:
         tail = () if dry_run else follow_fit(outcome, out, recipe, data, overrides)
         print_screen(outcome.summary, tail)
-        log_line("wrote", f"{folder}{DRY_RUN if dry_run else ''}")
     document = {
         "run": run.name,
         "folder": str(folder),

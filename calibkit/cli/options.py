@@ -1,7 +1,6 @@
 """Options and arguments that commands share, and the group that they belong to."""
 
 import functools
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,6 @@ import click
 
 from calibkit.cli import completion, console
 from calibkit.errors import UsageError
-from calibkit.records.version import __version__
 
 _EXAMPLE = "calibkit "
 """Start of an example's line in the help of a command."""
@@ -56,14 +54,6 @@ def _verbose(ctx: click.Context, param: click.Parameter, value: bool) -> None:  
     console.SETTINGS.verbose = value
 
 
-def _log_file(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:  # noqa: ARG001 (click's signature)
-    """Set --log-file and begin it with the command as it was called."""
-    if value is not None:
-        console.begin_log(
-            value, f"calibkit {__version__}: {shlex.join(console.SETTINGS.arguments)}"
-        )
-
-
 def _details(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
     """Set --details."""
     console.SETTINGS.details = value
@@ -108,7 +98,7 @@ def _examples(text: str) -> list[str]:
 
 
 class _Command(_Explained):
-    """A command that can be quiet, verbose and logged."""
+    """A command that can be quiet and verbose."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401 (click's own parameters)
         super().__init__(*arguments, **settings)
@@ -127,13 +117,6 @@ class _Command(_Explained):
                 expose_value=False,
                 callback=_verbose,
                 help="print what is done as it is done",
-            ),
-            click.Option(
-                ["--log-file"],
-                type=click.Path(path_type=Path, dir_okay=False),
-                expose_value=False,
-                callback=_log_file,
-                help="file to append to: the call, what is printed, the end",
             ),
         ]
 

@@ -28,7 +28,7 @@ def working(activity: str) -> Iterator[Progress]:
 
     A stage without items shows how long it takes so far.
     """
-    if SETTINGS.quiet or SETTINGS.verbose or SETTINGS.log or not sys.stderr.isatty():
+    if SETTINGS.quiet or SETTINGS.verbose or not sys.stderr.isatty():
         yield _announce
         return
     from rich import progress as rich

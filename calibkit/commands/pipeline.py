@@ -109,7 +109,7 @@ def fit(
             fit_summary,
             flags=(*fit_summary.flags, *(str(finding) for _, finding in other_unit_findings)),
         )
-        summary = dates.flag_date_order(fit_summary, out, serial, revision, date)
+        summary = dates.flag_earlier_runs(fit_summary, out, serial, revision, date)
         summary = layouts.flag_layout(summary, pooled.recipe, fitted, out, serial, revision)
         document, records, files, shown, drawn = run_content.build_run(
             source, pooled, replace(fitted, summary=summary), serial, revision, date, superseded

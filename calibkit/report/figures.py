@@ -162,15 +162,12 @@ def pdf(figures: Sequence[Figure]) -> bytes:
 
 def settle(figures: Sequence[Figure]) -> None:
     """Lay figures out: what is drawn of them later stands at these places."""
-    from calibkit.report import places, svg_canvas
-
     with drawing():
         for figure in figures:
             literal(figure)
             if figure.get_layout_engine() is not None:
+                figure.draw_without_rendering()
                 figure.set_layout_engine("none")
-                figure.dpi = POINTS
-                places.arrange(figure, svg_canvas.Renderer(*figure.bbox.size, io.StringIO()))
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:

@@ -146,7 +146,7 @@ def _svg(figure: Figure, prefix: str) -> str:
 
     import matplotlib as mpl
 
-    from calibkit.report.svg_canvas import Renderer
+    from calibkit.report.svg_canvas import RendererSVG
 
     literal(figure)
     figure.set_layout_engine("none")
@@ -155,7 +155,8 @@ def _svg(figure: Figure, prefix: str) -> str:
     buffer = io.StringIO()
     figure.dpi = POINTS
     with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
-        renderer = Renderer(*figure.bbox.size, buffer)
+        without_clock = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        renderer = RendererSVG(*figure.bbox.size, buffer, metadata=without_clock)  # type: ignore[no-untyped-call]
         figure.draw(renderer)
         renderer.finalize()  # type: ignore[no-untyped-call]
     root = ET.fromstring(_join_marks(buffer.getvalue()))  # noqa: S314 - what matplotlib has just written

@@ -270,4 +270,4 @@ def quick():
 
     documents.printed = lambda drawn: {"report.txt": b"not drawn\n"}
     svg.inline = lambda figures: (["<svg></svg>"] * len(figures), False)
-    console.prepare_streams(())
+    console.prepare_streams()

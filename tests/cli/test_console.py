@@ -1,4 +1,4 @@
-"""The command line on any console: encodings, colours, quiet and verbose, the log file, dry runs,
+"""The command line on any console: encodings, colours, quiet and verbose, dry runs,
 completion, exit codes.
 """
 

@@ -20,7 +20,7 @@ from kept import keep, model
 def flags(runs, date, *, accepted=True):
     """Flags of r003 of S-1 with a date."""
     limit = Criterion("K", 1.0, 2.0, "1", accepted)
-    return dates.flag_date_order(Summary("", (), (), (limit,)), runs, "S-1", 3, date).flags
+    return dates.flag_earlier_runs(Summary("", (), (), (limit,)), runs, "S-1", 3, date).flags
 
 
 @pytest.fixture
@@ -50,6 +50,14 @@ def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
     assert store.find(f"S-1@{date}", two_years).name == "r003"
     assert store.find(f"S-1@{until}", two_years).name == other
     assert store.find("S-1", two_years).name == "r003"
+
+
+def test_an_earlier_revision_that_cannot_be_read_is_named(two_years):
+    """Its date is not known; the new run is dated by the others."""
+    path = two_years / "S-1" / "r001" / "run.json"
+    path.write_text(path.read_text(encoding="utf-8").replace("S-1", "S-2"), encoding="utf-8")
+    (said,) = flags(two_years, "2024-01-01")
+    assert said.startswith("S-1@r001 cannot be read: ")
 
 
 def test_fit_says_it_and_keeps_it(tmp_path, calibkit):
