@@ -27,8 +27,8 @@ _WIDTH = 110
 
 
 class _Settings:
-    """What the running command prints beside its result. No dataclass: to make one takes longer than
-    a module of commands.
+    """What the running command prints beside its result. No dataclass, which takes longer to make
+    than a module of commands.
     """
 
     quiet = False
@@ -59,8 +59,7 @@ def prepare_streams() -> None:
 
 def print_message(text: str) -> None:
     """Print on stderr what matters in every mode: a flag, a guess, a failure."""
-    text = visible(text, lines=True)
-    click.echo(text, err=True)
+    click.echo(visible(text, lines=True), err=True)
 
 
 def print_flags(flags: Iterable[str]) -> None:
