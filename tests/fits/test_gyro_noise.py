@@ -278,28 +278,3 @@ def test_noise_of_accelerometers_is_stated_in_their_units(
     made = calibkit("certify", "G", "--runs", tmp_path, "--out", tmp_path / "c.pdf")
     assert made.code == 0, made.err
     assert "\\hertz" in (tmp_path / "c.xml").read_text(encoding="utf-8")
-
-
-def test_limits_on_accelerometers_are_held(calibkit, acceleration, tmp_path, log_writer):
-    """80 µg/√Hz meets a limit of 85 and not one of 75; a limit for gyros is refused."""
-    log_writer(
-        tmp_path / "d/still.csv",
-        time_s=np.arange(10_800.0),
-        accel_x_g=acceleration["accel_x_g"],
-    )
-    for limit, code in (
-        ("velocity_random_walk=85", 0),
-        ("velocity_random_walk=75", 1),
-        ("angle_random_walk=1", 2),
-    ):
-        outcome, _ = fitted(
-            calibkit,
-            tmp_path / "d",
-            tmp_path / str(code),
-            "--set",
-            'noise.columns=["accel_x_g"]',
-            "--set",
-            f"acceptance.max_{limit}.0",
-        )
-        assert outcome.code == code, outcome.out
-    assert "max_angle_random_walk" in outcome.err

@@ -97,19 +97,6 @@ def test_the_scale_factor_is_within_its_expanded_uncertainty(rates, largest_ppm)
         assert u / found < largest_ppm * 1e-6
 
 
-@pytest.mark.slow
-def test_the_stated_uncertainty_covers_the_truth():
-    """600 runs of 22 rates: the expanded uncertainties of K and F0 cover 93.5 to 98 %."""
-    rng = np.random.default_rng(5)
-    inside = []
-    for _ in range(600):
-        run = one_row_run(RATES, line(RATES) + rng.normal(size=RATES.size))
-        found = lines.Lines.of([[(0, run)]]).line(run, "x").of(lambda p: p[:2])
-        error = np.abs(found.value - (K, line([0.0])[0]))
-        inside.append(error < found.expanded)
-    assert ((np.mean(inside, axis=0) > 0.935) & (np.mean(inside, axis=0) < 0.98)).all()
-
-
 def test_residuals_beyond_the_noise_are_told_by_their_ratio():
     """A ripple of 20 counts under a noise of 1: more than ten times what noise lets expect; noise
     alone: as much.

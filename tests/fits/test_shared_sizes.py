@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import linalg, optimize, stats
+from scipy import linalg, optimize
 
 from calibkit.errors import FitError
 from calibkit.fit.shared import Shared
@@ -171,22 +171,3 @@ def test_no_spare_row_is_refused():
     """Three rows for three coefficients."""
     with pytest.raises(FitError, match="leave no residual"):
         fit_of(np.eye(3), np.ones(3), [])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("zero", "widest"), [(0.0, 1.3), (10.0, 1.25), (60.0, 1.25)])
-def test_intervals_of_the_zero_cover_with_errors_of_soaks(zero, widest):
-    """300 campaigns of 7 soaks: 95 % intervals cover 92 to 99.9 %, and are at most 1.3 × as wide as
-    with components that are known.
-    """
-    inside, width = [], []
-    for seed in range(300):
-        design, y, labels = campaign(seed, zero=zero)
-        found = fit_of(design, y, [soak_zero(labels)])
-        half = stats.t.ppf(0.975, dof_of(found)) * u_of(found)
-        inside.append(np.abs(found.parameters[4:8]) <= half[4:8])
-        width.append(half[4:8])
-    v = 400.0 * np.eye(len(y)) + zero**2 * (labels[:, None] == labels)
-    known = 1.96 * np.sqrt(np.diag(np.linalg.inv(design.T @ np.linalg.solve(v, design))))[4:8]
-    assert 0.92 <= np.mean(inside) <= 0.999
-    assert np.all(np.mean(width, axis=0) <= widest * known)

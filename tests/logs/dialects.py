@@ -91,11 +91,6 @@ def unicode_text(log):
     return b"\xff\xfe" + table(["\t".join(NAMES)], log.rows, "\t", "\r\n").encode("utf-16-le")
 
 
-def unicode_unmarked(log):
-    """UTF-16 without a mark, decimal commas."""
-    return table(["\t".join(NAMES)], german(log), "\t", "\r\n").encode("utf-16-le")
-
-
 def chinese(log):
     """GB18030 with Chinese names and units, commas."""
     return table(["时间(s),壳体温度(℃),箱体温度(摄氏度),陀螺输出(°/h)"], log.rows).encode("gb18030")
@@ -136,11 +131,6 @@ def unit_row(log):
 def headerless(log):
     """No header, blanks."""
     return table([], log.rows, "  ").encode()
-
-
-def trailing_tabs(log):
-    """Every line ends with two tabs."""
-    return table(["\t".join([*NAMES, "", ""])], [[*row, "", ""] for row in log.rows], "\t").encode()
 
 
 def rows_end_with_a_tab(log):
@@ -282,15 +272,6 @@ def spreadsheet_days(log):
     return table([",".join(NAMES)], rows).encode()
 
 
-def elapsed(log):
-    """Elapsed hours, beginning at 99:59:30."""
-    seconds = [359970 + int(float(row[0])) for row in log.rows]
-    stamps = [f"{s // 3600}:{s // 60 % 60:02d}:{s % 60:02d}" for s in seconds]
-    return table(
-        [",".join(NAMES)], [[s, *row[1:]] for s, row in zip(stamps, log.rows, strict=True)]
-    ).encode()
-
-
 def wrapped_clock(log):
     """Milliseconds in sixteen bits."""
     rows = [[str(round(float(row[0]) * 1000) % 65536), *row[1:]] for row in log.rows]
@@ -320,23 +301,9 @@ def graphtec(log):
     return table([*preamble, *header], made).encode()
 
 
-def quoted(log):
-    """Every field in quotes."""
-    return table(
-        [",".join(f'"{n}"' for n in NAMES)], [[f'"{f}"' for f in row] for row in log.rows]
-    ).encode()
-
-
 def bars(log):
     """Bars between fields with blanks around them, blank lines at the end."""
     return table([" | ".join(NAMES)], log.rows, " | ").encode() + b"\n \n"
-
-
-def dated_chinese(log):
-    """`2011年12月06日 23:50:06` in GB18030."""
-    return table(
-        ["时间,壳体温度(℃),箱体温度(℃),陀螺输出(度/小时)"], timed(log, "%Y年%m月%d日 %H:%M:%S")
-    ).encode("gb18030")
 
 
 def excel(log):
@@ -496,7 +463,6 @@ DIALECTS = {
         western, "", MAPPED.format("Zeit (s)", "Gehäuse (°C)", "Kammer (°C)", "Drehrate (°/h)")
     ),
     "Excel Unicode text": Dialect(unicode_text, "", "", ".txt"),
-    "UTF-16 without a mark": Dialect(unicode_unmarked, "", "", ".txt"),
     "Chinese names and units in GB18030": Dialect(
         chinese, "", MAPPED.format("时间", "壳体温度", "箱体温度", "陀螺输出")
     ),
@@ -515,7 +481,6 @@ DIALECTS = {
     "no header": Dialect(
         headerless, 'names = ["time_s", "temp_case_degc", "temp_env_degc", "gyro_dph"]', "", ".log"
     ),
-    "trailing tabs": Dialect(trailing_tabs),
     "rows that end with a tab": Dialect(rows_end_with_a_tab),
     "three hundred columns with alarms": Dialect(alarms),
     "Keysight sweeps": Dialect(
@@ -538,7 +503,6 @@ DIALECTS = {
     "date and time apart": Dialect(
         two_columns, "", '[columns]\ntime_s = { from = "Time", date = "Date" }'
     ),
-    "milliseconds by the header": Dialect(milliseconds),
     "microseconds by the recipe": Dialect(
         microseconds, "", '[columns]\ntime_s = { from = "tick", unit = "us" }'
     ),
@@ -546,7 +510,6 @@ DIALECTS = {
     "spreadsheet days": Dialect(
         spreadsheet_days, "", '[columns]\ntime_s = { from = "time_s", time_format = "excel" }'
     ),
-    "elapsed hours": Dialect(elapsed),
     "a clock of sixteen bits": Dialect(
         wrapped_clock, "", '[columns]\ntime_s = { from = "ticks", unit = "ms", wraps_at = 65536.0 }'
     ),
@@ -554,11 +517,7 @@ DIALECTS = {
         datataker, 'names = ["time_s", "flag", "temp_case_degc", "temp_env_degc", "gyro_dph"]'
     ),
     "Graphtec": Dialect(graphtec, "", MAPPED.format("Date&Time", "CH1", "CH2", "CH3")),
-    "quotes": Dialect(quoted),
     "bars and blank lines at the end": Dialect(bars, "", "", ".txt"),
-    "Chinese dates": Dialect(
-        dated_chinese, "", MAPPED.format("时间", "壳体温度", "箱体温度", "陀螺输出")
-    ),
     "Excel": Dialect(
         excel, 'format = "excel"', MAPPED.format("Time", "Case", "Air", "Gyro"), ".xlsx"
     ),

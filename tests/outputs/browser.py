@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import contextlib
 import json
 import os
@@ -28,9 +27,7 @@ def found():
 
 
 class Browser:
-    """One page: navigate, evaluate, send input, take pictures; `events` holds what the browser
-    reported.
-    """
+    """One page: navigate, evaluate, send input; `events` holds what the browser reported."""
 
     def __init__(self, write, read):
         self._write, self._read, self._buffer, self._number, self.session = (
@@ -73,22 +70,20 @@ class Browser:
             else:
                 return answer["result"]
 
-    def open(self, path, *, width=1280, height=900, dark=False, phone=False):
+    def open(self, path, *, width=1280, height=900, dark=False):
         """Open a file in a window of this size and wait until it has loaded."""
         self.events.clear()
         self.call(
             "Emulation.setEmulatedMedia",
             features=[{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}],
         )
-        scale = 2 if phone else 1
         self.call(
             "Emulation.setDeviceMetricsOverride",
             width=width,
             height=height,
-            deviceScaleFactor=scale,
-            mobile=phone,
+            deviceScaleFactor=1,
+            mobile=False,
         )
-        self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
         self.call("Page.navigate", url=path.resolve().as_uri())
         deadline = time.monotonic() + WAIT_S
         while not any(event.get("method") == "Page.loadEventFired" for event in self.events):
@@ -111,28 +106,6 @@ class Browser:
         """One key pressed and released."""
         for kind in ("keyDown", "keyUp"):
             self.call("Input.dispatchKeyEvent", type=kind, key=key)
-
-    def picture(self, path, *, whole=True):
-        """PNG of the page."""
-        answer = self.call(
-            "Page.captureScreenshot", format="png", captureBeyondViewport=whole, **self._clip(whole)
-        )
-        path.write_bytes(base64.b64decode(answer["data"]))
-
-    def _clip(self, whole):
-        """Rectangle of the whole page."""
-        if not whole:
-            return {}
-        size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        return {
-            "clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
-        }
-
-    def pdf(self):
-        """Bytes of the page as it is printed."""
-        return base64.b64decode(
-            self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=True)["data"]
-        )
 
     def said(self):
         """What the console, the log and the auditor reported, and exceptions."""
