@@ -18,7 +18,7 @@ from calibkit.recipe.type_b import RELATIVE
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from calibkit.certificate.profile import Capability, Profile
+    from calibkit.certificate.profile import Capability
 
 FLOOR = Words("smallest uncertainty of the accreditation (CMC)")
 """Name of the contribution that raises U to the CMC."""
@@ -33,11 +33,6 @@ class Scope:
     capabilities: tuple[Capability, ...] = ()
     accredited: bool = False
 
-    @classmethod
-    def of(cls, profile: Profile) -> Scope:
-        """Scope that a profile states."""
-        return cls(profile.cmc, bool(profile.accreditation.number.strip()))
-
     def raise_to_floor(self, result: Result) -> Result:
         """The result with U no smaller than its CMC, marked where it is outside the scope;
         RecipeError for a CMC in another unit.
@@ -48,13 +43,13 @@ class Scope:
         u, floor = result.uncertainty, max(floors)
         if u is None or u.expanded_uncertainty >= floor:
             return result
-        floor_standard_uncertainty = floor / u.coverage_factor
-        missing = math.sqrt(floor_standard_uncertainty**2 - u.standard_uncertainty**2)
-        added = Contribution(FLOOR, "CMC", "", missing, "", "normal", math.inf, 1.0, missing)
+        u_floor = floor / u.coverage_factor
+        missing = math.sqrt(u_floor**2 - u.standard_uncertainty**2)
+        added = Contribution(FLOOR, "CMC", "", missing, "", "normal", math.inf)
         raised = replace(
             u,
             contributions=(*u.contributions, added),
-            standard_uncertainty=floor_standard_uncertainty,
+            standard_uncertainty=u_floor,
             expanded_uncertainty=floor,
         )
         return replace(result, uncertainty=raised)

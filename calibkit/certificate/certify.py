@@ -1,4 +1,6 @@
-"""The command: a run folder, a profile, a validation and a date → a certificate, written once."""
+"""The commands: a run folder, a profile, a validation and a date → a certificate, written once; and
+a signed certificate with one signature more, of who checked or approved it.
+"""
 
 import datetime as dt
 from dataclasses import dataclass, replace
@@ -7,12 +9,14 @@ from typing import Any
 
 from calibkit.certificate import (
     content,
-    countersign,
     dcc,
     pdf,
     profile,
     run_files,
+    sign,
     signature_bytes,
+    signature_trust,
+    verify,
 )
 from calibkit.certificate.checklist import Missing
 from calibkit.certificate.signing_key import Key
@@ -123,20 +127,49 @@ def certify(
         return Issued((), certificate)
     warnings: tuple[str, ...] = ()
     if key is not None:
-        _refuse_draft(certificate)
-        signed = countersign.sign_checked(document, signer, key)
+        if certificate.draft:
+            missing_keys = ", ".join(item.key for item in certificate.missing)
+            raise UsageError(
+                f"a DRAFT is not signed; missing: {missing_keys}",
+                hint="state what is missing, or leave out --sign",
+            )
+        signed = sign.sign_checked(document, signer, key)
         document, warnings = signed.document, signed.warnings
     files = {out: document, _beside(out): digital.content}
     new_files.write_all(files, dry_run=dry_run)
     return Issued(tuple(files), certificate, warnings)
 
 
-def _refuse_draft(certificate: content.Certificate) -> None:
-    """Raise UsageError for a DRAFT, which is not signed."""
-    if certificate.draft:
-        missing_keys = ", ".join(item.key for item in certificate.missing)
-        hint = "state what is missing, or leave out --sign"
-        raise UsageError(f"a DRAFT is not signed; missing: {missing_keys}", hint=hint)
+def countersign(
+    issued: Path,
+    out: Path,
+    layout_of: content.LayoutOf,
+    key: Key,
+    role: str,
+    trust: tuple[Path, ...] = (),
+    *,
+    dry_run: bool,
+) -> tuple[str, ...]:
+    """Write a signed certificate with one signature more, of who checked or approved it; returns
+    what `verify` warns of, and what the signature could not hold. Nothing is overwritten.
+
+    With `trust`, files of certificates, every signature before has to be by a trusted signer.
+
+    Raises CoefficientError for a certificate that does not verify, UsageError for a key that cannot
+    sign or a certificate that nobody signed before, NotCheckedError where a library is absent.
+    """
+    if not issued.is_file():
+        raise UsageError(f"{issued}: no such file", hint="name a signed certificate")
+    new_files.refuse_existing(out)
+    signer = key.load_signer()
+    verified = verify.verify(issued, layout_of, signature_trust.Demands(key.now, trust))
+    if not verified.signatures:
+        raise UsageError(
+            f"{issued}: is not signed", hint="issue it with calibkit certify --sign first"
+        )
+    signed = sign.sign_checked(store.read_bytes(issued), signer, key, role)
+    new_files.write_all({out: signed.document}, dry_run=dry_run)
+    return (*verified.warnings, *signed.warnings)
 
 
 def _beside(out: Path) -> Path:

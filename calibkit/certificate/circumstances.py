@@ -26,9 +26,9 @@ def lay_out_conditions(certificate: Certificate, lang: Lang) -> Rows:
     """Conditions that the profile states, those that the logs measured, and those that the
     coefficient files hold.
     """
-    lab_conditions, run = certificate.profile.conditions, certificate.run
-    rows = [(words, getattr(lab_conditions, key)) for key, words in CONDITIONS]
-    rows += list_given(*((Words(""), text) for text in lab_conditions.others))
+    profile, run = certificate.profile, certificate.run
+    rows = list_conditions(profile)
+    rows += list_given(*((Words(""), text) for text in profile.conditions.others))
     for column, *ends in run.measured:
         label = Words("Measured in the logs: ") + names.name_condition(column)
         low, high = (f"{end:.1f} °C".replace("-", "−") for end in ends)
@@ -75,6 +75,21 @@ def describe_left_out(fact: LeftOut) -> Words:
     )
 
 
+def list_method(profile: Profile) -> list[tuple[Words, str]]:
+    """Revision, deviations and external providers of the laboratory's procedure."""
+    method = profile.method
+    return [
+        (Words("Revision"), method.revision),
+        (Words("Deviations from the method"), method.deviations),
+        (Words("From external providers"), method.external_providers),
+    ]
+
+
+def list_conditions(profile: Profile) -> list[tuple[Words, str]]:
+    """Conditions that the profile states, empty ones included."""
+    return [(words, getattr(profile.conditions, key)) for key, words in CONDITIONS]
+
+
 def describe_remarks(count: int, file: str) -> Words:
     """How many remarks of an evaluation there are, and where; empty for none."""
     if not count:
@@ -115,22 +130,18 @@ def _uncertainty(standard: Standard) -> str:
     return f"{number} (k = {standard.coverage_factor:g})"
 
 
-def describe_accreditation(certificate: Certificate) -> Words:
-    """By whom the laboratory is accredited; empty where it is not."""
+def describe_accreditation(certificate: Certificate) -> list[Words]:
+    """By whom the laboratory is accredited, and whether results are not in the scope; nothing where
+    it is not accredited.
+    """
     accreditation = certificate.profile.accreditation
     if not accreditation.number.strip():
-        return Words("")
-    return Words(
+        return []
+    accredited = Words(
         "Accredited by {body}, {number}.", body=accreditation.body, number=accreditation.number
     )
-
-
-def lay_out_accreditation(certificate: Certificate, lang: Lang) -> str:
-    """By whom the laboratory is accredited, and whether results are not in the scope."""
-    words = describe_accreditation(certificate)
-    if any(result.outside_scope for result in certificate.results):
-        words += Words.literal(" ") + tables.OUTSIDE
-    return words.of(lang)
+    is_outside = any(result.outside_scope for result in certificate.results)
+    return [accredited, tables.OUTSIDE] if is_outside else [accredited]
 
 
 def list_signatories(certificate: Certificate, lang: Lang) -> list[Rows]:

@@ -61,10 +61,7 @@ class ConformityStatement:
     """
 
     result: Result
-    name: str
-    source: str
-    lower: float | None
-    upper: float | None
+    specification: Specification
     rule: Rule
     acceptance: tuple[float | None, float | None]
     verdict: Verdict
@@ -123,17 +120,7 @@ def _statement(result: Result, specification: Specification, rule: Rule) -> Conf
             None if upper is None else upper - u_above,
         )
     verdict, reason = _judge(result, lower, upper, rule)
-    return ConformityStatement(
-        result,
-        specification.name,
-        specification.source,
-        lower,
-        upper,
-        rule,
-        acceptance,
-        verdict,
-        reason,
-    )
+    return ConformityStatement(result, specification, rule, acceptance, verdict, reason)
 
 
 def _expansion(result: Result) -> tuple[float, float]:

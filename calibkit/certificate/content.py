@@ -4,7 +4,7 @@ validation and a date.
 
 import datetime as dt
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
@@ -12,12 +12,12 @@ from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_criterion, name_result
 from calibkit.certificate.profile import Profile
-from calibkit.certificate.results import Block, Result, Uncertainty
+from calibkit.certificate.results import Block, Result
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
-from calibkit.recipe import Recipe, TypeB, type_b
+from calibkit.recipe import Recipe, type_b
 from calibkit.records import sensitivities
 from calibkit.records.new_files import RUN_FILE
 from calibkit.records.run_document import Verdict
@@ -142,10 +142,11 @@ def build(
         tuple(sorted(set(profile.results.temperatures_degc))),
         layout.recipe.reference_temp_degc,
         sensitivities.loads(run.document.get(SENSITIVITIES, []), RUN_FILE),
-        Scope.of(profile),
+        Scope(profile.cmc, bool(profile.accreditation.number.strip())),
     )
     blocks = layout.blocks(basis)
     results = [result for block in blocks for result in block.results]
+    used_terms = {part.name.en for result in results for part in result.contributions}
     title, validated = profile.certificate.title, as_found is not None
     return Certificate(
         title=Words.literal(title) if title else TITLE,
@@ -158,9 +159,7 @@ def build(
         ),
         as_found=as_found,
         attachments=_attachments(run, as_found, profile_text),
-        unused_terms=_name_unused_terms(
-            terms.terms, [r.uncertainty for r in results if r.uncertainty is not None]
-        ),
+        unused_terms=tuple(term.name for term in terms.terms if term.name not in used_terms),
         missing=checklist.list_missing(
             *(profile, results, issued), validated=validated, shifted=SENSITIVITIES in run.document
         ),
@@ -197,10 +196,3 @@ def _attachments(
         content, description = profile_text.encode(), "laboratory profile"
         files.append(Attachment(PROFILE, content, "application/toml", "source", description))
     return tuple(files)
-
-
-def _name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
-    """Names of terms that entered no result."""
-    contributions = [line for combined in used for line in combined.contributions]
-    names = {line.name.en for line in contributions}
-    return tuple(term.name for term in terms if term.name not in names)

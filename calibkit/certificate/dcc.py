@@ -13,10 +13,10 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from calibkit.certificate import circumstances, dcc_results, dcc_xml, names, tables
+from calibkit.certificate import circumstances, dcc_results, dcc_xml, names
 from calibkit.certificate.content import Attachment, Relationship
 from calibkit.certificate.dcc_results import Notation
-from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words
+from calibkit.certificate.words import HEADINGS, SENTENCES, Words
 from calibkit.libraries.templates import read_templates
 from calibkit.numeric import gum
 from calibkit.records import coefficients
@@ -101,7 +101,11 @@ def render(certificate: Certificate, lang: Lang) -> bytes:
             attachments={a.name: a for a in certificate.attachments},
             statements=_list_statements(certificate),
             condition_texts=_list_conditions(certificate),
-            method_facts=_list_method_facts(certificate),
+            method_facts=[
+                label + Words(": ") + Words.literal(text)
+                for label, text in circumstances.list_method(profile)
+                if text.strip()
+            ],
             recipe=_describe_recipe(certificate),
         )
     )
@@ -183,17 +187,6 @@ def _describe_standard(standard: Standard) -> str:
     return ", ".join(f"{word} {value}" for word, value in facts if value)
 
 
-def _list_method_facts(certificate: Certificate) -> list[Words]:
-    """Facts of the laboratory's procedure."""
-    method = certificate.profile.method
-    facts = [
-        (Words("Revision: "), method.revision),
-        (Words("Deviations from the method: "), method.deviations),
-        (Words("From external providers: "), method.external_providers),
-    ]
-    return [label + Words.literal(text) for label, text in facts if text.strip()]
-
-
 def _describe_recipe(certificate: Certificate) -> Words:
     """Recipe of a run with its digest."""
     run = certificate.run
@@ -206,9 +199,9 @@ def _describe_recipe(certificate: Certificate) -> Words:
 
 def _list_conditions(certificate: Certificate) -> list[tuple[Words, str]]:
     """Conditions of the laboratory in words; "not stated" where there are none of any kind."""
-    lab_conditions = certificate.profile.conditions
-    texts = [(words, str(getattr(lab_conditions, key))) for key, words in CONDITIONS]
-    texts += [(Words("Further conditions"), text) for text in lab_conditions.others]
+    others = certificate.profile.conditions.others
+    texts = circumstances.list_conditions(certificate.profile)
+    texts += [(Words("Further conditions"), text) for text in others]
     stated = [(words, text) for words, text in texts if text.strip()]
     if not stated and not certificate.run.conditions:
         return [(HEADINGS["conditions"], dcc_xml.NOT_STATED)]
@@ -220,9 +213,7 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
     profile, run = certificate.profile, certificate.run
     numbering = profile.certificate
     missing = Words("DRAFT: not a calibration certificate; missing")
-    accredited = circumstances.describe_accreditation(certificate)
     remarks = circumstances.describe_remarks(len(run.flags), RUN_FILE)
-    outside = any(result.outside_scope for result in certificate.results)
     return [
         (Words("Validity"), [SENTENCES["only_item"]], ""),
         (missing, [Words.literal(f"{m.key}: ") + m.description for m in certificate.missing], ""),
@@ -233,7 +224,7 @@ def _list_statements(certificate: Certificate) -> list[_Stated]:
         ),
         (
             Words("Accreditation"),
-            [accredited, *([tables.OUTSIDE] if outside else [])] if accredited.en else [],
+            circumstances.describe_accreditation(certificate),
             "basic_isInCMC",
         ),
         (

@@ -14,8 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit.certificate import plots
-from calibkit.certificate.content import Attachment, Certificate
-from calibkit.certificate.results import Block
+from calibkit.certificate.content import Certificate
 from calibkit.certificate.sheet import sheet
 from calibkit.certificate.words import Lang, character_code
 from calibkit.errors import OutputError, RecipeError, UsageError
@@ -38,11 +37,6 @@ SPACINGS = (1.0, 0.92, 0.84, 0.76, 1.1, 1.2, 1.3)
 """Spacings of lines that are tried until the last page is not nearly empty."""
 LEAST_FILLED_MM = 125.0
 """Height of the end mark on a last page that is filled well enough [mm]."""
-
-
-def _is_filled(page: int, y: float) -> bool:
-    """Whether the end mark stands low enough on the last page, or on the only one."""
-    return page == 1 or y >= LEAST_FILLED_MM
 
 
 def load_typst() -> Any:  # noqa: ANN401 (an optional library)
@@ -83,12 +77,21 @@ def render(
             f"--lang {lang} needs a font with Chinese",
             hint='name one in the profile: [certificate] fonts = ["…"]',
         )
-    data = clean_sheet(sheet(certificate, lang, signed=signed)) | {
-        "attachments": [_describe_attachment(a) for a in certificate.attachments],
-        "mark": list(mark),
-    }
+    data = clean_sheet(sheet(certificate, lang, signed=signed)) | {"mark": list(mark)}
+    data["attachments"] = [
+        {
+            "name": attached.name,
+            "text": attached.content.decode("utf-8"),
+            "type": attached.media_type,
+            "relationship": attached.relationship,
+            "description": attached.description,
+        }
+        for attached in certificate.attachments
+    ]
     for laid_out, block in zip(data["blocks"], certificate.blocks, strict=True):
-        _add_drawings(laid_out["figures"], block)
+        size_mm = plots.ALONE_MM if len(laid_out["figures"]) == 1 else plots.BESIDE_MM
+        for words, figure in zip(laid_out["figures"], block.drawn_figures, strict=True):
+            words |= {"svg": plots.draw(figure, size_mm), "width": size_mm[0]}
     typst = load_typst()
     with _scratch_folder() as folder:
         data["families"] = _families(fonts, Path(folder))
@@ -115,24 +118,6 @@ def render(
     return document if document.endswith(b"\n") else document + b"\n"
 
 
-def _add_drawings(laid_out: list[dict[str, Any]], block: Block) -> None:
-    """Put the drawings of a block's figures beside their words."""
-    size_mm = plots.ALONE_MM if len(laid_out) == 1 else plots.BESIDE_MM
-    for words, figure in zip(laid_out, block.drawn_figures, strict=True):
-        words |= {"svg": plots.draw(figure, size_mm), "width": size_mm[0]}
-
-
-def _describe_attachment(attached: Attachment) -> dict[str, str]:
-    """An attached file as the template takes it."""
-    return {
-        "name": attached.name,
-        "text": attached.content.decode("utf-8"),
-        "type": attached.media_type,
-        "relationship": attached.relationship,
-        "description": attached.description,
-    }
-
-
 def _choose_spacing(typst: Any, inputs: dict[str, str], font_options: dict[str, Any]) -> str:  # noqa: ANN401 (an optional library)
     """First spacing of lines with which the last page is not nearly empty, else the usual one."""
     for spacing in map(str, SPACINGS):
@@ -140,7 +125,8 @@ def _choose_spacing(typst: Any, inputs: dict[str, str], font_options: dict[str, 
         end = typst.query(
             str(TEMPLATE), "<end>", field="value", one=True, sys_inputs=sys_inputs, **font_options
         )
-        if _is_filled(**json.loads(end)):
+        place = json.loads(end)
+        if place["page"] == 1 or place["y"] >= LEAST_FILLED_MM:
             return spacing
     return str(SPACINGS[0])
 

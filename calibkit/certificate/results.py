@@ -2,9 +2,10 @@
 are rendered as.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Context, Decimal
-from typing import Literal
+from typing import Literal, Self
 
 from calibkit.certificate.words import Words
 from calibkit.numeric import gum
@@ -23,8 +24,24 @@ class Contribution:
     unit: str
     distribution: str
     dof: float
-    sensitivity: float
-    contribution: float
+    sensitivity: float = 1.0
+
+    @property
+    def contribution(self) -> float:
+        """Standard uncertainty of the result that comes from it."""
+        return abs(self.sensitivity) * self.standard_uncertainty
+
+    @property
+    def component(self) -> gum.UncertaintyComponent:
+        """The input as a component that can be combined with others."""
+        return gum.UncertaintyComponent(
+            self.name.en,
+            0.0,
+            self.standard_uncertainty,
+            "A" if self.kind == "A" else "B",
+            self.sensitivity,
+            self.dof,
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +56,19 @@ class Uncertainty:
     coverage_factor: float
     expanded_uncertainty: float
     probability: float
+
+    @classmethod
+    def of(cls, contributions: Sequence[Contribution]) -> Self:
+        """Combined and expanded uncertainty of contributions."""
+        expanded = gum.combine_cautiously([part.component for part in contributions])
+        return cls(
+            tuple(contributions),
+            expanded.standard_uncertainty,
+            expanded.effective_dof,
+            expanded.coverage_factor,
+            expanded.expanded_uncertainty,
+            expanded.probability,
+        )
 
 
 @dataclass(frozen=True, slots=True)

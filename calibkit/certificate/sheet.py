@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from calibkit.certificate import circumstances, judgements, names, plots, tables
+from calibkit.certificate import circumstances, conformity, names, plots, tables
 from calibkit.certificate.circumstances import Rows, in_words, list_given
+from calibkit.certificate.conformity import ConformityStatement
 from calibkit.certificate.content import VALIDATION, Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
@@ -25,6 +26,20 @@ from calibkit.certificate.words import (
 from calibkit.numeric import gum
 from calibkit.records.coefficients import Criterion
 from calibkit.records.new_files import RUN_FILE
+
+LIMITS = Words("limits")
+"""Head of the column whose entries state the unit of a row."""
+CONFORMITY_HEADS = (
+    Words("result"),
+    Words("specification"),
+    tables.VALUE,
+    tables.U,
+    tables.K,
+    LIMITS,
+    Words("acceptance limits"),
+    Words("rule"),
+    Words("decision"),
+)
 
 
 def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict[str, Any]:
@@ -53,12 +68,14 @@ def sheet(certificate: Certificate, lang: Lang, *, signed: bool = False) -> dict
         "method": _method(certificate, lang),
         "conditions": circumstances.lay_out_conditions(certificate, lang),
         "traceability": circumstances.lay_out_traceability(profile, lang),
-        "accreditation": circumstances.lay_out_accreditation(certificate, lang),
+        "accreditation": Words.literal(" ")
+        .join(circumstances.describe_accreditation(certificate))
+        .of(lang),
         "reproduction": profile.certificate.reproduction or SENTENCES["reproduction"].of(lang),
         "principal": _principal(certificate, lang),
         "blocks": [_block(block, certificate, lang) for block in certificate.blocks],
         "as_found": _as_found(certificate, lang),
-        "conformity": judgements.lay_out_conformity(certificate, lang),
+        "conformity": _conformity(certificate, lang),
         "budgets": _budgets(certificate, lang),
         "data": _data(certificate, lang),
         "remarks": [text for text in profile.remarks if text.strip()],
@@ -128,16 +145,16 @@ def _item(certificate: Certificate, lang: Lang) -> Rows:
 def _method(certificate: Certificate, lang: Lang) -> Rows:
     """Procedure with revision, software, deviations, external providers, excluded data."""
     method, run = certificate.profile.method, certificate.run
+    revision, *further = circumstances.list_method(certificate.profile)
     return in_words(
         [
             (Words("Method"), method.name),
-            (Words("Revision"), method.revision),
+            revision,
             (
                 Words("Evaluation"),
                 f"{run.software}, {run.recipe} ({run.procedure}), {run.name}",
             ),
-            (Words("Deviations from the method"), method.deviations),
-            (Words("From external providers"), method.external_providers),
+            *further,
             *(
                 (Words("Left out"), f"{item}: {reason} ({person})")
                 for item, reason, person in run.excluded
@@ -207,13 +224,9 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = names.name_criterion(criterion.name), criterion.passed
-    limit_source, value_text, limit = Words("Limit of the recipe"), "", ""
-    if criterion.set_by == "recipe":
-        value_text = tables.format_beside(criterion.value, criterion.limit)
-        limit = tables.format_exact(criterion.limit)
-    else:
-        limit_source = Words("Limit of the evaluation")
-        value_text, limit = tables.format_pair(criterion.value, criterion.limit)
+    is_stated = criterion.set_by == "recipe"
+    limit_source = Words("Limit of the recipe") if is_stated else Words("Limit of the evaluation")
+    value_text, limit = tables.format_beside(criterion.value, criterion.limit, is_stated=is_stated)
     bound = with_unit(limit, unit_mark(criterion.unit))
     verdict = Words("met") if passed else Words("NOT met")
     return Words(
@@ -248,6 +261,43 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     return tables.text_table(
         heads, align, table_rows, lang, title=title, notes=[note] if certain else []
     )
+
+
+def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
+    """Statements of conformity, with the decision rules that they rest on and their risks."""
+    statements = certificate.statements
+    if not statements:
+        text = Words("No statement of conformity was asked for.")
+        return {"text": text.of(lang), "table": None, "rules": []}
+    text = Words("Compared without rounding, in the unit of the limits.")
+    rows = [_judged_row(statement, lang) for statement in statements]
+    rules = sorted({s.rule for s in statements})
+    return {
+        "text": text.of(lang),
+        "table": tables.text_table(CONFORMITY_HEADS, "llrrrllll", rows, lang),
+        "rules": [
+            f"{(conformity.RULES[rule] + Words('. ') + conformity.RISKS[rule]).of(lang)}"
+            for rule in rules
+        ],
+    }
+
+
+def _judged_row(s: ConformityStatement, lang: Lang) -> list[str]:
+    """Row of one statement of conformity."""
+    limits = (s.specification.lower, s.specification.upper)
+    limit_texts = [None if limit is None else tables.format_exact(limit) for limit in limits]
+    accepted = [
+        tables.format_acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
+    ]
+    return [
+        names.name_result(s.result).of(lang),
+        " ".join(filter(None, (s.specification.name, s.specification.source))),
+        *tables.format_stated(s.result),
+        with_unit(tables.format_limits(*limit_texts), unit_mark(s.result.unit)),
+        tables.format_limits(*accepted),
+        conformity.RULE_NAMES[s.rule].of(lang),
+        conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else ""),
+    ]
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:

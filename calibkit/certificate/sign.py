@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from calibkit.certificate import verify_signature
+from calibkit.certificate.signature_trust import Demands
 from calibkit.certificate.signing_key import Key, quiet
 from calibkit.errors import OutputError, UsageError
 
@@ -33,6 +35,18 @@ def sign_document(document: bytes, by: Any, key: Key, role: str = "") -> Signed:
     """
     with quiet():
         return asyncio.run(_sign(document, by, key, role))
+
+
+def sign_checked(document: bytes, signer: Any, key: Key, role: str = "") -> Signed:  # noqa: ANN401 (a class of an optional library)
+    """A document with one signature more; OutputError where it would not verify."""
+    signed = sign_document(document, signer, key, role)
+    signatures = verify_signature.check_signatures(signed.document, Demands(now=key.now))
+    if faults := [fault for signature in signatures for fault in signature.faults]:
+        raise OutputError(
+            f"--sign {key.path}: the signature does not verify: {faults[0]}",
+            hint="sign with another key, or without --timestamp",
+        )
+    return signed
 
 
 async def _sign(document: bytes, by: Any, key: Key, role: str) -> Signed:  # noqa: ANN401 (a class of an optional library)

@@ -84,13 +84,6 @@ def format_result(result: Result | None) -> tuple[str, str]:
     )
 
 
-def format_factor(result: Result | None) -> str:
-    """Coverage factor of a result's U; empty where it has none, or an interval instead."""
-    if result is None or result.uncertainty is None or result.interval is not None:
-        return ""
-    return format_coverage(result.uncertainty.coverage_factor)
-
-
 def format_coverage(factor: float | None) -> str:
     """Coverage factor to two decimal places, 2 as it is; empty for none."""
     return "" if factor is None else f"{factor:.2f}".removesuffix(".00")
@@ -98,7 +91,9 @@ def format_coverage(factor: float | None) -> str:
 
 def format_stated(result: Result | None) -> tuple[str, str, str]:
     """Value, U (or the coverage interval of a magnitude) and coverage factor, as printed."""
-    return (*format_result(result), format_factor(result))
+    uncertainty = None if result is None or result.interval is not None else result.uncertainty
+    factor = None if uncertainty is None else uncertainty.coverage_factor
+    return (*format_result(result), format_coverage(factor))
 
 
 def format_plain(value: float | None, digits: int = 4) -> str:
@@ -128,33 +123,23 @@ def format_limits(lower: str | None, upper: str | None) -> str:
     return f"≥ {lower}" if upper is None else f"{lower} … {upper}"
 
 
-def format_beside(value: float, limit: float) -> str:
-    """A number beside a limit that it was judged by: to the limit's place, and as far as it takes
-    to lie on its side.
+def format_beside(value: float, limit: float, *, is_stated: bool) -> tuple[str, str]:
+    """A number beside a limit that it was judged by, in as few digits as show on which side it
+    lies: the limit as it was stated, and the number to its place at least; a computed limit in as
+    many digits as the number.
     """
     if not (math.isfinite(value) and math.isfinite(limit)):
-        return format_plain(value)
-    exact_value, exact_limit = Decimal(repr(value)), Decimal(repr(limit))
-    first = max(
-        FEWEST, exact_value.adjusted() - int(exact_limit.normalize().as_tuple().exponent) + 1
-    )
+        return format_plain(value), format_plain(limit)
+    side, first = (value > limit, value < limit), FEWEST
+    if is_stated:
+        last_place = int(Decimal(repr(limit)).normalize().as_tuple().exponent)
+        first = max(FEWEST, Decimal(repr(value)).adjusted() - last_place + 1)
     for digits in range(first, MOST_DIGITS):
-        rounded_value = Decimal(f"{value:.{digits}g}")
-        rounded_side = (rounded_value > exact_limit, rounded_value < exact_limit)
-        if rounded_side == (exact_value > exact_limit, exact_value < exact_limit):
-            return format_plain(value, digits)
-    return format_exact(value)
-
-
-def format_pair(value: float, limit: float) -> tuple[str, str]:
-    """A number and the computed limit that it was judged by, in as few digits as show on which side
-    it lies.
-    """
-    for digits in range(FEWEST, MOST_DIGITS):
-        rounded_value, rounded_limit = (float(f"{number:.{digits}g}") for number in (value, limit))
-        rounded_side = (rounded_value > rounded_limit, rounded_value < rounded_limit)
-        if rounded_side == (value > limit, value < limit):
-            return format_plain(value, digits), format_plain(limit, digits)
+        rounded_limit = limit if is_stated else float(f"{limit:.{digits}g}")
+        rounded_value = float(f"{value:.{digits}g}")
+        if (rounded_value > rounded_limit, rounded_value < rounded_limit) == side:
+            shown_limit = format_exact(limit) if is_stated else format_plain(limit, digits)
+            return format_plain(value, digits), shown_limit
     return format_exact(value), format_exact(limit)
 
 
@@ -191,7 +176,7 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     left = has_symbols + has_names
     heads = [*[Words("")] * left, VALUE, U, K, unit] * parts
     align = ("l" * left + "rrrl") * parts
-    notes = (table.note, _factor_words(table.results), _outside_words(table.results))
+    notes = (table.note, *_list_notes(table.results))
     return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
 
@@ -259,7 +244,7 @@ def _part(table: GridTable, column_slice: slice, lang: Lang, *, last: bool) -> d
         for row, unit in zip(rows, table.units, strict=True):
             row.append(unit_mark(unit) or "1")
     results = [r for row in table.cells for r in row if r is not None]
-    notes = (table.note, _factor_words(results), _outside_words(results)) if last else ()
+    notes = (table.note, *_list_notes(results)) if last else ()
     return text_table(heads, align, rows, lang, table.title, notes, groups)
 
 
@@ -297,6 +282,12 @@ def text_table(
     }
 
 
+def _list_notes(results: Sequence[Result]) -> list[Words | None]:
+    """What U is in a table, and what a mark of results outside the scope stands for."""
+    is_outside = any(result.outside_scope for result in results)
+    return [_factor_words(results), OUTSIDE if is_outside else None]
+
+
 def _factor_words(results: Sequence[Result]) -> Words | None:
     """What U is in a table, and the degrees of freedom where they are few."""
     brackets = Words(
@@ -304,29 +295,20 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         " a deviation chi-square."
     )
     bracketed = any(r.interval is not None for r in results)
-    uncertainties = [
-        r.uncertainty for r in results if r.uncertainty is not None and r.interval is None
+    dofs = [
+        r.uncertainty.effective_dof
+        for r in results
+        if r.uncertainty is not None and r.interval is None
     ]
-    if not uncertainties:
+    if not dofs:
         return brackets if bracketed else None
-    dofs = [uncertainty.effective_dof for uncertainty in uncertainties]
-    few_dof = _few([dof for dof in dofs if dof < gum.FEW_DOF])
-    words = Words("U = k·u, coverage probability about 95 %{few_dof}.", few_dof=few_dof)
+    few_dofs = [math.floor(dof) for dof in dofs if dof < gum.FEW_DOF]
+    student = Words("")
+    if few_dofs:
+        span = " … ".join(f"{dof}" for dof in sorted({min(few_dofs), max(few_dofs)}))
+        student = Words("; k of Student with ν_eff = {span}", span=span)
+    words = Words("U = k·u, coverage probability about 95 %{student}.", student=student)
     return words + Words(" {sentence}", sentence=brackets) if bracketed else words
-
-
-def _outside_words(results: Iterable[Result]) -> Words | None:
-    """What a mark of results outside the scope of an accreditation stands for."""
-    return OUTSIDE if any(result.outside_scope for result in results) else None
-
-
-def _few(dof: Sequence[float]) -> Words:
-    """Fewest effective degrees of freedom, where Student's distribution gives k."""
-    if not dof:
-        return Words("")
-    low, high = math.floor(min(dof)), math.floor(max(dof))
-    span = f"{low}" if low == high else f"{low} … {high}"
-    return Words("; k of Student with ν_eff = {span}", span=span)
 
 
 def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from calibkit import units
 from calibkit.certificate.results import Contribution, Uncertainty
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
-from calibkit.numeric import gum
 from calibkit.recipe import TypeB, type_b
 from calibkit.records.sensitivities import Kind
 
@@ -59,59 +58,24 @@ class TypeBTerms:
         and degrees of freedom. Below one degree of freedom there is no coverage factor: a result
         with such a contribution is stated without an uncertainty, which it would make too small.
         """
-        counted = [(name, u, dof) for name, u, dof in type_a if u > 0.0]
-        # one degree less a rounding error is one
-        if any(dof < 1.0 - 1e-9 for _, _, dof in counted):
-            return None
-        parts = [
-            (gum.UncertaintyComponent(name.en, estimate, u, "A", 1.0, max(dof, 1.0)), name, "", "")
-            for name, u, dof in counted
+        contributions = [
+            Contribution(name, "A", "", u, "", "normal", dof) for name, u, dof in type_a if u > 0.0
         ]
+        # one degree less a rounding error is one
+        if any(part.dof < 1.0 - 1e-9 for part in contributions):
+            return None
+        contributions = [replace(part, dof=max(part.dof, 1.0)) for part in contributions]
         for term in self.terms:
             derivatives = _derivative(term, influences)
             if {term.quantity, term.result} & {*names, *derivatives}:
-                parts += _apply(term, names, estimate, unit, derivatives)
+                contributions += _apply(term, names, estimate, unit, derivatives)
                 continue
             for part in parts_of:
                 if {term.quantity, term.result} & {*part.names}:
-                    parts += [
-                        (
-                            replace(component, sensitivity=part.weight * component.sensitivity),
-                            name,
-                            quantity,
-                            part_unit,
-                        )
-                        for component, name, quantity, part_unit in _apply(
-                            term, part.names, part.value, part.unit, {}
-                        )
-                    ]
-        return _combine(parts) if parts else None
-
-
-def _combine(parts: Sequence[tuple[gum.UncertaintyComponent, Words, str, str]]) -> Uncertainty:
-    """Combined and expanded uncertainty of components, each with its name, quantity and unit."""
-    expanded = gum.combine_cautiously([part for part, *_ in parts])
-    return Uncertainty(
-        tuple(
-            Contribution(
-                name,
-                part.kind,
-                quantity,
-                part.standard_uncertainty,
-                own_unit,
-                part.distribution,
-                part.dof,
-                part.sensitivity,
-                abs(part.sensitivity) * part.standard_uncertainty,
-            )
-            for part, name, quantity, own_unit in parts
-        ),
-        expanded.standard_uncertainty,
-        expanded.effective_dof,
-        expanded.coverage_factor,
-        expanded.expanded_uncertainty,
-        expanded.probability,
-    )
+                    for entry in _apply(term, part.names, part.value, part.unit, {}):
+                        through_part = part.weight * entry.sensitivity
+                        contributions.append(replace(entry, sensitivity=through_part))
+        return Uncertainty.of(contributions) if contributions else None
 
 
 def _derivative(term: TypeB, influences: Influences) -> dict[str, tuple[float, float]]:
@@ -131,8 +95,8 @@ def _apply(
     estimate: float,
     unit: str,
     sensitivities: Mapping[str, tuple[float, float]],
-) -> list[tuple[gum.UncertaintyComponent, Words, str, str]]:
-    """Components that a result has from a type B term, each with its name, quantity and unit."""
+) -> list[Contribution]:
+    """Contributions that a result has from a type B term."""
     result_unit = unit if stated_term.quantity in names else None
     term = _in_base(stated_term, result_unit)
     result_name = next((name for name in names if name in (term.quantity, term.result)), names[0])
@@ -141,15 +105,15 @@ def _apply(
         # the derivative is by an error in proportion to the readings: the budget states it in ppm
         unit_of_part, share = term.unit, type_b.RELATIVE[term.unit]
     return [
-        (
-            replace(
-                part,
-                standard_uncertainty=part.standard_uncertainty / share,
-                sensitivity=part.sensitivity * share,
-            ),
+        Contribution(
             Words.literal(part.name),
+            part.kind,
             term.quantity,
+            part.standard_uncertainty / share,
             unit_of_part,
+            part.distribution,
+            part.dof,
+            part.sensitivity * share,
         )
         for part in type_b.terms_of((term,), result_name, estimate, sensitivities).components
         if part.sensitivity

@@ -192,7 +192,7 @@ def sign(
     calibkit sign certificate.pdf --key own.p12 --role checked --out checked.pdf
     calibkit sign c.pdf --key head.p12 --role approved --trust lab.pem --out d.pdf
     """
-    from calibkit.certificate.countersign import countersign
+    from calibkit.certificate.certify import countersign
     from calibkit.instruments import certificate_layout
 
     warnings = countersign(

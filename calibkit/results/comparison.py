@@ -376,20 +376,9 @@ def combine_both(
             and all(getattr(part, key) == getattr(other, key) for key in STATED)
         ):
             sensitivity -= of_then.pop(part.name.en).sensitivity
-        independent.append((part, sensitivity))
-    of_then_alone = (p for p in result_then.contributions if p.kind == "A" or p.name.en in of_then)
-    independent += [(part, part.sensitivity) for part in of_then_alone]
-    return [
-        gum.UncertaintyComponent(
-            part.name.en,
-            0.0,
-            part.standard_uncertainty,
-            "A" if part.kind == "A" else "B",
-            sensitivity,
-            part.dof,
-        )
-        for part, sensitivity in independent
-    ]
+        independent.append(replace(part, sensitivity=sensitivity))
+    independent += (p for p in result_then.contributions if p.kind == "A" or p.name.en in of_then)
+    return [part.component for part in independent]
 
 
 def factor_of_largest(

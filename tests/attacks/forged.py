@@ -14,7 +14,7 @@ from pathlib import Path
 
 from attacks import documents, signed
 from calibkit import instruments, recipe
-from calibkit.certificate import certify, countersign, signature_trust, verify_signature
+from calibkit.certificate import certify, signature_trust, verify_signature
 from calibkit.certificate.signing_key import Key
 from calibkit.commands import inspection, pipeline
 from calibkit.errors import CalibkitError, RecipeError
@@ -278,7 +278,7 @@ def attack_trust(plain, own, stranger, folder, url, root, count):
         key = Key(own, authority.SECRET, authority.NOW)
 
         def approve(path=path, out=out, key=key):
-            countersign.countersign(
+            certify.countersign(
                 path, out, instruments.certificate_layout, key, "approved", (root,), dry_run=False
             )
 

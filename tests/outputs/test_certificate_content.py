@@ -416,7 +416,10 @@ def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
     simple = conformity.judge_results(
         [limits(9958.61, None, "simple")], [result(9958.678, 0.0562)], "simple"
     )[0]
-    assert tables.format_acceptance(simple.acceptance[0], simple.lower, simple.result) == "9958.61"
+    assert (
+        tables.format_acceptance(simple.acceptance[0], simple.specification.lower, simple.result)
+        == "9958.61"
+    )
     assert tables.format_limits("1", None) == "≥ 1"
     assert tables.format_limits(None, "2") == "≤ 2"
     assert tables.format_limits("1", "2") == "1 … 2"
@@ -440,7 +443,7 @@ def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, s
     """Four digits made 1 of 0.99996 beside the limit 1: printed it lies on the side that it was
     judged to lie on.
     """
-    assert tables.format_beside(value, limit) == shown
+    assert tables.format_beside(value, limit, is_stated=True)[0] == shown
 
 
 def test_a_result_has_the_degrees_of_freedom_of_the_coefficients_that_it_is_made_of():

@@ -13,7 +13,6 @@ from calibkit import instruments, recipe
 from calibkit.certificate import (
     conformity,
     content,
-    judgements,
     names,
     pdf,
     profile,
@@ -203,7 +202,7 @@ def test_a_unit_has_one_solidus_and_every_u_has_its_unit(certificate_of, name, l
     shown = sheet.sheet(certificate, lang)
     for text in texts([tables_of(shown), shown["budgets"]]):
         assert not re.search(r"[^\s/()\[\]]/[^\s/()\[\]]+/", text), text
-    unit = {tables.UNIT.of(lang), tables.UNIT_OF_BOTH.of(lang), judgements.LIMITS.of(lang)}
+    unit = {tables.UNIT.of(lang), tables.UNIT_OF_BOTH.of(lang), sheet.LIMITS.of(lang)}
     for table in tables_of(shown):
         for head in table["heads"]:
             assert head != "U" or unit & {*table["heads"]}, table["heads"]

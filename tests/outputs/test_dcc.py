@@ -401,7 +401,7 @@ def test_limits_and_conditions_are_quantities(run):
     for statement, one in zip(made.statements, listed, strict=True):
         factor = dsi(statement.result.unit).factor
         for kind, pair in (
-            ("toleranceLimit", (statement.lower, statement.upper)),
+            ("toleranceLimit", (statement.specification.lower, statement.specification.upper)),
             ("acceptanceLimit", statement.acceptance),
         ):
             for end, value in zip(("minimum", "maximum"), pair, strict=True):
