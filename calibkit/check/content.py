@@ -219,39 +219,34 @@ def find_gaps(log: Log, limit_s: float) -> list[Finding]:
     if not log.steps.shortest > 0.0:
         return []
     before, step = _locate_gaps(log)
-    long = step > limit_s
-    refused = [
-        _refuse_gap(log, int(k), float(length), limit_s)
-        for k, length in zip(before[long], step[long], strict=True)
-    ]
-    return [*refused, *_warn_of_gaps(log, before[~long], step[~long])]
-
-
-def _locate_gaps(log: Log) -> tuple[Integers, Array]:
-    """Rows [m] before a gap in time, and the gaps [m, s]."""
-    limit = GAP * log.steps.usual
-    if not log.steps.longest > limit:
-        return np.zeros(0, dtype=np.int64), np.zeros(0)
-    time = values(log.frame, "time_s")
-    before = np.flatnonzero(np.diff(time) > limit)
-    return before, time[before + 1] - time[before]
-
-
-def _refuse_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
-    """A gap that is refused."""
-    observation = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):.12g} s"
-    advice = "split the log at the gap, or raise max_gap_s in the recipe"
-    left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
-    if left_out > 0 and log.excluded_rows:
-        observation += f", made by [[exclude]], which leaves out {left_out} rows"
-        advice = (
-            "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
-            " the recipe"
+    seconds, index = log.frame["time_s"], log.frame.index
+    findings = []
+    for k, length in zip(before.tolist(), step.tolist(), strict=True):
+        if length <= limit_s:
+            continue
+        observation = f"a gap of {length:g} s at {float(seconds.iloc[k]):.12g} s"
+        advice = "split the log at the gap, or raise max_gap_s in the recipe"
+        left_out = int(index[k + 1]) - int(index[k]) - 1
+        if left_out > 0 and log.excluded_rows:
+            observation += f", made by [[exclude]], which leaves out {left_out} rows"
+            advice = (
+                "exclude from the log's start or to its end, split the log there, or raise"
+                " max_gap_s in the recipe"
+            )
+        # finding gap: rows are missing for longer than the recipe allows
+        finding = finding_at_row(
+            log,
+            k + 1,
+            "time_s",
+            observation,
+            f"at most {limit_s:g} s",
+            advice,
+            "gap",
+            figure=length,
         )
-    # finding gap: rows are missing for longer than the recipe allows
-    return finding_at_row(
-        log, k + 1, "time_s", observation, f"at most {limit_s:g} s", advice, "gap", figure=step
-    )
+        findings.append(finding)
+    short = step <= limit_s
+    return [*findings, *_warn_of_gaps(log, before[short], step[short])]
 
 
 def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
@@ -276,10 +271,17 @@ def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
     ]
 
 
-def flag_bridged_gaps(
-    log: Log,
-    result: str = "the compensation runs across a gap and knows nothing of what happened in it",
-) -> list[str]:
+def _locate_gaps(log: Log) -> tuple[Integers, Array]:
+    """Rows [m] before a gap in time, and the gaps [m, s]."""
+    limit = GAP * log.steps.usual
+    if not log.steps.longest > limit:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    time = values(log.frame, "time_s")
+    before = np.flatnonzero(np.diff(time) > limit)
+    return before, time[before + 1] - time[before]
+
+
+def flag_bridged_gaps(log: Log) -> list[str]:
     """Flag for the gaps that a compensation with a memory runs across: their number, the longest,
     the time they take, and what becomes of them.
 
@@ -295,7 +297,8 @@ def flag_bridged_gaps(
     return [
         (
             f"{log.place(k + 1)}: {count} of {step.max():g} s from"
-            f" {float(log.frame['time_s'].iloc[k]):.12g} s: {result}"
+            f" {float(log.frame['time_s'].iloc[k]):.12g} s: the compensation runs across a gap and"
+            " knows nothing of what happened in it"
         )
     ]
 

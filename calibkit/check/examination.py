@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.numeric.arrays import Array
-    from calibkit.records.frame import Held, Log
+    from calibkit.records.frame import Log
 
 
 class _Examiner(Protocol):
@@ -68,7 +67,20 @@ def examine_log(procedure: _Examiner, spec: object, data: Path, file: str) -> _E
         # finding unusable: the log is read, and cannot be used as the message states
         examined = Examined((Finding.of(error),))
     findings, log_facts = examined.findings, facts.Facts.describe(log)
-    conditions = tuple(_describe_held(log, part) for part in examined.held)
+    timed = "time_s" in log.frame.columns
+    abscissa = values(log.frame, "time_s") if timed else np.arange(float(len(log.frame)))
+    conditions = tuple(
+        HeldCondition(
+            part.kind,
+            float(abscissa[part.start]),
+            float(abscissa[part.stop - 1]),
+            part.level,
+            part.unit,
+            part.stop - part.start,
+            part.pinned,
+        )
+        for part in examined.held
+    )
     report = LogReport(file, log.sha256, log.reading, log.notes, log_facts, conditions, findings)
     slope, level, lag = None, None, 0.0
     if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
@@ -79,7 +91,21 @@ def examine_log(procedure: _Examiner, spec: object, data: Path, file: str) -> _E
         level = magnitude.measure_level(indication)
         time, air = (values(log.frame, name) for name in ("time_s", "temp_env_degc"))
         lag = thermometers.measure_lag(time, case, air)
-    drawn = _draw_log(log, log_facts, conditions, findings)
+    drawn = LogFigure(
+        log.file,
+        "time [s]" if timed else "row",
+        tuple(
+            Curve(column.name, *envelope(abscissa, values(log.frame, column.name)))
+            for column in log_facts.columns
+        ),
+        tuple((part.kind, part.first, part.last) for part in conditions),
+        tuple(
+            (finding.time_s, finding.name, finding.severity)
+            for finding in findings
+            if finding.time_s is not None
+        ),
+        tuple((part.low, part.high, part.share) for part in log_facts.occupancy),
+    )
     return _Examination(report, drawn, slope, level, lag, copies.Content.of(log))
 
 
@@ -132,8 +158,14 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
                 for column in log_facts.columns
                 if column.name in THERMOMETERS and column.missing < log_facts.rows
             ]
+    contents = [outcome.content for outcome in outcomes if outcome.content is not None]
+    # finding copy: the same measurement under two names: the same bytes, the same values, or these
+    # with another start, fewer rows or fewer digits
     return [
-        *_copies(outcomes),
+        *(
+            (file, Finding(file, original, "another log", copies.KEEP_ONE, name="copy"))
+            for file, original in copies.find_copies(contents)
+        ),
         *magnitude.find_compensated_logs(slopes),
         *magnitude.find_turned_logs(
             {o.report.file: o.level for o in outcomes if o.level is not None}
@@ -142,61 +174,3 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
         *thermometers.find_late(driven),
         *thermometers.find_other_units(measured),
     ]
-
-
-def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
-    """Logs that came in twice under two names, with the finding of each: one would confirm the
-    other.
-    """
-    logs = [outcome.content for outcome in outcomes if outcome.content is not None]
-    # finding copy: the same measurement under two names: the same bytes, the same values, or these
-    # with another start, fewer rows or fewer digits
-    return [
-        (file, Finding(file, original, "another log", copies.KEEP_ONE, name="copy"))
-        for file, original in copies.find_copies(logs)
-    ]
-
-
-def _describe_held(log: Log, condition: Held) -> HeldCondition:
-    """A held condition by its time."""
-    abscissa = _abscissa(log)
-    return HeldCondition(
-        condition.kind,
-        float(abscissa[condition.start]),
-        float(abscissa[condition.stop - 1]),
-        condition.level,
-        condition.unit,
-        condition.stop - condition.start,
-        condition.pinned,
-    )
-
-
-def _abscissa(log: Log) -> Array:
-    """Time [n, s] of a log's rows where it has one, else their numbers [n]."""
-    frame = log.frame
-    return values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
-
-
-def _draw_log(
-    log: Log,
-    described: facts.Facts,
-    conditions: Sequence[HeldCondition],
-    findings: Sequence[Finding],
-) -> LogFigure:
-    """Curves of every column over time or row, thinned to their envelope."""
-    abscissa = _abscissa(log)
-    return LogFigure(
-        log.file,
-        "time [s]" if "time_s" in log.frame.columns else "row",
-        tuple(
-            Curve(column.name, *envelope(abscissa, values(log.frame, column.name)))
-            for column in described.columns
-        ),
-        tuple((part.kind, part.first, part.last) for part in conditions),
-        tuple(
-            (finding.time_s, finding.name, finding.severity)
-            for finding in findings
-            if finding.time_s is not None
-        ),
-        tuple((part.low, part.high, part.share) for part in described.occupancy),
-    )

@@ -170,7 +170,8 @@ def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
     data, table_rate = values(log.frame, column), values(log.frame, rate)
     if any(low == high for low, high in (log.extremes(column), log.extremes(rate))):
         return []
-    correlation = _correlation(data, table_rate)
+    x, y = data - data.mean(), table_rate - table_rate.mean()
+    correlation = float(x @ y / np.sqrt((x @ x) * (y @ y)))
     if correlation > -0.9:
         return []
     # finding sign: counts of a gyro fall while the table turns faster
@@ -344,9 +345,3 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
             f" {3.0 * uncertainty:.2f}, expected 1: {why}; or it is another gyro's"
         )
     ]
-
-
-def _correlation(first: Array, second: Array) -> float:
-    """Correlation coefficient of two series [n], neither of them constant."""
-    x, y = first - first.mean(), second - second.mean()
-    return float(x @ y / np.sqrt((x @ x) * (y @ y)))

@@ -131,21 +131,17 @@ class Judgement:
         determined = "; ".join(self.determines) or (
             "not tried" if self.exports is None else "nothing"
         )
+        outcome = f"{'this' if self.exports else 'no correction'}: {self.verdict}"
+        if self.exit_code:
+            outcome = f"nothing: exit code {self.exit_code}"
         return [
             f"This campaign determines: {determined}",
             *(f"  missing: {lack}" for lack in self.lacks),
-            *([f"  fit would {self._outcome()}"] if self.exports is not None else ()),
+            *([f"  fit would export {outcome}"] if self.exports is not None else ()),
             *(f"  {result}" for result in self.reached),
             *(f"  {prediction}" for prediction in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),
         ]
-
-    def _outcome(self) -> str:
-        """What a fit would do."""
-        if self.exit_code:
-            return f"export nothing: exit code {self.exit_code}"
-        export_text = "export this" if self.exports else "export no correction"
-        return f"{export_text}: {self.verdict}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -250,7 +246,13 @@ def report_document(campaign: CheckedCampaign) -> dict[str, Any]:
     then each log, and what all of them determine.
     """
     reports, judgement = campaign.logs, campaign.judgement
-    logs = [_log_entry(report) for report in reports]
+    logs = []
+    for report in reports:
+        findings = [asdict(finding) | {"refused": finding.refused} for finding in report.findings]
+        for finding in findings:
+            del finding["column"]  # its place names it
+        entry = {name: value for name, value in asdict(report).items() if name != "file"}
+        logs.append({"log": report.file, **entry, "findings": findings})
     content = {"logs": logs, "campaign": asdict(judgement)}
     refused = [finding for report in reports for finding in report.findings if finding.refused]
     if not refused and judgement.exit_code:
@@ -263,26 +265,6 @@ def report_document(campaign: CheckedCampaign) -> dict[str, Any]:
     message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
     error = {"code": FrameError.code, "message": message, "hint": first.advice}
     return {"ok": False, "error": error, **content}
-
-
-def _log_entry(report: LogReport) -> dict[str, Any]:
-    """JSON object of one log."""
-    return {
-        "log": report.file,
-        "sha256": report.sha256,
-        "reading": list(report.reading),
-        "notes": list(report.notes),
-        "facts": asdict(report.facts) if report.facts else None,
-        "held": [asdict(condition) for condition in report.held],
-        "findings": [_finding_entry(finding) for finding in report.findings],
-    }
-
-
-def _finding_entry(finding: Finding) -> dict[str, Any]:
-    """JSON object of one finding; its place names the column."""
-    entry = asdict(finding) | {"refused": finding.refused}
-    del entry["column"]
-    return entry
 
 
 def _describe_facts(facts: Facts) -> list[str]:

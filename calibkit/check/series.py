@@ -152,27 +152,18 @@ def check_driven_indication(
     # an indication of held rates may be coarser than its noise: only values at an extreme are
     # called clipped then
     at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
-    return [
-        *_report_stuck(log, column, data, _merge_runs(runs, noisy[at_end]), unit),
-        *_check_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
-    ]
-
-
-def _check_held_spikes(
-    log: Log, column: str, data: Array, cause: Array, unit: str, least_height: float
-) -> list[Finding]:
-    """Spikes of an indication while what drives it is held, each hold by its own scatter: an
-    acceleration is no spike.
-    """
-    low, high = chunks.extremes(cause)
-    limit, shortest = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6
-    moving = np.flatnonzero(np.abs(np.diff(cause)) > limit) + 1
+    findings = _report_stuck(log, column, data, _merge_runs(runs, noisy[at_end]), unit)
+    # each hold by its own scatter: an acceleration is no spike
+    moving = np.flatnonzero(np.abs(np.diff(cause)) > 1e-3 * (high - low)) + 1
+    shortest = 8 * anomalies.WIDTH + 6
     spike_rows = [
-        anomalies.spikes(data[a + 3 : b - 3], smallest_departure=least_height) + a + 3
+        anomalies.spikes(data[a + 3 : b - 3], smallest_departure=UNEVEN * full_span) + a + 3
         for a, b in pairwise([0, *moving.tolist(), data.size])
         if b - a >= shortest
     ]
-    return _report_spikes(log, column, data, np.concatenate(spike_rows), unit) if spike_rows else []
+    if spike_rows:
+        findings += _report_spikes(log, column, data, np.concatenate(spike_rows), unit)
+    return findings
 
 
 def _check_spikes(

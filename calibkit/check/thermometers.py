@@ -237,12 +237,14 @@ def find_lost_sign(log: Log, column: str) -> list[Finding]:
         return []
     data, time = values(log.frame, column), values(log.frame, "time_s")
     row = int(np.argmin(data))
-    rates = np.array(
-        [
-            [_rate(time, data, row, seconds, way=way) for seconds in (TURN_S, COURSE_S)]
-            for way in (-1, 1)
-        ]
-    )
+    # rates [°C/min] before and after the lowest reading, in its turn and in its course
+    rates = np.zeros((2, 2))
+    for side, way in enumerate((-1.0, 1.0)):
+        for k, seconds in enumerate((TURN_S, COURSE_S)):
+            ends = sorted((time[row], time[row] + way * seconds))
+            first, stop = np.searchsorted(time, ends, side="left")
+            if stop - first >= 5 and abs(time[stop - 1] - time[first]) >= 0.5 * seconds:
+                rates[side, k] = segments.straight_slope(time[first:stop], data[first:stop])
     turn, course = rates[:, 0] * [-1.0, 1.0], rates[:, 1] * [-1.0, 1.0]
     if not (
         course.min() > LEAST_RATE_DEGC_MIN
@@ -265,17 +267,6 @@ def find_lost_sign(log: Log, column: str) -> list[Finding]:
             figure=float(low),
         )
     ]
-
-
-def _rate(time: Array, data: Array, row: int, seconds: float, *, way: int) -> float:
-    """Rate [°C/min] of a temperature over some seconds before or after a row, by least squares; 0
-    where the log has fewer than five rows there.
-    """
-    ends = sorted((time[row], time[row] + way * seconds))
-    first, stop = np.searchsorted(time, ends, side="left")
-    if stop - first < 5 or abs(time[stop - 1] - time[first]) < 0.5 * seconds:
-        return 0.0
-    return segments.straight_slope(time[first:stop], data[first:stop])
 
 
 def check_pair(log: Log, case: str, air: str) -> list[Finding]:
@@ -305,11 +296,23 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
             )
         ]
     lead = _fit_lead(values(log.frame, "time_s"), a, b)
-    return (
-        _find_unit(log, case, air, lead)
-        or _find_apart(log, case, air, a, b)
-        or _find_exchange(log, case, air, lead)
-    )
+    findings = _find_unit(log, case, air, lead) or _find_apart(log, case, air, a, b)
+    if findings or lead.correlation > -SURE or lead.swing < LEAST_LEAD_DEGC:
+        return findings
+    # finding swapped: the case runs ahead of the air that drives it: the columns are exchanged
+    return [
+        finding_of_column(
+            log,
+            case,
+            f"it runs ahead of the chamber air, by {lead.swing:.1f} °C at the log's fastest"
+            f" ({-lead.lag_s:.3g} s)",
+            expected="a case that lags behind",
+            advice=f"{case} and {air} are swapped, in the log or in [columns]",
+            name="swapped",
+            figure=-lead.lag_s,
+            severity="refuse",
+        )
+    ]
 
 
 def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
@@ -367,70 +370,36 @@ def _misfit(time: Array, case: Array, air: Array) -> float:
 
 
 def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:
-    """A case that does not come to the air's temperature in a soak."""
-    for of_case, of_air in _soak_means(a, b):
-        if abs(of_case - of_air) > APART_DEGC:
-            # finding unit: the case does not come to the temperature of the air in a soak
-            finding = finding_of_column(
-                log,
-                case,
-                f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'",
-                expected="a case that comes to the air's temperature",
-                advice=_advise_unit(case, air, of_case, of_air),
-                name="unit",
-                figure=of_case - of_air,
-            )
-            return [finding]
-    return []
-
-
-def _find_exchange(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
-    """A case that runs ahead of the air that drives it."""
-    if lead.correlation > -SURE or lead.swing < LEAST_LEAD_DEGC:
-        return []
-    # finding swapped: the case runs ahead of the air that drives it: the columns are exchanged
-    return [
-        finding_of_column(
+    """A case [n, °C] that does not come to the temperature of the air [n, °C] in a soak at an end
+    of the log, where both stand still.
+    """
+    rows = max(20, a.size // 50)
+    for end in (slice(0, rows), slice(a.size - rows, None)):
+        half = a[end].size // 2
+        moves = [column[end][half:].mean() - column[end][:half].mean() for column in (a, b)]
+        of_case, of_air = float(a[end].mean()), float(b[end].mean())
+        if max(map(abs, moves)) >= STILL_DEGC or abs(of_case - of_air) <= APART_DEGC:
+            continue
+        advice = (
+            f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and"
+            f" [columns.{air}]"
+        )
+        for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
+            if abs((value - ZERO_DEGF) / FAHRENHEIT - other) < APART_DEGC / 2.0:
+                advice = f'it looks like °F: state it, [columns.{column}] unit = "degF"'
+                break
+        # finding unit: the case does not come to the temperature of the air in a soak
+        finding = finding_of_column(
             log,
             case,
-            f"it runs ahead of the chamber air, by {lead.swing:.1f} °C at the log's fastest"
-            f" ({-lead.lag_s:.3g} s)",
-            expected="a case that lags behind",
-            advice=f"{case} and {air} are swapped, in the log or in [columns]",
-            name="swapped",
-            figure=-lead.lag_s,
-            severity="refuse",
+            f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'",
+            expected="a case that comes to the air's temperature",
+            advice=advice,
+            name="unit",
+            figure=of_case - of_air,
         )
-    ]
-
-
-def _soak_means(case: Array, air: Array) -> list[tuple[float, float]]:
-    """Means of case and air at the ends of a log where both stand still."""
-    rows = max(20, case.size // 50)
-    ends = (slice(0, rows), slice(case.size - rows, None))
-    steady_ends = [
-        end
-        for end in ends
-        if max(abs(_change_of_mean(case[end])), abs(_change_of_mean(air[end]))) < STILL_DEGC
-    ]
-    return [(float(case[end].mean()), float(air[end].mean())) for end in steady_ends]
-
-
-def _change_of_mean(values: Array) -> float:
-    """Change of the mean from the first to the second half."""
-    half = values.size // 2
-    return float(values[half:].mean() - values[:half].mean())
-
-
-def _advise_unit(case: str, air: str, of_case: float, of_air: float) -> str:
-    """Advice that names the column whose values are the other's in °F."""
-    for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
-        if abs((value - ZERO_DEGF) / FAHRENHEIT - other) < APART_DEGC / 2.0:
-            return f'it looks like °F: state it, [columns.{column}] unit = "degF"'
-    return (
-        f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and"
-        f" [columns.{air}]"
-    )
+        return [finding]
+    return []
 
 
 def check_stated_rate(log: Log, air: str, recipe_rate: float, measured: float) -> list[Finding]:

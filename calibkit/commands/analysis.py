@@ -95,12 +95,12 @@ class Run(store.StoredRun):
 
     def _repr_html_(self) -> str:
         """First screen of the report, in a frame of its own: its style stays there."""
-        page = html.escape(first_screen_of(self._file(documents.PAGE).decode()))
+        page = html.escape(first_screen_of(self.content(documents.PAGE).decode()))
         title = html.escape(f"Report of {self.name}")
         style = "width:100%;height:44em;border:0"
         return f'<iframe title="{title}" srcdoc="{page}" style="{style}"></iframe>'
 
-    def _file(self, name: str) -> bytes:
+    def content(self, name: str) -> bytes:
         """Content of one of the run's files."""
         if self.outcome is not None:
             return self.outcome.files[name]
@@ -114,15 +114,6 @@ class Run(store.StoredRun):
                 hint="fit its logs again: calibkit.fit(recipe, logs={name: frame}, runs=None)",
             )
         return self.outcome
-
-    def stage_digests(self) -> dict[str, str]:
-        """Stage → digest that its coefficient file states of itself."""
-        if not self.in_memory:
-            return store.StoredRun.stage_digests(self)
-        return {
-            record.stage: str(sealed.unseal(record.dumps(), name, record.format)["sha256"])
-            for name, record in self.records.items()
-        }
 
     def model(self, name: str) -> RunModel:
         """Model of a name in the run's coefficient files; ``stage.model`` where several files have

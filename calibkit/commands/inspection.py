@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from calibkit.instruments import Fitted, Instrument, Progress
     from calibkit.logs.proposal import ProposedText
     from calibkit.planning.document import Plan
-    from calibkit.planning.schedule import Schedule
-    from calibkit.records.coefficients import StageResult
     from calibkit.records.frame import Log
 
 LARGEST_TRIAL = 50_000_000
@@ -82,26 +80,15 @@ def check(
         reports.append(replace(report, findings=(*report.findings, *shared)))
     judgement = _judge(instrument, spec, data, files, reports, progress, planned)
     if planned is not None:
-        missing = _compare(instrument, spec, data, reports, planned.schedule)
+        refused = {report.file for report in reports if report.refused}
+
+        def read(name: str) -> Log | None:
+            is_readable = (data / name).is_file() and name not in refused
+            return instrument.read(spec, data, name) if is_readable else None
+
+        missing = comparison.find_differences(planned.schedule, read)
         judgement = replace(judgement, lacks=(*judgement.lacks, *missing))
     return CheckedCampaign(tuple(reports), judgement)
-
-
-def _compare(
-    instrument: Instrument,
-    spec: recipe.Recipe,
-    data: Path,
-    reports: Sequence[LogReport],
-    schedule: Schedule,
-) -> Iterator[str]:
-    """Actions of a schedule that the logs lack, and those that differ."""
-    refused = {report.file for report in reports if report.refused}
-
-    def read(name: str) -> Log | None:
-        is_readable = (data / name).is_file() and name not in refused
-        return instrument.read(spec, data, name) if is_readable else None
-
-    return comparison.find_differences(schedule, read)
 
 
 def _judge(
@@ -135,7 +122,13 @@ def _judge(
         )
         cure = (f"calibkit plan RECIPE --have {data} plans what it takes",) if plannable else ()
         return Judgement((), (str(error), *cure), exports=False, exit_code=error.exit_code)
-    determined = tuple(_describe(result) for result in fitted.results)
+    determined = []
+    for result in fitted.results:
+        models = [model.name for model in result.models]
+        content = f"{len(result.figures)} figures"
+        if models:
+            content = ", ".join(models) if len(models) < 5 else f"{len(models)} models"
+        determined.append(f"{result.stage} ({content})")
     predicted = _predict(instrument, spec, data, files, fitted, planned) if planned else ()
     missed = (
         f"{prediction}: calibkit plan RECIPE --have {data} plans what is missing"
@@ -143,7 +136,7 @@ def _judge(
         if prediction.wanted is not None and prediction.expanded_uncertainty > prediction.wanted
     )
     return Judgement(
-        determined,
+        tuple(determined),
         (*fitted.lacks, *missed),
         exports=fitted.exports,
         verdict=fitted.summary.verdict,
@@ -219,14 +212,6 @@ def _predict(
         for result in predictions
         if result.name in planned.wanted
     )
-
-
-def _describe(result: StageResult) -> str:
-    """A stage of a fit and its models by name, or how many there are of anything."""
-    names = [model.name for model in result.models]
-    if not names:
-        return f"{result.stage} ({len(result.figures)} figures)"
-    return f"{result.stage} ({', '.join(names) if len(names) < 5 else f'{len(names)} models'})"
 
 
 def init(folder: Path, sheet: str = "") -> ProposedText:

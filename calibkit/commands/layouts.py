@@ -38,24 +38,22 @@ def flag_layout(
     )
     flags = []
     for name, number, role in compared if layout else ():
-        other = _layout_of(runs, name, number)
-        if other is not None and layout is not None and other != layout:
-            flags.append(_say(layout, other, f"{name} r{number:03d}, {role}"))
+        try:
+            run = store.load_revision(runs, name, number)
+            other = _layout(instruments.fitted_recipe(run.document), run.records)
+        except CalibkitError:  # a damaged old revision does not stop the new one
+            continue
+        if other is None or layout is None or other == layout:
+            continue
+        forms, other_forms = ", ".join(layout[0]), ", ".join(other[0])
+        changed = f"other terms of {forms}"
+        if forms != other_forms:
+            changed = f"model form {forms}, not {other_forms}"
+        flags.append(
+            f"firmware: not laid out as {name} r{number:03d}, {role} ({changed}): a loader exported"
+            " with that one refuses it; pin the model in the recipe, or export a loader of its own"
+        )
     return replace(summary, flags=(*summary.flags, *flags))
-
-
-def _say(layout: _Layout, other: _Layout, name: str) -> str:
-    """What differs, and what to do."""
-    forms, other_forms = ", ".join(layout[0]), ", ".join(other[0])
-    changed = (
-        f"model form {forms}, not {other_forms}"
-        if forms != other_forms
-        else f"other terms of {forms}"
-    )
-    return (
-        f"firmware: not laid out as {name} ({changed}): a loader exported with that one refuses it;"
-        " pin the model in the recipe, or export a loader of its own"
-    )
 
 
 def _layout(spec: Recipe, records: Mapping[str, Record]) -> _Layout | None:
@@ -69,18 +67,6 @@ def _layout(spec: Recipe, records: Mapping[str, Record]) -> _Layout | None:
         return None
     lengths = {name: len(chain.tables[name]) for name in chain.structure.tables}
     return chain.structure.forms, chain.structure, lengths
-
-
-def _layout_of(runs: Path, serial: str, revision: int) -> _Layout | None:
-    """Layout of a run that is stored; None where it cannot be read: a damaged old revision does not
-    stop the new one.
-    """
-    try:
-        run = store.load_revision(runs, serial, revision)
-        spec = instruments.fitted_recipe(run.document)
-    except CalibkitError:
-        return None
-    return _layout(spec, run.records)
 
 
 def _first_of_type(spec: Recipe, runs: Path, serial: str) -> tuple[str, int] | None:

@@ -22,7 +22,7 @@ from calibkit.history import dates, pooling
 from calibkit.libraries.threads import one_thread
 from calibkit.logs import log_files
 from calibkit.recipe import type_b
-from calibkit.records import clock, coefficients, new_files, run_document, sealed, store
+from calibkit.records import clock, new_files, run_document, sealed, store
 from calibkit.records.frame import refuse
 from calibkit.records.version import SOFTWARE
 from calibkit.report import budget
@@ -258,17 +258,6 @@ def judge_unseen(
     return sealed.seal(document), summary
 
 
-def _chain(spec: recipe.Recipe, records: Mapping[str, coefficients.Record]) -> Chain:
-    """Correction chain of a run's files, or OutputError where there is none."""
-    make_chain = instruments.optional(spec.procedure, "chain")
-    if make_chain is None:
-        raise OutputError(
-            f"procedure '{spec.procedure}' has no firmware form", hint="nothing can be exported"
-        )
-    chain: Chain = make_chain(spec, records)
-    return chain
-
-
 def _firmware_export(
     run: store.StoredRun, number: str, prefix: str, *, allow_rejected: bool
 ) -> FirmwareRun:
@@ -285,8 +274,13 @@ def _firmware_export(
             hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
     spec, number_format = run_recipe(run, ()), formats.Format.find(number)
-    chain = _chain(spec, run.records)
-    stages, _files = run.stage_digests(), instruments.optional(spec.procedure, "files")
+    make_chain = instruments.optional(spec.procedure, "chain")
+    if make_chain is None:
+        raise OutputError(
+            f"procedure '{spec.procedure}' has no firmware form", hint="nothing can be exported"
+        )
+    chain: Chain = make_chain(spec, run.records)
+    stages = run.stage_digests()
     identity = export.RunIdentity(
         document["serial"],
         document["revision"],

@@ -15,15 +15,12 @@ from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.history.pooling import POOLED, Pooled
 from calibkit.instruments import SHIPPED, Fitted
 from calibkit.libraries import plugins
-from calibkit.libraries.plugins import Plugin
 from calibkit.recipe import Recipe, Source, type_b
 from calibkit.records import (
     coefficients,
-    left_out,
     new_files,
     run_document,
     sealed,
-    sensitivities,
     store,
 )
 from calibkit.records.version import SOFTWARE
@@ -161,12 +158,11 @@ def _run_facts(
 ) -> dict[str, Any]:
     """run.json without its list of files: the recipe, the logs, the software, the verdict."""
     spec = pooled.recipe
-    procedure_plugin = _installed_plugin(spec.procedure)
     readers = {plugin for log in identity.inputs for plugin in log.plugins}
-    plugins = [
-        *([procedure_plugin] if procedure_plugin else []),
-        *sorted(readers, key=lambda plugin: plugin.name),
-    ]
+    used_plugins = sorted(readers, key=lambda plugin: plugin.name)
+    if spec.procedure not in SHIPPED:
+        entry = plugins.installed(plugins.INSTRUMENTS)[spec.procedure]
+        used_plugins.insert(0, plugins.identify(entry))
     facts = {
         "format": run_document.FORMAT,
         "serial": identity.serial,
@@ -177,7 +173,7 @@ def _run_facts(
         "software": SOFTWARE,
         "python": platform.python_version(),
         "libraries": dict(_library_versions()),
-        "plugins": [asdict(plugin) for plugin in plugins],
+        "plugins": [asdict(plugin) for plugin in used_plugins],
         "recipe": describe_recipe(source),
         "inputs": [copies.describe_input(log) for log in identity.inputs],
         "excluded": [
@@ -191,10 +187,12 @@ def _run_facts(
         "accepted": run_document.ACCEPTED[fitted.summary.verdict],
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
-        "sensitivities": sensitivities.dumps(fitted.sensitivities),
-        "left_out": left_out.dumps(
-            (*(fact for log in identity.inputs for fact in log.left_out), *fitted.left_out)
-        ),
+        "sensitivities": [asdict(entry) for entry in fitted.sensitivities],
+        "left_out": [
+            asdict(fact)
+            for facts in (*(log.left_out for log in identity.inputs), fitted.left_out)
+            for fact in facts
+        ],
         "flags": list(fitted.summary.flags),
     }
     optional = ("type", "plugins", "corrections", "left_out", POOLED)
@@ -215,13 +213,6 @@ def describe_recipe(source: Source) -> dict[str, Any]:
         "overrides": list(source.overrides),
         "text": source.text,
     }
-
-
-def _installed_plugin(procedure: str) -> Plugin | None:
-    """Plugin that a procedure comes from; None for a shipped one."""
-    if procedure in SHIPPED:
-        return None
-    return plugins.identify(plugins.installed(plugins.INSTRUMENTS)[procedure])
 
 
 def list_guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

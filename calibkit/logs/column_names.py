@@ -118,7 +118,9 @@ class LogColumn:
         if self.is_time or (self.dimension in ("", "time") and re.search(_TIME, name)):
             return "time_s"
         if self.dimension == "temperature" or (not self.dimension and re.search(_BY_PLACE, name)):
-            return _guess_temperature(name)
+            words = (("", _SETPOINT), ("temp_env_degc", _AIR), ("temp_case_degc", _CASE))
+            places = (canonical for canonical, pattern in words if re.search(pattern, name))
+            return next(places, "temp_degc")
         if re.search(_TABLE, name):
             return (
                 "table_angle_deg"
@@ -127,14 +129,6 @@ class LogColumn:
             )
         canonical = next((canonical for canonical, words in _WORDS if re.search(words, name)), "")
         return canonical or _guess_indication(self)
-
-
-def _guess_temperature(name: str) -> str:
-    """Canonical column of a temperature by its name, "" for what a chamber was told."""
-    words = (("", _SETPOINT), ("temp_env_degc", _AIR), ("temp_case_degc", _CASE))
-    return next(
-        (canonical for canonical, pattern in words if re.search(pattern, name)), "temp_degc"
-    )
 
 
 def _guess_indication(column: LogColumn) -> str:

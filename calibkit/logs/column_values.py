@@ -225,7 +225,7 @@ def resolve_units(recipe: Recipe, table: Table) -> dict[str, str]:
 def _read_numbers(table: Table, source: str) -> Array:
     """Numbers [n] of a column; raises LogFormatError that names the row of what is none."""
     column = table.frame[source]
-    for line, field in column.items() if column.dtype.kind not in "fiub" else ():
+    for line, field in column.dropna().items() if column.dtype.kind not in "fiub" else ():
         try:
             float(field)
         except (TypeError, ValueError):

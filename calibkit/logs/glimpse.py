@@ -44,7 +44,11 @@ class Glimpse:
     def of(cls, frame: pd.DataFrame) -> Glimpse:
         """What the numbers of one log show."""
         first = {str(name): frame[name].to_numpy(dtype=np.float64) for name in frame.columns}
-        return cls({name: _block(column) for name, column in first.items()}, first)
+        medians = {}
+        for name, column in first.items():
+            parts = [part[np.isfinite(part)] for part in np.array_split(column, _BLOCKS)]
+            medians[name] = np.array([np.median(part) if part.size else np.nan for part in parts])
+        return cls(medians, first)
 
     def joined_by(self, later: Glimpse) -> Glimpse:
         """What these logs and a later one show together."""
@@ -107,10 +111,3 @@ class Glimpse:
         """Whether a column numbers the rows, or stays as it is."""
         steps = np.diff(self.first.get(name, np.empty(0)))
         return bool(steps.size and (np.all(steps == 1.0) or np.all(steps == 0.0)))
-
-
-def _block(column: Array) -> Array:
-    """Medians of the parts of a column."""
-    parts = np.array_split(column, _BLOCKS)
-    finite_parts = [part[np.isfinite(part)] for part in parts]
-    return np.array([np.median(part) if part.size else np.nan for part in finite_parts])

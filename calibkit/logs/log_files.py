@@ -59,9 +59,22 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     if recipe.chamber is not None:
         logs = second_logger.exclude_second_logger(recipe.chamber, logs, folder)
     skipped = {exclude.log for exclude in recipe.exclude if exclude.whole}
-    _require_named_there(recipe, logs, files)
+    for number, exclude in enumerate(recipe.exclude):
+        # lines may be those of the files of a split log
+        valid_names = files if exclude.lines else logs
+        _require_there(
+            "[[exclude]] log", [exclude.log], valid_names, key_path=("exclude",), first=number
+        )
+    if isinstance(recipe.logs.text.skip_lines, dict):
+        key_path = ("logs", "text", "skip_lines")
+        _require_there(".".join(key_path), recipe.logs.text.skip_lines, files, key_path=key_path)
     used_logs = [name for name in logs if not skipped & {name, log_name(name)}]
-    _require_plain_names(used_logs)
+    for name in used_logs:
+        if fault := names.find_fault(name.rpartition("/")[2]):
+            raise FrameError(
+                f"{visible(name)}: the file's name {fault}",
+                hint="rename the file: letters that look alike would be two logs",
+            )
     if not used_logs:
         raise FrameError(
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
@@ -70,31 +83,15 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
 
 
 def _glob(recipe: Recipe, folder: Path, pattern: str) -> list[Path]:
-    """Files of a folder that a pattern matches; raises FrameError for what is no file."""
+    """Files of a folder that a pattern matches. Raises FrameError for a match that is no file and
+    that no exclusion names: a link that leads nowhere may stand for a log that is missing.
+    """
     try:
         matches = [path for path in folder.glob(pattern) if not path.is_dir()]
     except OSError as error:
         raise FrameError(
             f"{folder}: cannot be read: {error.strerror}", hint="check --data and its disk"
         ) from None
-    _require_files(recipe, folder, matches)
-    return [path for path in matches if path.is_file()]
-
-
-def _require_plain_names(logs: Sequence[str]) -> None:
-    """Raise FrameError for a log whose name is another one to some reader or system."""
-    for name in logs:
-        if fault := names.find_fault(name.rpartition("/")[2]):
-            raise FrameError(
-                f"{visible(name)}: the file's name {fault}",
-                hint="rename the file: letters that look alike would be two logs",
-            )
-
-
-def _require_files(recipe: Recipe, folder: Path, matches: Sequence[Path]) -> None:
-    """Raise FrameError for a match that is no file and that no exclusion names: a link that leads
-    nowhere may stand for a log that is missing.
-    """
     excluded = {exclude.log for exclude in recipe.exclude}
     for path in sorted(matches):
         name = path.relative_to(folder).as_posix()
@@ -104,20 +101,7 @@ def _require_files(recipe: Recipe, folder: Path, matches: Sequence[Path]) -> Non
                 f"{visible(str(path))}: {kind}, expected a log",
                 hint="restore or remove it, or narrow [logs] files in the recipe",
             )
-
-
-def _require_named_there(recipe: Recipe, logs: Sequence[str], files: Sequence[str]) -> None:
-    """Raise RecipeError where an exclusion or a number of lines to skip is of no log that is there;
-    lines may be those of the files of a split log.
-    """
-    for number, exclude in enumerate(recipe.exclude):
-        valid_names = files if exclude.lines else logs
-        _require_there(
-            "[[exclude]] log", [exclude.log], valid_names, key_path=("exclude",), first=number
-        )
-    if isinstance(recipe.logs.text.skip_lines, dict):
-        key_path = ("logs", "text", "skip_lines")
-        _require_there(".".join(key_path), recipe.logs.text.skip_lines, files, key_path=key_path)
+    return [path for path in matches if path.is_file()]
 
 
 def require_named_logs(recipe: Recipe, logs: Sequence[str]) -> None:

@@ -44,7 +44,10 @@ def propose(
         if choice is not None:
             choices.append((choice, group))
     if not choices:
-        choices = [(_make_skeleton(skeleton, groups[0]), groups[0])]
+        group = groups[0]
+        silent = [column.name for column in group.columns if not (column.stated or column.is_time)]
+        words = f" The log states no unit of {', '.join(silent)}." if silent else ""
+        choices = [(RecipeChoice(skeleton, {}, (), {}, remark=_NO_PROCEDURE + words), group)]
     # the procedure that more of the logs are for
     choice, group = max(choices, key=lambda pair: (len(pair[1].files), not pair[0].guessed))
     unread_groups = [other for other in groups if other is not group]
@@ -52,13 +55,6 @@ def propose(
     return ProposedText(
         write_recipe(folder, choice, group, unread_groups, parse), note_missing_units(choice)
     )
-
-
-def _make_skeleton(name: str, group: Group) -> RecipeChoice:
-    """A recipe for logs that no instrument recognises, which says what is known of them."""
-    silent = [column.name for column in group.columns if not (column.stated or column.is_time)]
-    words = f" The log states no unit of {', '.join(silent)}." if silent else ""
-    return RecipeChoice(name, {}, (), {}, remark=_NO_PROCEDURE + words)
 
 
 def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> RecipeChoice | None:

@@ -64,11 +64,6 @@ _NAMES_GUESSED = (
 )
 
 
-def _lacks_unit(column: LogColumn) -> bool:
-    """Whether the log states no unit of a column."""
-    return not column.stated and not column.is_time
-
-
 def note_missing_units(choice: RecipeChoice) -> str:
     """Note on the mapped columns without a unit in the log, with the unit that each would be taken
     in; "" where every unit is stated.
@@ -76,7 +71,7 @@ def note_missing_units(choice: RecipeChoice) -> str:
     silent = {
         name: column
         for name, column in choice.mapping.items()
-        if _lacks_unit(column)
+        if not (column.stated or column.is_time)
         and column.name != name
         and not choice.lines.get(name)
         and units.column_unit(name) != "1"
@@ -152,7 +147,17 @@ def _write_mapping(choice: RecipeChoice, group: Group) -> str:
     unused = [column.name for column in group.columns if column.name not in used]
     if choice.mapping and unused:
         lines.append(visible(f"# not used: {', '.join(unused)}"))
-    lines += [*_state_gravity(choice), choice.tables]
+    by_gravity = any(
+        column.dimension == _SI or any("m/s^2" in line for line in choice.lines.get(name, ()))
+        for name, column in choice.mapping.items()
+        if name.startswith("accel_") and name.endswith("_g")
+    )
+    if by_gravity and not re.search(r"(?m)^\[site\]", recipe.find(choice.recipe).text):
+        lines += [
+            "[site] # gravity divides m/s²",
+            f"{UNSTATED}gravity_mps2 = 9.8 # take the mark off",
+        ]
+    lines.append(choice.tables)
     return "\n".join(lines).rstrip("\n") + "\n" if any(lines) else ""
 
 
@@ -169,7 +174,12 @@ def _map_column(name: str, column: LogColumn, further_lines: Sequence[str]) -> l
         f"[columns.{name}]" + ("" if column.is_time else f" # {remark}"),
         f"from = {write_value(column.name)}",
     ]
-    if foreign := _is_foreign(column, unit):
+    # only a stated scale turns a unit of another dimension into the canonical one
+    foreign = False
+    if column.stated and not column.is_time and unit in units.TABLE:
+        dimensions = {column.dimension, units.TABLE[unit].dimension}
+        foreign = len(dimensions) > 1 and not dimensions <= _CONVERTED
+    if foreign:
         lines += [
             f'unit = "{unit}"',
             f"{UNSTATED}scale = 1.0 # {unit} per {log_unit}; take the mark off",
@@ -179,29 +189,6 @@ def _map_column(name: str, column: LogColumn, further_lines: Sequence[str]) -> l
     if column.is_time and "%" in column.time_format:
         lines.append(f"time_format = {write_value(column.time_format)}")
     return [*lines, *further_lines, ""]
-
-
-def _state_gravity(choice: RecipeChoice) -> list[str]:
-    """Table [site] for accelerations in m/s², which a person completes by gravity."""
-    si = any(
-        column.dimension == _SI or any("m/s^2" in line for line in choice.lines.get(name, ()))
-        for name, column in choice.mapping.items()
-        if name.startswith("accel_") and name.endswith("_g")
-    )
-    if not si or re.search(r"(?m)^\[site\]", recipe.find(choice.recipe).text):
-        return []
-    return ["[site] # gravity divides m/s²", f"{UNSTATED}gravity_mps2 = 9.8 # take the mark off"]
-
-
-def _is_foreign(column: LogColumn, unit: str) -> bool:
-    """Whether a log's column is in a unit that only a stated scale turns into the canonical one."""
-    if not column.stated or column.is_time or unit not in units.TABLE:
-        return False
-    log_dimension, canonical_dimension = column.dimension, units.TABLE[unit].dimension
-    return (
-        log_dimension != canonical_dimension
-        and not {log_dimension, canonical_dimension} <= _CONVERTED
-    )
 
 
 def _write_header(choice: RecipeChoice, group: Group, unread_groups: Sequence[Group]) -> str:

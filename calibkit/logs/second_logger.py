@@ -137,6 +137,17 @@ def _join(
         f" {offset_text} ({_HOW_RELATED[chamber.clock]})"
     )
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
+    clock_text = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
+    if chamber.clock != "same":
+        u_offset, u_drift = clock.standard_uncertainty
+        clock_text += (
+            f", standard uncertainty {u_offset:.2g} s, at {clock.middle_s:.6g} s; drift"
+            f" {clock.drift * 1e6:+.4g} ppm"
+        )
+        clock_text += f", standard uncertainty {u_drift * 1e6:.2g} ppm" if u_drift else ""
+    clock_texts = [clock_text]
+    if chamber.clock == "estimate" and abs(clock.gain - 1.0) > _GAIN:
+        clock_texts.append(f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
     return replace(
         first,
         overlap=overlap,
@@ -154,7 +165,7 @@ def _join(
         ),
         reading=(
             *(overlap, *first.reading, joined),
-            *_describe_clock(chamber, clock, second),
+            *clock_texts,
             *second.reading,
         ),
         plugins=tuple(dict.fromkeys((*first.plugins, *second.plugins))),
@@ -312,18 +323,3 @@ def _describe_span(log: Log, time_s: Array) -> str:
     first, last = stamp(float(time_s[0])), stamp(float(time_s[-1]))
     date, _, time_of_day = last.rpartition(" ")
     return f"{first}–{time_of_day if date and first.startswith(date) else last}"
-
-
-def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:
-    """Texts on the clock of the second logger, for run.json."""
-    clock_text = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
-    if chamber.clock != "same":
-        u = clock.standard_uncertainty
-        clock_text += (
-            f", standard uncertainty {u[0]:.2g} s, at {clock.middle_s:.6g} s; drift"
-            f" {clock.drift * 1e6:+.4g} ppm"
-        )
-        clock_text += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
-    if chamber.clock == "estimate" and abs(clock.gain - 1.0) > _GAIN:
-        return (clock_text, f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
-    return (clock_text,)

@@ -81,7 +81,14 @@ class Rewritten:
         for first, stop in chunks.ranges(len(self.table.frame), ROWS):
             frame = self.correct(replace(self.table, frame=self.table.frame.iloc[first:stop]))
             if first == 0:
-                yield _format_csv([[self._with_unit(str(name))] for name in frame.columns])
+                # a unit that the log states elsewhere stands behind the name
+                header = []
+                for name in map(str, frame.columns):
+                    unit = self.table.units.get(name, "")
+                    if units.unit_in_header(name) or name.rpartition("_")[2] in units.COLUMN_UNITS:
+                        unit = ""
+                    header.append([f"{name} ({unit})" if unit else name])
+                yield _format_csv(header)
             yield _format_csv(
                 [_format_column(column, self.table.decimal) for _, column in frame.items()]
             )
@@ -120,12 +127,6 @@ class Rewritten:
         if self.log.lost:
             frame[STATUS] = status
         return frame
-
-    def _with_unit(self, name: str) -> str:
-        """Name of a column in the new file: with the unit that the log states of it elsewhere."""
-        unit = self.table.units.get(name, "")
-        named = units.unit_in_header(name) or name.rpartition("_")[2] in units.COLUMN_UNITS
-        return name if named or not unit else f"{name} ({unit})"
 
     def as_frame(self, logged: pd.DataFrame) -> pd.DataFrame:
         """The new log as a frame, where `logged` is the log: its index and columns stay; a table in
@@ -184,7 +185,15 @@ def rewrite_log(
             )
     table = registry.read(path, path.name, recipe.logs, ())
     header = list(map(str, table.frame.columns))
-    sources = {name: _find_source(recipe, name, header, path) for name in columns}
+    sources = {}
+    for name in columns:
+        source = recipe.columns[name].source if name in recipe.columns else name
+        named = [column for column in header if units.name_without_unit(column) == source]
+        if source not in header and len(named) != 1:
+            raise FrameError(
+                f"{path.name}: no column '{source}'", hint="check [columns] of the recipe"
+            )
+        sources[name] = source if source in header else named[0]
     return Rewritten(recipe, log, table, columns, sources, derived)
 
 
@@ -206,35 +215,21 @@ def tabulate(
     return Rewritten(recipe, stations, table, {}, {}, {})
 
 
-def _find_source(recipe: Recipe, name: str, header: Sequence[str], path: Path) -> str:
-    """Name that a canonical column has in the log, with or without the unit behind it."""
-    source = recipe.columns[name].source if name in recipe.columns else name
-    if source in header:
-        return source
-    headers = [column for column in header if units.name_without_unit(column) == source]
-    if len(headers) != 1:
-        raise FrameError(f"{path.name}: no column '{source}'", hint="check [columns] of the recipe")
-    return headers[0]
-
-
 def _format_column(column: pd.Series, decimal: str) -> list[str]:
     """Fields of a column: numbers with decimal points, a missing value empty, texts as they are."""
     if column.dtype.kind == "f":
-        return _format_numbers(column.to_numpy(dtype=np.float64))
+        # the shortest texts that read back to the same numbers
+        numbers = column.to_numpy(dtype=np.float64)
+        texts = [repr(number).removesuffix(".0") for number in numbers.tolist()]
+        for row in np.flatnonzero(np.isnan(numbers)).tolist():
+            texts[row] = ""
+        return texts
     texts = []
     for cell in column.astype(object).where(column.notna(), ""):
         text = repr(float(cell)).removesuffix(".0") if isinstance(cell, float) else str(cell)
         if decimal == "," and tokens.NUMBER[","].fullmatch(text):
             text = text.replace(",", ".")
         texts.append(text)
-    return texts
-
-
-def _format_numbers(numbers: Array) -> list[str]:
-    """Shortest texts that read back to the same numbers; a missing value is an empty field."""
-    texts = [repr(number).removesuffix(".0") for number in numbers.tolist()]
-    for row in np.flatnonzero(np.isnan(numbers)).tolist():
-        texts[row] = ""
     return texts
 
 

@@ -52,7 +52,15 @@ def select_columns(
     }
     if len(inside) == 1 and matrices:
         ((name, matrix),) = matrices.items()
-        return _split_matrix(matrix, name or logs.table, file, logs), how
+        if len(logs.names) not in matrix.shape:
+            raise NamelessColumnsError(
+                f"{file}: '{name or logs.table}' is a matrix of {matrix.shape[0]} ×"
+                f" {matrix.shape[1]}, the recipe names {len(logs.names)} columns",
+                hint="list its columns in [logs] names of the recipe, in order",
+                columns=min(matrix.shape),
+            )
+        upright = matrix if matrix.shape[1] == len(logs.names) else matrix.T
+        return make_frame({column: upright[:, k] for k, column in enumerate(logs.names)}), how
     if matrices and not flat:
         raise SeveralTablesError(
             f"{file}: {len(matrices)} matrices: {_list_names(matrices)}",
@@ -111,14 +119,6 @@ def _name_by_path(
     return {name: array for name, array in vectors.items() if name == first or name not in times}
 
 
-def list_tables(arrays: Mapping[str, NDArray[np.generic]]) -> list[str]:
-    """Names that [logs] table can have: groups of vectors, and matrices."""
-    numeric = {n: a for n, a in arrays.items() if a.dtype.kind in "fiu" and a.size > 1}
-    matrices = [n for n, a in numeric.items() if a.ndim == 2 and min(a.shape) > 1]
-    groups = dict.fromkeys(n.rpartition("/")[0] for n in numeric if n not in matrices)
-    return [*filter(None, groups), *matrices]
-
-
 def _find_group(
     arrays: Mapping[str, NDArray[np.generic]], file: str, table: str
 ) -> tuple[dict[str, NDArray[np.generic]], tuple[str, ...]]:
@@ -145,32 +145,22 @@ def _find_group(
         }, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
+        matrices = [n for n, a in numeric.items() if a.ndim == 2 and min(a.shape) > 1]
+        vectors = [name for name in numeric if name not in matrices]
+        of_vectors = dict.fromkeys(name.rpartition("/")[0] for name in vectors)
         raise SeveralTablesError(
             f"{file}: arrays in {len(groups)} groups: {_list_names(numeric)}",
             hint=(
                 "name one in [logs] table of the recipe; table = '*' reads groups of one clock side"
                 " by side"
             ),
-            tables=list_tables(numeric),
+            tables=[*filter(None, of_vectors), *matrices],
         )
     if not numeric:
         raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_list_names(arrays)}")
     (group,) = groups
     inside = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
     return inside, ((Guess(f"table = '{group}' (guessed)"),) if group else ())
-
-
-def _split_matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:
-    """Columns of a matrix by the recipe's names."""
-    if len(logs.names) not in matrix.shape:
-        raise NamelessColumnsError(
-            f"{file}: '{name}' is a matrix of {matrix.shape[0]} × {matrix.shape[1]}, the recipe"
-            f" names {len(logs.names)} columns",
-            hint="list its columns in [logs] names of the recipe, in order",
-            columns=min(matrix.shape),
-        )
-    upright = matrix if matrix.shape[1] == len(logs.names) else matrix.T
-    return make_frame({column: upright[:, k] for k, column in enumerate(logs.names)})
 
 
 def join_vectors(

@@ -11,14 +11,6 @@ from calibkit.recipe.logs import TextSpec
 _PIN = "pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names"
 
 
-def is_header_above(
-    lines_above: Sequence[str], delimiter: str, widths: Sequence[int], width: int
-) -> bool:
-    """Whether the last filled line above the first row names as many columns as the rows have."""
-    lines, _ = split_header(lines_above, delimiter, widths, width)
-    return bool(lines) and len(lines[-1]) == width
-
-
 def split_header(
     lines_above: Sequence[str],
     delimiter: str,
@@ -37,28 +29,16 @@ def split_header(
         for line, row in zip(lines_above, fields, strict=True)
     ]
     last = len(lines_above)
-    while (
-        last
-        and not pinned
-        and (
-            not lines_above[last - 1].strip()
-            or (
-                tokens.is_comment(lines_above[last - 1])
-                and not _names_columns(
-                    fields[last - 1], width, named_above=any(full_width[: last - 1])
-                )
-            )
-        )
-    ):
+    while last and not pinned:
+        line, names = lines_above[last - 1], fields[last - 1]
+        is_comment = tokens.is_comment(line)
+        if is_comment and len(names) == width and not any(map(tokens.is_measured, names)):
+            # a comment names columns, or, below a line of names, their units
+            is_comment = any(full_width[: last - 1]) and not _is_unit_row(names)
+        if line.strip() and not is_comment:
+            break
         last -= 1
     return fields[max(last - 2, 0) : last], len(lines_above) - last
-
-
-def _names_columns(fields: Sequence[str], width: int, *, named_above: bool) -> bool:
-    """Whether the fields of a comment name columns, or, below a line of names, their units."""
-    if len(fields) != width or any(map(tokens.is_measured, fields)):
-        return False
-    return not named_above or _is_unit_row(fields)
 
 
 def _is_unit_row(fields: Sequence[str]) -> bool:
@@ -96,11 +76,17 @@ def read_header(
     """Number of header lines among the fields of the lines above line `first` (from 0) of the rows
     or of what separates them, and name and unit of every column.
     """
-    lines = (
-        _count_header_lines(fields_above, width)
-        if spec.header_lines == "auto"
-        else spec.header_lines
-    )
+    if spec.header_lines != "auto":
+        lines = spec.header_lines
+    elif (
+        not fields_above
+        or len(fields_above[-1]) != width
+        or any(tokens.NUMBER["."].fullmatch(field) for field in fields_above[-1])
+    ):
+        lines = 0
+    else:  # names, or names with a line of units below
+        names_fit = len(fields_above) == 2 and len(fields_above[-2]) == width
+        lines = 2 if names_fit and _is_unit_row(fields_above[-1]) else 1
     header_width = len(fields_above[-lines]) if lines and len(fields_above) >= lines else 0
     if lines and header_width != width:
         raise LogFormatError(
@@ -125,42 +111,19 @@ def read_header(
             hint="list the columns in [logs] names of the recipe, in order",
             columns=width,
         )
-    return lines, _names_and_units(fields_above, lines, names)
-
-
-def _count_header_lines(fields_above: Sequence[Sequence[str]], width: int) -> int:
-    """0, 1 or 2 header lines: names, or names with a line of units below."""
-    if (
-        not fields_above
-        or len(fields_above[-1]) != width
-        or any(tokens.NUMBER["."].fullmatch(field) for field in fields_above[-1])
-    ):
-        return 0
-    names_fit = len(fields_above) == 2 and len(fields_above[-2]) == width
-    return 2 if names_fit and _is_unit_row(fields_above[-1]) else 1
-
-
-def _names_and_units(
-    fields_above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
-) -> list[tuple[str, str]]:
-    """Name and unit of every column, as the log states them or as the recipe names them."""
     if not lines:
-        return [(name, units.unit_in_header(name)) for name in names]
+        return lines, [(name, units.unit_in_header(name)) for name in names]
     header = [field.strip() for field in fields_above[-lines]]
     if lines == 2:
         column_units = [units.as_stated(field.strip(" -[]()<>{}")) for field in fields_above[-1]]
     else:
         column_units = [units.unit_in_header(field) for field in header]
-    return list(zip(names or _unique_names(header), column_units, strict=True))
-
-
-def _unique_names(header: Sequence[str]) -> list[str]:
-    """Header names made unique: `column 3` for an empty one, `name #2` for the second of a name."""
+    # an empty name and the second of a name are made unique
     unique = []
     for number, name in enumerate(header, start=1):
         before = header[: number - 1].count(name) if name else 0
         unique.append((name or f"column {number}") + (f" #{before + 1}" if before else ""))
-    return unique
+    return lines, list(zip(names or unique, column_units, strict=True))
 
 
 def refuse_rows_above(

@@ -66,7 +66,13 @@ def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # no
     if not isinstance(value, list) or not value:
         return {}
     if isinstance(value[0], dict):
-        return _collect_records(value, path, file)
+        for number, row in enumerate(value, start=1):
+            if not isinstance(row, dict) or row.keys() != value[0].keys():
+                raise LogFormatError(
+                    f"{file}: record {number} has other keys than the first", hint="repair the log"
+                )
+        columns = ((key, [row[key] for row in value]) for key in value[0])
+        return _collect_members(columns, path, file)
     try:
         array = np.array(value)
         if array.dtype.kind in "fiO":
@@ -119,13 +125,3 @@ def _collect_members(members: Iterable[tuple[str, Any]], path: str, file: str) -
             raise _repeated_name(file, min(shared_paths))
         merged |= member_arrays
     return merged
-
-
-def _collect_records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
-    """Columns of a list of objects."""
-    for number, row in enumerate(rows, start=1):
-        if not isinstance(row, dict) or row.keys() != rows[0].keys():
-            raise LogFormatError(
-                f"{file}: record {number} has other keys than the first", hint="repair the log"
-            )
-    return _collect_members(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

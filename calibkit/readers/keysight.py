@@ -82,20 +82,19 @@ def _find_header(content: str, file: str) -> tuple[int, str]:
                 and fields[0].lower() in SCAN_NUMBERS
                 and fields[1].lower().startswith("time")
             ):
-                _require_no_scan(lines[:number], delimiter, file)
+                for above, earlier in enumerate(lines[:number], start=1):
+                    # it would pass for a line about the instrument and be lost
+                    start = tokens.split_line(earlier, delimiter)
+                    if len(start) > 2 and start[0].isdigit() and _CLOCK.search(start[1]):
+                        raise LogFormatError(
+                            f"{file}:{above}: a scan stands above the header",
+                            hint=(
+                                "the lines are not in the order of the instrument; export the log"
+                                " again"
+                            ),
+                        )
                 return number, delimiter
     raise LogFormatError(
         f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {_MOST_LINES} lines",
         hint="the log is not a scan of this instrument; try format = 'text'",
     )
-
-
-def _require_no_scan(lines: list[str], delimiter: str, file: str) -> None:
-    """Refuse a scan above the header: it would pass for a line about the instrument and be lost."""
-    for number, line in enumerate(lines, start=1):
-        fields = tokens.split_line(line, delimiter)
-        if len(fields) > 2 and fields[0].isdigit() and _CLOCK.search(fields[1]):
-            raise LogFormatError(
-                f"{file}:{number}: a scan stands above the header",
-                hint="the lines are not in the order of the instrument; export the log again",
-            )

@@ -211,33 +211,28 @@ def _serve() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # libraries print
     while line := sys.stdin.buffer.readline():
         request = json.loads(line)
-        answer, arrays = _answer_request(request, sys.stdin.buffer.read(request["bytes"]))
+        data = sys.stdin.buffer.read(request["bytes"])
+        arrays: dict[str, NDArray[Any]] = {}
+        answer: dict[str, Any]
+        _limit_memory(request["megabytes"])
+        try:
+            function = getattr(importlib.import_module(request["module"]), request["function"])
+            parsed = function(data, request["file"], *request["arguments"])
+            for name, array in parsed.arrays.items():  # those without numbers are sent empty
+                numbers = array if array.dtype.kind in "fiu" else np.zeros(0)
+                arrays[name] = np.ascontiguousarray(numbers)
+            headers = [(name, array.dtype.str, array.shape) for name, array in arrays.items()]
+            answer = {"arrays": headers, "facts": parsed.facts}
+        except MemoryError:
+            answer, arrays = {"memory": True}, {}
+        except CalibkitError as error:
+            answer = {"error": type(error).__name__, "message": error.message, "hint": error.hint}
+            if isinstance(error, SeveralTablesError):
+                answer["tables"] = error.tables
         answers.write(json.dumps(answer).encode() + b"\n")
-        for array in arrays:
+        for array in arrays.values():
             answers.write(array.reshape(-1).view(np.uint8).data)
         answers.flush()
-
-
-def _answer_request(
-    request: dict[str, Any], data: bytes
-) -> tuple[dict[str, Any], list[NDArray[Any]]]:
-    """What is sent back, and the arrays behind it: those without numbers as empty ones."""
-    _limit_memory(request["megabytes"])
-    try:
-        function = getattr(importlib.import_module(request["module"]), request["function"])
-        parsed = function(data, request["file"], *request["arguments"])
-        numeric = {
-            name: np.ascontiguousarray(array if array.dtype.kind in "fiu" else np.zeros(0))
-            for name, array in parsed.arrays.items()
-        }
-    except MemoryError:
-        return {"memory": True}, []
-    except CalibkitError as error:
-        refusal = {"error": type(error).__name__, "message": error.message, "hint": error.hint}
-        tables = {"tables": error.tables} if isinstance(error, SeveralTablesError) else {}
-        return refusal | tables, []
-    array_headers = [(name, array.dtype.str, array.shape) for name, array in numeric.items()]
-    return {"arrays": array_headers, "facts": parsed.facts}, list(numeric.values())
 
 
 def _limit_memory(megabytes: float) -> None:

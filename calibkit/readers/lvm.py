@@ -64,6 +64,9 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         np.vstack([segment.rows for segment in segments]), columns=list(first.names)
     )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
+    # numbers of the rows among those of the file, torn ones counted
+    before = np.cumsum([0, *(segment.written for segment in segments[:-1])])
+    numbers = [segment.numbers + n for segment, n in zip(segments, before, strict=True)]
     if (
         not (content.endswith("\n") or logs.text.footer_lines or logs.text.last_line == "drop")
         and len(lines[-1].split(separator)) <= frame.shape[1]
@@ -81,14 +84,8 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         (how,),
         first.units,
         left_out=tuple(torn.left_out),
-        numbers=np.concatenate(_number_rows(segments)) if torn.any else None,
+        numbers=np.concatenate(numbers) if torn.any else None,
     )
-
-
-def _number_rows(segments: Sequence[_Segment]) -> list[Integers]:
-    """Numbers of the rows of each segment among the rows of the file, from 0, torn ones counted."""
-    before = np.cumsum([0, *(segment.written for segment in segments)])
-    return [segment.numbers + first for segment, first in zip(segments, before[:-1], strict=True)]
 
 
 def _read_key(lines: Sequence[str], key: str, default: str) -> str:
@@ -148,7 +145,17 @@ def _read_segment(
         for line in lines[start:end]
         if line.strip()
     }
-    names = _read_names(lines, end, stop, separator, file)
+    if end + 1 >= stop:
+        raise LogFormatError(
+            f"{file}:{end + 1}: no names below '{_END}'", hint="the file is cut off"
+        )
+    names = [name.strip() for name in lines[end + 1].split(separator)]
+    while names and names[-1] in {"", "Comment"}:
+        names.pop()
+    if len(names) < 2 or names[0] != _TIME:
+        raise LogFormatError(
+            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
+        )
     written = {n + 1: lines[n] for n in range(end + 2, stop) if lines[n].strip()}
     parsed = torn.parse(
         written.items(), lambda n, line: _parse_row(line, names, separator, decimal, n, file)
@@ -160,7 +167,13 @@ def _read_segment(
     last = list(written)[-1]
     if not (torn.cut and stop == len(lines)):  # more rows were still to come
         packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
-        _require_samples(_stated_samples(header, 0), len(written), last, file, packets=packets)
+        count, samples = len(written), _stated_samples(header, 0)
+        # packets of so many rows follow each other
+        if samples and (count % samples if packets else count - samples):
+            raise LogFormatError(
+                f"{file}:{last}: {count} rows, the segment's header says {samples} samples",
+                hint="the file is cut off or was written on; copy it again",
+            )
     channels = [name for name in names if name != _TIME]
     channel_units = {}
     for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False):
@@ -174,22 +187,6 @@ def _read_segment(
     return _Segment(
         tuple(names), {_TIME: "s", **channel_units}, line_numbers, timed, numbers, len(written)
     )
-
-
-def _read_names(lines: Sequence[str], end: int, stop: int, separator: str, file: str) -> list[str]:
-    """Names of a segment's columns, one line below the end of its header."""
-    if end + 1 >= stop:
-        raise LogFormatError(
-            f"{file}:{end + 1}: no names below '{_END}'", hint="the file is cut off"
-        )
-    names = [name.strip() for name in lines[end + 1].split(separator)]
-    while names and names[-1] in {"", "Comment"}:
-        names.pop()
-    if len(names) < 2 or names[0] != _TIME:
-        raise LogFormatError(
-            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
-        )
-    return names
 
 
 def _parse_row(
@@ -223,17 +220,6 @@ def _stated_samples(header: Mapping[str, Sequence[str]], default: int) -> int:
     return max((int(entry) for entry in entries if entry.strip().isdigit()), default=default)
 
 
-def _require_samples(samples: int, rows: int, line: int, file: str, *, packets: bool) -> None:
-    """Raise LogFormatError for a segment with another number of rows than its header states, or
-    with no whole number of packets of that many.
-    """
-    if samples and (rows % samples if packets else rows - samples):
-        raise LogFormatError(
-            f"{file}:{line}: {rows} rows, the segment's header says {samples} samples",
-            hint="the file is cut off or was written on; copy it again",
-        )
-
-
 def _join_times(
     rows: Array,
     names: Sequence[str],
@@ -255,26 +241,23 @@ def _join_times(
     keep = [k for k in range(len(names)) if k not in time_columns]
     time = rows[:, 0]
     if np.isnan(time).all():
-        starts, steps = (
-            _header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X")
-        )
+        stated: dict[str, set[float]] = {}
+        for key in ("X0", "Delta_X"):
+            fields = header.get(key, [])
+            try:
+                stated[key] = {float(field.replace(",", ".")) for field in fields if field.strip()}
+            except ValueError:
+                raise LogFormatError(
+                    f"{file}:{line}: {key} in the header above: found '{' '.join(fields)[:60]}',"
+                    " expected numbers",
+                    hint="the file is damaged; copy it again",
+                ) from None
         samples = _stated_samples(header, int(numbers[-1]) + 1)
-        if len(set(starts)) != 1 or len(set(steps)) != 1 or numbers[-1] >= samples:
+        if any(len(values) != 1 for values in stated.values()) or numbers[-1] >= samples:
             raise LogFormatError(
                 f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows",
                 hint="save with an X column",
             )
-        time = starts[0] + units.scaled(numbers.astype(np.float64), steps[0])
+        (start,), (step,) = stated.values()
+        time = start + units.scaled(numbers.astype(np.float64), step)
     return np.column_stack([time, rows[:, keep]]), [_TIME, *(names[k] for k in keep)]
-
-
-def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> list[float]:
-    """Numbers of a line of a segment's header."""
-    try:
-        return [float(field.replace(",", ".")) for field in fields if field.strip()]
-    except ValueError:
-        raise LogFormatError(
-            f"{file}:{line}: {key} in the header above: found '{' '.join(fields)[:60]}', expected"
-            " numbers",
-            hint="the file is damaged; copy it again",
-        ) from None

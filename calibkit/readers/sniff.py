@@ -206,13 +206,12 @@ def _cut_at(
         for fields in full_rows[:100]
         for field in fields
     ]
+    names_above, _ = headers.split_header(lines[:first], delimiter, spec.widths, width)
+    named = bool(names_above) and len(names_above[-1]) == width
     score = (
         float(width > 1),
         round(len(full_rows) / len(rows), 3),
-        float(
-            headers.is_header_above(lines[:first], delimiter, spec.widths, width)
-            or (len(names) == width and first == 0)
-        ),
+        float(named or (len(names) == width and first == 0)),
         sum(recognised) / max(len(recognised), 1),
         -float(_DELIMITERS.index(delimiter)) if delimiter in _DELIMITERS else 0.0,
     )
@@ -312,7 +311,11 @@ def _find_header(
     last = layout.first - skipped_below
     header, names_and_units = headers.read_header(fields_above, last, width, file, spec, names)
     skip = last - header if header else layout.first
-    filled = [k for k, line in enumerate(layout.lines_above[:skip]) if _is_filled(line)]
+    filled = [
+        k
+        for k, line in enumerate(layout.lines_above[:skip])
+        if line.strip() and not tokens.is_comment(line)
+    ]
     if not isinstance(spec.skip_lines, int):
         headers.refuse_rows_above(layout.lines_above[:skip], delimiter, widths, width, file)
         if header or not filled:
@@ -334,11 +337,6 @@ def _find_header(
             hint=f"correct skip_lines in [logs.text]: the header stands in line {skip + 1}",
         )
     return skip, header, names_and_units
-
-
-def _is_filled(line: str) -> bool:
-    """Whether a line is neither blank nor a comment."""
-    return bool(line.strip()) and not tokens.is_comment(line)
 
 
 def _classify_column(fields: Sequence[str], decimal: str) -> tuple[str, str]:

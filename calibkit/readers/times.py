@@ -161,8 +161,17 @@ def to_seconds(raw: pd.Series, form: str, file: str, column: str) -> _TimeColumn
     nanoseconds = _parse_instants(fields, form)
     if re.search(r"%[dYymj]", form):
         return _subtract_first(nanoseconds, missing, _dated(form))
-    nanoseconds, notes = _add_midnights(nanoseconds, missing)
-    return _subtract_first(nanoseconds, missing, Origin("times of day", _SINCE_1900), notes)
+    # at each midnight, which is a step back by more than half a day, a day is added; a smaller step
+    # back is a clock that was set, which checks find
+    day = 86_400_000_000_000
+    valid_rows = np.flatnonzero(~missing)
+    back = np.diff(nanoseconds[valid_rows]) < -day // 2
+    added = np.zeros(nanoseconds.shape, dtype=np.int64)
+    added[valid_rows] = np.concatenate([[0], np.cumsum(back)])
+    count = int(back.sum())
+    notes = (f"midnight passed {count} time{'s' if count > 1 else ''}",) if count else ()
+    origin = Origin("times of day", _SINCE_1900)
+    return _subtract_first(nanoseconds + added * day, missing, origin, notes)
 
 
 def _dated(form: str) -> Origin | None:
@@ -214,7 +223,15 @@ def _parse_instants(fields: _Fields, form: str) -> Integers:
 
     texts = fields.texts
     if ":%f" in form:
-        _require_three_digits(fields)
+        # milliseconds behind a colon have three digits: 7 could be 0.7 s or 0.007 s
+        short = ~texts.str.contains(r":\d{3}(?:\D|$)", regex=True).to_numpy() & ~fields.missing
+        if short.any():
+            row = int(np.argmax(short))
+            raise LogFormatError(
+                f"{fields.file}:{int(texts.index[row]) + 2}: column '{fields.column}':"
+                f" '{texts.iloc[row]}': milliseconds without three digits",
+                hint="it could be tenths or thousandths; repair the log",
+            )
     try:
         instants = pd.to_datetime(texts, format=form, errors="coerce", utc="%z" in form)
     except ValueError as error:
@@ -239,21 +256,6 @@ def _parse_instants(fields: _Fields, form: str) -> Integers:
     return instants.astype("datetime64[ns]").to_numpy().astype(np.int64)
 
 
-def _require_three_digits(fields: _Fields) -> None:
-    """Refuse milliseconds behind a colon that have not three digits: 7 could be 0.7 s or 0.007
-    s.
-    """
-    texts = fields.texts
-    short = ~texts.str.contains(r":\d{3}(?:\D|$)", regex=True).to_numpy() & ~fields.missing
-    if short.any():
-        row = int(np.argmax(short))
-        raise LogFormatError(
-            f"{fields.file}:{int(texts.index[row]) + 2}: column '{fields.column}':"
-            f" '{texts.iloc[row]}': milliseconds without three digits",
-            hint="it could be tenths or thousandths; repair the log",
-        )
-
-
 def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
@@ -275,7 +277,12 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     if not clocks:
         raise refused
     forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[valid]) > 0.0)]
-    possible_clocks = _without_leaps(forwards or clocks, valid)
+    possible_clocks = forwards or clocks
+    day = 86_400.0
+    leaps = [np.abs(np.diff(clock.seconds[valid])).max(initial=0.0) for clock in possible_clocks]
+    if len(leaps) == 2 and min(leaps) < day and max(leaps) > 20.0 * day:
+        # one runs on at midnight, the other leaps by weeks
+        possible_clocks = [possible_clocks[int(np.argmin(leaps))]]
     if len(possible_clocks) == 1:
         return possible_clocks[0]
     if not np.array_equal(possible_clocks[0].seconds, possible_clocks[1].seconds, equal_nan=True):
@@ -288,32 +295,6 @@ def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
         possible_clocks[0].seconds,
         ("dates: day and month could be either, the seconds are the same",),
     )
-
-
-def _without_leaps(clocks: list[_TimeColumn], valid: Mask) -> list[_TimeColumn]:
-    """The clock that runs on at midnight where the other leaps by weeks; both where neither
-    shows.
-    """
-    day = 86_400.0
-    largest = [float(np.abs(np.diff(clock.seconds[valid])).max(initial=0.0)) for clock in clocks]
-    if len(clocks) == 2 and min(largest) < day and max(largest) > 20.0 * day:
-        return [clocks[int(np.argmin(largest))]]
-    return clocks
-
-
-def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tuple[str, ...]]:
-    """Times of day with a day added at each midnight (a step back by more than half a day), and a
-    note on the midnights.
-    """
-    day = 86_400_000_000_000
-    valid_rows = np.flatnonzero(~missing)
-    # a smaller step back is a clock that was set, which checks find
-    back = np.diff(nanoseconds[valid_rows]) < -day // 2
-    added = np.zeros(nanoseconds.shape, dtype=np.int64)
-    added[valid_rows] = np.concatenate([[0], np.cumsum(back)])
-    count = int(back.sum())
-    notes = (f"midnight passed {count} time{'s' if count > 1 else ''}",) if count else ()
-    return nanoseconds + added * day, notes
 
 
 def _parse_elapsed(fields: _Fields) -> Array:

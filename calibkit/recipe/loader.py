@@ -145,7 +145,18 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
             hint=did_you_mean(str(procedure), kinds, "name one of them"),
         )
     recipe = _validate(source, kinds[procedure].Recipe, data, lines)
-    _require_known_columns(source, recipe, lines)
+    # a misspelt column would be read by nothing, and lose its unit and sign
+    recipe_columns = recipe.own_columns()
+    patterns = ("gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb")
+    valid_names = [*CANONICAL, *patterns, *recipe_columns]
+    faults = [
+        f"{_format_place(source, ('columns', name), lines)}: columns.{name}: not a canonical"
+        f" column; {did_you_mean(name, valid_names, _CHANGE)}"
+        for name in recipe.columns
+        if not is_canonical(name) and name not in recipe_columns
+    ]
+    if faults:
+        raise RecipeError("\n".join(faults))
     return recipe
 
 
@@ -168,34 +179,28 @@ def _read_tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
 def _validate(
     source: Source, model: type[AnyTable], data: dict[str, Any], lines: Mapping[Location, str]
 ) -> AnyTable:
-    """Record of the tables, or RecipeError."""
+    """Record of the tables, or RecipeError with one line for each place that has a fault; the
+    alternatives that a place allows are joined.
+    """
+    grouped: dict[Location, list[dict[str, Any]]] = {}
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise RecipeError("\n".join(_describe_faults(source, error, lines, model))) from None
-
-
-def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> None:
-    """Raise RecipeError with one line for each mapped column that nothing would read: a misspelt
-    name would lose its unit and sign.
-    """
-    recipe_columns = recipe.own_columns()
-    valid_names = [
-        *CANONICAL,
-        "gyro_x_dph",
-        "gyro_x_lsb",
-        "accel_x_g",
-        "accel_x_lsb",
-        *recipe_columns,
-    ]
-    faults = [
-        f"{_format_place(source, ('columns', name), lines)}: columns.{name}: not a canonical"
-        f" column; {did_you_mean(name, valid_names, _CHANGE)}"
-        for name in recipe.columns
-        if not is_canonical(name) and name not in recipe_columns
-    ]
-    if faults:
-        raise RecipeError("\n".join(faults))
+        for fault in error.errors():
+            # parts of these names are the branches of a union that were tried
+            location = tuple(
+                part
+                for part in fault["loc"]
+                if part not in {"int", "float", "str"}
+                and not str(part).startswith(("literal[", "constrained-", "tuple["))
+            )
+            grouped.setdefault(location, []).append(dict(fault))
+    raise RecipeError(
+        "\n".join(
+            _describe_fault(_format_place(source, location, lines), location, faults, model)
+            for location, faults in grouped.items()
+        )
+    )
 
 
 def _key_lines(text: str) -> dict[Location, str]:
@@ -265,26 +270,6 @@ def _format_place(source: Source, location: Location, lines: Mapping[Location, s
     return source.name
 
 
-def _describe_faults(
-    source: Source, error: ValidationError, lines: Mapping[Location, str], model: type[BaseModel]
-) -> list[str]:
-    """One line for each place that has a fault; the alternatives that a place allows are joined."""
-    grouped: dict[Location, list[dict[str, Any]]] = {}
-    for fault in error.errors():
-        # parts of these names are the branches of a union that were tried
-        location = tuple(
-            part
-            for part in fault["loc"]
-            if part not in {"int", "float", "str"}
-            and not str(part).startswith(("literal[", "constrained-", "tuple["))
-        )
-        grouped.setdefault(location, []).append(dict(fault))
-    return [
-        _describe_fault(_format_place(source, location, lines), location, faults, model)
-        for location, faults in grouped.items()
-    ]
-
-
 def _describe_fault(
     place: str, location: Location, faults: list[dict[str, Any]], model: type[BaseModel]
 ) -> str:
@@ -301,7 +286,15 @@ def _describe_fault(
         return f"{place}: missing key '{dotted}'; add it"
     if kind == "value_error":
         return f"{place}: {dotted or 'table'}: {faults[0]['msg'].removeprefix('Value error, ')}"
-    expected = " or ".join(dict.fromkeys(_plain_expectation(fault["msg"]) for fault in faults))
+    expectations: dict[str, None] = {}
+    for fault in faults:
+        expectation = fault["msg"].removeprefix("Input should be ")
+        for pattern, words in _PLAIN:
+            if re.fullmatch(pattern, expectation):
+                expectation = re.sub(pattern, words, expectation)
+                break
+        expectations[expectation] = None
+    expected = " or ".join(expectations)
     advice = "change it"
     if isinstance(value, str):
         advice = did_you_mean(value, re.findall(r"'([^']+)'", expected), _CHANGE)
@@ -323,33 +316,20 @@ _PLAIN = (
 """What the validator expected, in its words → in words of TOML."""
 
 
-def _plain_expectation(message: str) -> str:
-    """What was expected, in words of TOML."""
-    expected = message.removeprefix("Input should be ")
-    for pattern, words in _PLAIN:
-        if re.fullmatch(pattern, expected):
-            return re.sub(pattern, words, expected)
-    return expected
-
-
 def _allowed_keys(model: type[BaseModel], location: Location) -> list[str]:
     """Keys that the table at a location may hold."""
     current: Any = model
     for part in location:
-        current = _table_type(_member_type(current, part))
+        current = _member_type(current, part)
+        options = get_args(current)
+        tables = [
+            kind for kind in options if isinstance(kind, type) and issubclass(kind, BaseModel)
+        ]
+        if len(tables) == 1 and type(None) in options:  # a table that may be absent
+            current = tables[0]
     if isinstance(current, type) and issubclass(current, BaseModel):
         return [field.alias or name for name, field in current.model_fields.items()]
     return []
-
-
-def _table_type(annotation: Any) -> Any:  # noqa: ANN401 (as below)
-    """Type of a table that may be absent: what stands beside None."""
-    tables = [
-        kind
-        for kind in get_args(annotation)
-        if isinstance(kind, type) and issubclass(kind, BaseModel)
-    ]
-    return tables[0] if len(tables) == 1 and type(None) in get_args(annotation) else annotation
 
 
 def _member_type(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)

@@ -424,14 +424,6 @@ class Recipe(Table):
         """Columns that a recipe names itself, beyond the canonical ones."""
         return ()
 
-    def still_columns(self) -> tuple[str, ...]:
-        """Indications, beyond those of gyros, that are checked as of an instrument at rest."""
-        return ()
-
-    def largest_gap_s(self) -> float:
-        """Largest gap [s] that the recipe allows in a log."""
-        return float("inf")
-
     def on_site(self) -> Self:
         """The recipe with the site's gravity computed from latitude and height where it was not
         measured.

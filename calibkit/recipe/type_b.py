@@ -112,7 +112,18 @@ class TypeB(Table):
             raise ValueError(
                 f"'{self.name}': a sensitivity and the result that it leads to are stated together"
             )
-        _require_unit(self)
+        target = quantity_unit(self.quantity)
+        if target is None or self.unit in RELATIVE:
+            return self
+        if self.quantity == "time_s":
+            raise ValueError(
+                f"'{self.name}' is in '{self.unit}', an error of the time base is a share of the"
+                " time; state it in ppm or %"
+            )
+        try:
+            units.difference_factor(self.unit, target)
+        except RecipeError as error:
+            raise ValueError(f"'{self.name}': {error}") from None
         return self
 
     @property
@@ -156,22 +167,6 @@ def quantity_unit(quantity: str) -> str | None:
     any other result.
     """
     return SITE.get(quantity) or (units.column_unit(quantity) if is_canonical(quantity) else None)
-
-
-def _require_unit(term: TypeB) -> None:
-    """Raise ValueError for a unit that the quantity of a column or site value cannot have."""
-    target = quantity_unit(term.quantity)
-    if target is None or term.unit in RELATIVE:
-        return
-    if term.quantity == "time_s":
-        raise ValueError(
-            f"'{term.name}' is in '{term.unit}', an error of the time base is a share of the time;"
-            " state it in ppm or %"
-        )
-    try:
-        units.difference_factor(term.unit, target)
-    except RecipeError as error:
-        raise ValueError(f"'{term.name}': {error}") from None
 
 
 THERMOMETER_STEP_DEGC = 0.05

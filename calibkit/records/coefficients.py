@@ -17,7 +17,7 @@ from calibkit.records.left_out import LeftOut  # noqa: TC001 (as above)
 from calibkit.records.sealed import read_as, seal, unseal
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from calibkit.records.frame import Log
 
@@ -261,7 +261,17 @@ class StageResult:
             software=identity.software,
             recipe_sha256=identity.recipe_sha256,
             inputs=tuple(Input(entry.name, entry.sha256, entry.rows) for entry in identity.inputs),
-            conditions=(*self.conditions, *_clocks(identity.inputs)),
+            # the uncertainty of a second logger's clock is in no covariance of the models
+            conditions=(
+                *self.conditions,
+                *(
+                    Condition(
+                        f"second_logger_clock_offset.{log.name}", log.clock[0], "s", log.clock[1]
+                    )
+                    for log in identity.inputs
+                    if log.clock is not None
+                ),
+            ),
             models=self.models,
             figures=self.figures,
             flags=self.flags,
@@ -278,17 +288,6 @@ class Identity:
     software: str
     recipe_sha256: str
     inputs: tuple[Input, ...]
-
-
-def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
-    """Clock of the second logger of each log that has one: its uncertainty is in no covariance of
-    the models.
-    """
-    return tuple(
-        Condition(f"second_logger_clock_offset.{entry.name}", entry.clock[0], "s", entry.clock[1])
-        for entry in inputs
-        if entry.clock is not None
-    )
 
 
 def loads(text: str, name: str) -> Record:

@@ -176,12 +176,15 @@ class Log:
         part of a split log that holds the first of them. It says how many ranges there are where
         it lists fewer.
         """
-        index = self.frame.index.to_numpy()[np.fromiter(rows, dtype=np.int64)]
-        offsets = [offset for _, offset in self.parts if index[0] >= offset - 1]
-        further = [offset for _, offset in self.parts if index[0] < offset - 1]
-        file = self.parts[len(offsets) - 1][0] if offsets else self.file
-        in_part = index[index < further[0] - 1] if further else index
-        lines = list_ranges((in_part - (offsets[-1] if offsets else 0) + 2).tolist())
+        numbers = np.fromiter(rows, dtype=np.int64)
+        file, _ = self._file_and_line(int(numbers[0]))
+        begins = dict(self.parts)
+        begin = begins.get(file, 0)
+        index = self.frame.index.to_numpy()[numbers]
+        # of a split log those of the part alone
+        end = min((later for later in begins.values() if later > begin), default=None)
+        in_part = index if end is None else index[index < end - 1]
+        lines = list_ranges((in_part - begin + 2).tolist())
         advice = advise_exclude(file, lines=lines[:most])
         return advice if len(lines) <= most else f"{advice} (the first {most} of {len(lines)})"
 

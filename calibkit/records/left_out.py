@@ -3,9 +3,8 @@
 The names of the fields are keys of run.json.
 """
 
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
-from typing import Any, Literal
+from dataclasses import dataclass
+from typing import Literal
 
 from calibkit.records.sealed import read_as
 
@@ -26,11 +25,6 @@ class LeftOut:
     cause: Cause
     where: str = ""
     """Log or sensor; empty for all."""
-
-
-def dumps(facts: Iterable[LeftOut]) -> list[dict[str, Any]]:
-    """Facts as JSON objects of run.json."""
-    return [asdict(fact) for fact in facts]
 
 
 def loads(entries: object, name: str) -> tuple[LeftOut, ...]:

@@ -7,7 +7,7 @@ that input shifted, its model, orders and weights held.
 from __future__ import annotations
 
 from collections.abc import Mapping  # noqa: TC003 (pydantic reads annotations)
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from calibkit.records.sealed import read_as
@@ -109,11 +109,6 @@ def _values(results: Iterable[StageResult]) -> dict[str, tuple[float, float]]:
             for figure in result.figures
         }
     return values
-
-
-def dumps(sensitivities: Iterable[Sensitivity]) -> list[dict[str, Any]]:
-    """Sensitivities as JSON objects of run.json."""
-    return [asdict(sensitivity) for sensitivity in sensitivities]
 
 
 def loads(entries: object, name: str) -> tuple[Sensitivity, ...]:

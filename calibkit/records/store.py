@@ -61,11 +61,15 @@ class StoredRun:
             **{key: self.document[key] for key in (*facts, "software", "sha256")},
         }
 
+    def content(self, name: str) -> bytes:
+        """Content of one of the run's files."""
+        return read_bytes(self.folder / name)
+
     def stage_digests(self) -> dict[str, str]:
         """Stage → digest that its coefficient file states of itself."""
         return {
             record.stage: str(
-                sealed.unseal(read_utf8(self.folder / name), name, coefficients.FORMAT)["sha256"]
+                sealed.unseal(self.content(name).decode(), name, coefficients.FORMAT)["sha256"]
             )
             for name, record in self.records.items()
         }
@@ -140,22 +144,16 @@ def save(
                 raise
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
-    _mark_highest(target.parent, revision)
+    # the number is not given again once the folder is deleted: a mark is made and the one before
+    # removed, each in one step. The run is there already: a full disk costs this protection only
+    with contextlib.suppress(OSError):
+        (target.parent / f"{_HIGHEST}r{revision:03d}").touch()
+        for number, path in _highest_marks(target.parent).items():
+            if number < revision:
+                path.unlink()
     # the entry of the renamed folder is on the disk only after that
     atomic.sync_folder(target.parent)
     return target
-
-
-def _mark_highest(serial_folder: Path, revision: int) -> None:
-    """Keep the number of a revision from being given again once its folder is deleted: a file is
-    made and the one before removed, each in one step. The run is there already, so a disk that is
-    full costs this protection only.
-    """
-    with contextlib.suppress(OSError):
-        (serial_folder / f"{_HIGHEST}r{revision:03d}").touch()
-        for number, path in _highest_marks(serial_folder).items():
-            if number < revision:
-                path.unlink()
 
 
 def _highest_marks(serial_folder: Path) -> dict[int, Path]:
@@ -190,8 +188,9 @@ def find(name: str, runs: Path) -> Path:
     force on that date).
     """
     serial, _, selector = name.partition("@")
-    if _is_run(Path(name)):
-        return Path(name)
+    with contextlib.suppress(OSError):
+        if (Path(name) / RUN_FILE).is_file():
+            return Path(name)
     numbers = revisions(runs / serial) if names.is_serial(serial) else []
     if not numbers:
         raise UsageError(
@@ -208,14 +207,6 @@ def find(name: str, runs: Path) -> Path:
         )
     own_document(runs, serial, int(match.group(1)))
     return _folder(runs, serial, int(match.group(1)))
-
-
-def _is_run(folder: Path) -> bool:
-    """Whether a folder can be seen to be a run."""
-    try:
-        return (folder / RUN_FILE).is_file()
-    except OSError:
-        return False
 
 
 def _folder(runs: Path, serial: str, revision: int) -> Path:
