@@ -12,9 +12,8 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.errors import UsageError
-from calibkit.numeric import change, gum
-from calibkit.numeric.change import CHANCE, SIGNIFICANT, Joint
-from calibkit.records.coefficients import Coefficient, Model, Record
+from calibkit.numeric import gum
+from calibkit.records.coefficients import Coefficient, Model
 from calibkit.records.forms import Form, FormsOf
 from calibkit.records.store import StoredRun
 from calibkit.report.table import Column, Table, number_or_none, tabulate
@@ -22,14 +21,23 @@ from calibkit.report.table import Column, Table, number_or_none, tabulate
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 LONGEST_CELL = 36
 """Characters of a cell on the first screen."""
+SIGNIFICANT = 2.0
+"""Standard uncertainties of a difference beyond which a number has moved."""
+CHANCE = math.erfc(SIGNIFICANT / math.sqrt(2.0))
+"""Share of normal differences beyond SIGNIFICANT when nothing has moved: 4.6 %."""
 ABSENT = Coefficient("", math.nan, "", math.nan)
 """Stands for a number that a run does not have."""
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One number in two runs; NaN stands where a run has none."""
+    """One coefficient, or figure (without model and form), in two runs; NaN stands where a run has
+    none.
+    """
 
+    stage: str
+    model: str
+    form: str
     name: str
     unit: str
     before: float
@@ -51,23 +59,8 @@ class Change:
     @property
     def in_u(self) -> float:
         """Difference in its standard uncertainties; NaN where there is none."""
-        return (
-            self.difference / self.standard_uncertainty
-            if self.standard_uncertainty > 0.0
-            else math.nan
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ModelChange:
-    """One model (or the figures of one stage, without form and name) in two runs."""
-
-    stage: str
-    name: str
-    form: str
-    changes: tuple[Change, ...]
-    joint: Joint | None
-    notes: tuple[str, ...]
+        u = self.standard_uncertainty
+        return self.difference / u if u > 0.0 else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,15 +79,17 @@ class Difference:
 
     before: StoredRun
     after: StoredRun
-    models: tuple[ModelChange, ...]
-    figures: tuple[ModelChange, ...]
+    numbers: tuple[Change, ...]
+    """Coefficients, then figures."""
+    notes: tuple[ChangedFact, ...]
+    """Models of another form, or measured elsewhere."""
     settings: tuple[ChangedFact, ...]
-    """Everything but coefficients and figures."""
+    """Recipe, logs, files, flags, conditions, software."""
     flags: tuple[str, ...]
 
-    def count(self, *verdicts: Verdict | str) -> int:
+    def count(self, *verdicts: Verdict) -> int:
         """Number of coefficients (figures not counted) with one of the verdicts."""
-        return sum(entry.verdict in verdicts for model in self.models for entry in model.changes)
+        return sum(change.verdict in verdicts for change in self.numbers if change.model)
 
 
 def compare_runs(before: StoredRun, after: StoredRun, forms_of: FormsOf) -> Difference:
@@ -106,66 +101,51 @@ def compare_runs(before: StoredRun, after: StoredRun, forms_of: FormsOf) -> Diff
             hint="compare runs of one procedure",
         )
     forms = forms_of(procedures[0])
-    models: list[ModelChange] = []
-    figures: list[ModelChange] = []
+    coefficients: list[Change] = []
+    figures: list[Change] = []
+    notes: list[ChangedFact] = []
     for file, record in {**before.records, **after.records}.items():
-        old, new = before.records.get(file), after.records.get(file)
-        models += _models(record.stage, old, new, forms)
-        changes = compare_numbers(old.figures if old else (), new.figures if new else ())
-        if changes:
-            figures.append(ModelChange(record.stage, "", "", changes, None, ()))
+        both_records = before.records.get(file), after.records.get(file)
+        olds, news = ({m.name: m for m in r.models} if r else {} for r in both_records)
+        for name, model in {**olds, **news}.items():
+            old, new = olds.get(name), news.get(name)
+            obstacles: list[str] = []
+            if old and new:
+                obstacles = list(_obstacles(old, new, forms.get(old.form)))
+                remarks = [*obstacles, *_measured(old, new, forms.get(old.form))]
+                label = f"{record.stage}.{name}"
+                notes += [ChangedFact(label, "", "", remark) for remark in remarks]
+            place = record.stage, name, (new or model).form
+            numbers = [_with_dof(m) if m else () for m in (old, new)]
+            coefficients += _compare_numbers(place, *numbers, comparable=not obstacles)
+        numbers = [r.figures if r else () for r in both_records]
+        figures += _compare_numbers((record.stage, "", ""), *numbers)
     return Difference(
         before,
         after,
-        tuple(models),
-        tuple(figures),
+        (*coefficients, *figures),
+        tuple(notes),
         tuple(_settings(before, after)),
         _flags(before, after),
     )
 
 
-def _models(
-    stage: str, old: Record | None, new: Record | None, forms: Mapping[str, Form]
-) -> Iterator[ModelChange]:
-    """Models of one stage, in the order of the older run; those of one run only cannot be
-    compared.
-    """
-    olds, news = ({m.name: m for m in record.models} if record else {} for record in (old, new))
-    for name, model in {**olds, **news}.items():
-        if name in olds and name in news:
-            yield _model(stage, olds[name], model, forms.get(olds[name].form))
-        else:
-            pair = (with_dof(models[name]) if name in models else () for models in (olds, news))
-            yield ModelChange(stage, name, model.form, compare_numbers(*pair), None, ())
-
-
-def _model(stage: str, old: Model, new: Model, form: Form | None) -> ModelChange:
-    """One model in two runs; where its equation or a chosen parameter changed nothing is judged."""
-    obstacles, notes = _obstacles(old, new, form), _measured(old, new, form)
-    changes = compare_numbers(with_dof(old), with_dof(new), comparable=not obstacles)
-    joint = None if obstacles else _joint(old, new, changes)
-    return ModelChange(stage, old.name, new.form, changes, joint, (*obstacles, *notes))
-
-
-def _obstacles(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
+def _obstacles(old: Model, new: Model, form: Form | None) -> Iterator[str]:
     """Reasons why the coefficients of two models are different quantities."""
     if old.form != new.form:
-        return (f"form {old.form} became {new.form}: the coefficients are other quantities",)
-    return tuple(
-        f"{name} {a:g} became {b:g}: the coefficients are other quantities"
-        for name, a, b in _parameters(old, new, form.meaning if form else ())
-        if a != b
-    )
+        yield f"form {old.form} became {new.form}: the coefficients are other quantities"
+        return
+    for name, a, b in _parameters(old, new, form.meaning if form else ()):
+        if a != b:
+            yield f"{name} {a:g} became {b:g}: the coefficients are other quantities"
 
 
-def _measured(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
+def _measured(old: Model, new: Model, form: Form | None) -> Iterator[str]:
     """Where the two were measured, when that differs."""
     matters = form.measured if form else {}
-    return tuple(
-        f"measured at {name} {a:.4g} and {b:.4g}: part of a difference may be that"
-        for name, a, b in _parameters(old, new, matters)
-        if not abs(a - b) <= matters[name]
-    )
+    for name, a, b in _parameters(old, new, matters):
+        if not abs(a - b) <= matters[name]:
+            yield f"measured at {name} {a:.4g} and {b:.4g}: part of a difference may be that"
 
 
 def _parameters(old: Model, new: Model, names: Iterable[str]) -> Iterator[tuple[str, float, float]]:
@@ -179,31 +159,25 @@ def _parameters(old: Model, new: Model, names: Iterable[str]) -> Iterator[tuple[
             yield name, olds.get(name, math.nan), news.get(name, math.nan)
 
 
-def with_dof(model: Model) -> tuple[Coefficient, ...]:
+def _with_dof(model: Model) -> tuple[Coefficient, ...]:
     """Coefficients of a model, each with its degrees of freedom; None where the model has none."""
     return tuple(replace(c, effective_dof=model.dof_of(c) or None) for c in model.coefficients)
 
 
-def compare_numbers(
-    old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True
-) -> tuple[Change, ...]:
-    """Numbers of two lists by name, in the order of the first."""
+def _compare_numbers(
+    place: tuple[str, str, str],
+    old: Sequence[Coefficient],
+    new: Sequence[Coefficient],
+    *,
+    comparable: bool = True,
+) -> Iterator[Change]:
+    """Numbers of two lists by name, in the order of the first; `place` is stage, model and form."""
     olds, news = ({entry.name: entry for entry in numbers} for numbers in (old, new))
-    changes = []
     for name in {**olds, **news}:
         a, b = olds.get(name, ABSENT), news.get(name, ABSENT)
-        changes.append(
-            Change(
-                name,
-                ", ".join(dict.fromkeys(filter(None, (a.unit, b.unit)))),
-                a.value,
-                b.value,
-                a.standard_uncertainty,
-                b.standard_uncertainty,
-                _verdict(a, b, comparable=comparable),
-            )
-        )
-    return tuple(changes)
+        unit = ", ".join(dict.fromkeys(filter(None, (a.unit, b.unit))))
+        sizes = a.value, b.value, a.standard_uncertainty, b.standard_uncertainty
+        yield Change(*place, name, unit, *sizes, _verdict(a, b, comparable=comparable))
 
 
 def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
@@ -227,26 +201,6 @@ def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
         for name, c in (("before", a), ("after", b))
     ]
     return "moved" if abs(b.value - a.value) > gum.combine(parts).expanded_uncertainty else "held"
-
-
-def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
-    """The whole model's distance, where both runs have the same coefficients in the same units and
-    a covariance.
-    """
-    names = [c.name for c in old.coefficients]
-    comparable = names == [c.name for c in new.coefficients] and all(
-        entry.verdict in ("moved", "held", "equal", "no uncertainty") for entry in changes
-    )
-    if (
-        not comparable
-        or len(names) < 2
-        or not len(old.covariance) == len(new.covariance) == len(names)
-    ):
-        return None
-    # two determinations from different logs are independent
-    covariance = np.asarray(old.covariance) + np.asarray(new.covariance)
-    dof = min(model.dof_of(c) for model in (old, new) for c in model.coefficients) or math.inf
-    return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)
 
 
 def _settings(before: StoredRun, after: StoredRun) -> Iterator[ChangedFact]:
@@ -323,31 +277,23 @@ def _flags(before: StoredRun, after: StoredRun) -> tuple[str, ...]:
 
 
 def tabulate_changes(difference: Difference, most: int | None = None) -> Table:
-    """What changed, for people: models whose coefficients changed together by more than chance,
-    every number that moved, and whatever else differs; at most `most` rows, with short texts.
+    """What changed, for people: models of another form, every number that moved, and whatever else
+    differs; at most `most` rows, with short texts.
     """
-    facts = []
-    for model in difference.models:
-        label = f"{model.stage}.{model.name}"
-        facts += [ChangedFact(label, "", "", note) for note in model.notes]
-        if model.joint is not None and model.joint.probability < CHANCE:
-            chance = model.joint.probability
-            chance_text = "< 1e-9" if chance < 1e-9 else f"{chance:.2g}"
-            note = f"chance of as much: {chance_text}"
-            facts.append(ChangedFact(f"{label}: all {len(model.changes)} together", "", "", note))
-    numbers = [
-        (".".join(filter(None, (block.stage, block.name, entry.name))), entry)
-        for block in (*difference.models, *difference.figures)
-        for entry in block.changes
-        if entry.verdict not in ("held", "equal") and (block.name or entry.verdict == "moved")
+    facts = [*difference.notes]
+    changed = [
+        change
+        for change in difference.numbers
+        if change.verdict not in ("held", "equal") and (change.model or change.verdict == "moved")
     ]
-    for label, entry in sorted(numbers, key=lambda number: -abs(np.nan_to_num(number[1].in_u))):
+    for change in sorted(changed, key=lambda change: -abs(np.nan_to_num(change.in_u))):
+        label = ".".join(filter(None, (change.stage, change.model, change.name)))
         before, after = (
-            "" if math.isnan(value) else f"{value:.9g}" for value in (entry.before, entry.after)
+            "" if math.isnan(value) else f"{value:.9g}" for value in (change.before, change.after)
         )
-        shift = f"{entry.difference:+.3g}, {entry.in_u:+.3g} u"
-        note = shift if entry.verdict == "moved" else entry.verdict
-        facts.append(ChangedFact(f"{label} [{entry.unit}]", before, after, note))
+        shift = f"{change.difference:+.3g}, {change.in_u:+.3g} u"
+        note = shift if change.verdict == "moved" else change.verdict
+        facts.append(ChangedFact(f"{label} [{change.unit}]", before, after, note))
     facts += difference.settings
     judged = difference.count("moved", "held")
     title = "what changed"
@@ -356,19 +302,17 @@ def tabulate_changes(difference: Difference, most: int | None = None) -> Table:
             f": {difference.count('moved')} of {judged} coefficients by more than"
             f" {SIGNIFICANT:g} u (type A), {CHANCE * judged:.1f} would by chance"
         )
-    if most is not None and len(facts) > most:
-        title += f"; {len(facts) - most} more: --details"
+    if most is not None:
+        title += f"; {len(facts) - most} more: --details" * (len(facts) > most)
+        cells = [[_shorten(text) for text in asdict(fact).values()] for fact in facts[:most]]
+        facts = [ChangedFact(*texts) for texts in cells]
     columns = (
         Column("", key="what"),
         Column(difference.before.name, key="before"),
         Column(difference.after.name, key="after"),
         Column("", key="note"),
     )
-    table = tabulate(title, columns, facts[:most])
-    if most is None:
-        return table
-    short_rows = [tuple(_shorten(str(cell)) for cell in row) for row in table.rows]
-    return replace(table, rows=tuple(short_rows))
+    return tabulate(title, columns, facts)
 
 
 def _shorten(text: str) -> str:
@@ -380,33 +324,20 @@ def describe_changes(difference: Difference) -> dict[str, Any]:
     """What changed as a JSON object: every number of either run, and whatever else differs; null
     stands where there is no number.
     """
-    numbers = [
-        {
-            "stage": block.stage,
-            "model": block.name,
-            "form": block.form,
-            "name": entry.name,
-            "unit": entry.unit,
-            "before": number_or_none(entry.before),
-            "after": number_or_none(entry.after),
-            "u_before": number_or_none(entry.u_before),
-            "u_after": number_or_none(entry.u_after),
-            "difference": number_or_none(entry.difference),
-            "standard_uncertainty": number_or_none(entry.standard_uncertainty),
-            "in_u": number_or_none(entry.in_u),
-            "verdict": entry.verdict,
+    numbers = []
+    for change in difference.numbers:
+        derived = {
+            key: getattr(change, key) for key in ("difference", "standard_uncertainty", "in_u")
         }
-        for block in (*difference.models, *difference.figures)
-        for entry in block.changes
-    ]
-    models = [
-        {
-            "stage": model.stage,
-            "model": model.name,
-            "joint": None if model.joint is None else asdict(model.joint),
-            "notes": list(model.notes),
-        }
-        for model in difference.models
-    ]
-    settings = [asdict(fact) for fact in difference.settings]
-    return {"numbers": numbers, "models": models, "settings": settings}
+        entry = asdict(change) | derived
+        numbers.append(
+            {
+                key: number_or_none(value) if isinstance(value, float) else value
+                for key, value in entry.items()
+            }
+        )
+    return {
+        "numbers": numbers,
+        "notes": [asdict(fact) for fact in difference.notes],
+        "settings": [asdict(fact) for fact in difference.settings],
+    }

@@ -1,8 +1,6 @@
-"""Whether numbers that were determined twice, or year after year, have changed: differences against
-their uncertainties.
+"""How a number that was determined year after year has changed, and when it reaches a limit.
 
-    D² = dᵀ C⁻¹ d ~ χ²(r), or D²/r ~ F(r, ν), r the rank      all coefficients of a model together
-    y = a + b (t - t̄),  w_i = 1/u_i²,  u_b² = max(1, R_B²)/Σ w (t - t̄)²,  R_B the Birge ratio
+y = a + b (t - t̄),  w_i = 1/u_i²,  u_b² = max(1, R_B²)/Σ w (t - t̄)²,  R_B the Birge ratio
 """
 
 import math
@@ -14,29 +12,9 @@ from numpy.typing import ArrayLike
 from calibkit.numeric import gum
 from calibkit.numeric.arrays import Array
 
-SIGNIFICANT = 2.0
-"""Standard uncertainties of a difference beyond which a number has moved."""
-CHANCE = math.erfc(SIGNIFICANT / math.sqrt(2.0))
-"""Share of normal differences beyond SIGNIFICANT when nothing has moved: 4.6 %."""
-DETERMINED = 1e-10
-"""Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that
-was not determined.
-"""
-
 EXTRAPOLATED = 2.0
 """Largest extrapolation of a line, in spans of the years that were measured."""
 STEPS = 1000
-
-
-@dataclass(frozen=True, slots=True)
-class Joint:
-    """All coefficients of a model together: squared distance in standard uncertainties, its rank,
-    chance of a larger one.
-    """
-
-    distance2: float
-    rank: int
-    probability: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,34 +77,6 @@ def reach(line: Trend, last: float, span: float, low: float, high: float) -> Rea
         float(years[beyond][0]) if beyond.any() else None for beyond in leaving
     )
     return Reach(earliest, expected, latest, until)
-
-
-def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
-    """Hotelling's distance of a difference [p] from zero under its covariance [p, p]; None where
-    that is zero.
-
-    Coefficients that determine each other (an angle and its sine) count once: directions without
-    variance are left out, `rank` of them are kept. The probability is that of F with (rank, dof)
-    degrees of freedom; an infinite dof stands for a known covariance. Units cancel: the matrix is
-    scaled to correlations first.
-    """
-    from scipy import special
-
-    u = np.sqrt(np.diag(covariance))
-    if u.size == 0 or not np.isfinite(covariance).all() or not (u > 0.0).all():
-        return None
-    values, vectors = np.linalg.eigh(covariance / np.outer(u, u))
-    # a direction that follows from the others would divide rounding by rounding
-    determined = values > DETERMINED * values[-1]
-    rank = int(determined.sum())
-    distance2 = float(
-        np.sum((vectors[:, determined].T @ (difference / u)) ** 2 / values[determined])
-    )
-    is_known = math.isinf(dof)
-    chance = (
-        special.chdtrc(rank, distance2) if is_known else special.fdtrc(rank, dof, distance2 / rank)
-    )
-    return Joint(distance2, rank, float(chance))
 
 
 def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | None:

@@ -237,9 +237,10 @@ def _flag(
     """Models of two forms, of which the results alone were compared; type B terms that both runs
     state; specifications that judge nothing here.
     """
-    for model in changed.models:
-        if any(" became " in note and note.startswith("form") for note in model.notes):
-            yield f"{model.name}: another model form, compared by its result"
+    for fact in changed.notes:
+        if fact.note.startswith("form "):
+            model = fact.what.partition(".")[2]
+            yield f"{model}: another model form, compared by its result"
     names = set()
     for result in compared:
         for change in result.changes[:1]:
