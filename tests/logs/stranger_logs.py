@@ -1,4 +1,4 @@
-"""Twenty-five kinds of log as loggers, chambers, calibrators and boards write them, each a folder
+"""Seventeen kinds of log as loggers, chambers, calibrators and boards write them, each a folder
 of small files; and what a person would say that each is for.
 
 They are made from what instruments write, by hand, and know nothing of how logs are recognised.
@@ -8,17 +8,13 @@ from __future__ import annotations
 
 import datetime as dt
 import io
-import json
 import re
 from dataclasses import dataclass
 
 import h5py
 import numpy as np
-import openpyxl
-import pyarrow as pa
 import scipy.io
 from nptdms import ChannelObject, RootObject, TdmsWriter
-from pyarrow import parquet
 
 import bench_physics as bench
 
@@ -80,51 +76,6 @@ def comma(lines):
 # Gyros on ramps, with a second thermometer
 
 
-@kind("Keysight DAQ970A with BenchLink, a gyro's voltage", FOG)
-def benchlink(rng):
-    """UTF-16, a preamble with the channels' table, alarm columns, ms behind a colon."""
-    head = [
-        "Name:,FOG drift 7,Owner:,lab",
-        "Comments:,",
-        "Acquisition Date:,05/04/2023 09:00:00",
-        "Instrument:,DAQ970A",
-        "Total Channels:,3",
-        "Channel,Name,Function,Range,Resolution,Scale,Gain,Offset,Label",
-        "101,Case,Temp (Type T),Auto,0.1,No,1,0,C",
-        "102,Oven air,Temp (Type T),Auto,0.1,No,1,0,C",
-        "103,FOG out,DC Voltage,1 V,6.5,No,1,0,VDC",
-        "",
-        "Scan Control:",
-        "Trigger:,Interval 5 s",
-        "",
-        (
-            "Scan,Time,101 <Case> (C),Alarm 101,102 <Oven air> (C),Alarm 102,"
-            "103 <FOG out> (VDC),Alarm 103"
-        ),
-    ]
-    out = {}
-    for k, (_, t, case, air, rate) in enumerate(bench.ramps(rng), start=1):
-        time = [s[:-4] for s in stamps(t, "%m/%d/%Y %H:%M:%S:%f")]
-        time = [
-            f"{s}{int(1000 * (u % 1)):03d}"
-            for s, u in zip(stamps(t, "%m/%d/%Y %H:%M:%S:"), t, strict=True)
-        ]
-        zero = np.zeros(len(t), int)
-        body = rows(
-            ["{}", "{}", "{:.3f}", "{}", "{:.2f}", "{}", "{:.6f}", "{}"],
-            range(1, len(t) + 1),
-            time,
-            case,
-            zero,
-            air,
-            zero,
-            rate / 100.0,
-            zero,
-        )
-        out[f"Data {k} 2023-05-04.csv"] = b"\xff\xfe" + text(head, body, "utf-16-le")
-    return out
-
-
 @kind("LabVIEW measurement files with decimal commas", FOG)
 def labview(rng):
     """Two headers, a separator of tabs, relative time."""
@@ -174,73 +125,6 @@ def two_loggers(rng):
         start += dt.timedelta(seconds=float(t[-1]) + 1800.0)
     head = ["Zeit;Temperatur Istwert [°C];Temperatur Sollwert [°C]"]
     out["Klimaschrank.csv"] = text(head, comma(day), "cp1252")
-    return out
-
-
-@kind("Chinese tab-separated tables", FOG)
-def chinese(rng):
-    """GB18030, names and units in Chinese."""
-    out = {}
-    for rate, t, case, air, gyro in bench.ramps(rng):
-        head = ["时间(s)\t壳体温度(℃)\t环境温度(℃)\t陀螺输出(°/h)"]
-        body = rows(["{:.1f}", "{:.3f}", "{:.1f}", "{:.4f}"], t, case, air, gyro, separator="\t")
-        out[f"{'升温' if rate > 0 else '降温'}{abs(rate):.0f}.txt"] = text(head, body, "gb18030")
-    return out
-
-
-@kind("Datataker lines without a header", FOG)
-def datataker(rng):
-    """Date-time with a comma before the flag, thermometer of the case, of the air, rate."""
-    out = {}
-    for k, (_, t, case, air, gyro) in enumerate(bench.ramps(rng)):
-        time = stamps(t, "%Y/%m/%d %H:%M:%S.000")
-        body = rows(
-            ["{}", "{}", "{:.2f}", "{:.2f}", "{:.4f}"], time, ["n"] * len(t), case, air, gyro
-        )
-        out[f"dt80_{k:02d}.csv"] = text([], body)
-    return out
-
-
-@kind("Graphtec logger with 36 lines above the rows", FOG)
-def graphtec(rng):
-    """Channel table, quoted words, signs with blanks, alarms of letters."""
-    out = {}
-    for k, (_, t, case, air, gyro) in enumerate(bench.ramps(rng), start=1):
-        channels = [
-            f'CH{n},"{name}","{kind}","{span}","Off",{unit}'
-            for n, name, kind, span, unit in (
-                (1, "Gehaeuse", "TEMP", "TC_T", '200.0000,-200.0000,"degC"'),
-                (2, "Kammer", "TEMP", "TC_T", '200.0000,-200.0000,"degC"'),
-                (3, "FOG", "DC", "1V", '1.0000,-1.0000,"V"'),
-            )
-        ]
-        head = [
-            "Vendor,GRAPHTEC Corporation", "Model,GL840-M", "Version,Ver1.20",
-            "Sampling interval,5s",
-            f"Total data points,{len(t)}", "Start time,2023-05-04,09:00:00",
-            "End time,2023-05-04,12:00:00",
-            "Trigger time,2023-05-04,09:00:00", "AMP settings",
-            "CH,Signal name,Input,Range,Filter,Span",
-            *channels, *(f'CH{n},"CH{n}","OFF","-","Off",,,""' for n in range(4, 20)),
-            "Logic/Pulse,Off", "Alarm settings", "Output,Off", "Data", "",
-            "Number,Date&Time,ms,CH1,CH2,CH3,Alarm1-10,AlarmOut",
-            "NO.,Time,ms,degC,degC,V,A1234567890,A1234",
-        ]  # fmt: skip
-        assert len(head) == 36
-        body = [
-            f"{n},{time},0,{a:+.1f},{b:+.1f},{c:+.5f},LLLLLLLLLL,LLLL".replace("+", "+ ").replace(
-                "-", "- "
-            )
-            for n, time, a, b, c in zip(
-                range(1, len(t) + 1),
-                stamps(t, "%Y/%m/%d %H:%M:%S"),
-                case,
-                air,
-                gyro / 100.0,
-                strict=True,
-            )
-        ]
-        out[f"{230504}-{k:06d}.CSV"] = text(head, body, "ascii")
     return out
 
 
@@ -345,27 +229,6 @@ def topics(rng):
     }
 
 
-@kind("counts of a fibre-optic gyro in Parquet, thermometer in sixteenths", STATIC)
-def pulses(rng):
-    """Pulses per interval of 1 s, three sessions of one chamber program."""
-    out = {}
-    for k in range(3):
-        t, air = bench.chamber((20.0, 55.0, -20.0, 20.0), (1.0, 1.0, 1.0), 2.0, 900.0, rng)
-        temp = bench.lagged(air, t, 350.0)
-        counts = np.diff(
-            np.floor(np.cumsum(bench.thermal_rate(t, temp, rng, 0.5) * 40.0)), prepend=0.0
-        )
-        table = pa.table({
-            "utc_time": pa.array(START + dt.timedelta(days=k, seconds=float(s)) for s in t),
-            "fog_pulses": counts.astype("int32"),
-            "temp_1_16C": (16.0 * temp).round().astype("int16"),
-        })  # fmt: skip
-        whole = io.BytesIO()
-        parquet.write_table(table, whole)
-        out[f"session-{k}.parquet"] = whole.getvalue()
-    return out
-
-
 # Accelerometers
 
 
@@ -393,59 +256,6 @@ def tumble(rng):
     t = 0.0298 + 0.04 * np.arange(len(counts))
     body = rows(["   {:.7e}"] * 4, t, *counts.T, separator="")
     return {"acc_dump.dat": text([], body, end="\n")}
-
-
-@kind("typed workbook of table positions, merged temperatures", ACCELEROMETER)
-def workbook(rng):
-    """A sheet of notes, a sheet of rows with units, merged cells, a footer, g typed as 9.81."""
-    book = openpyxl.Workbook()
-    notes = book.active
-    notes.title = "Notizen"
-    for line in ("Beschleunigungsmesser 31", "Drehtisch D2, Huber", "g = 9,81 m/s²"):
-        notes.append([line])
-    sheet = book.create_sheet("Messung")
-    sheet.append(["Messung vom 4.5.2023"])
-    sheet.append(["Temperatur", "Neigung", "Rollwinkel", "ax", "ay", "az", "Bemerkung"])
-    sheet.append(["°C", "°", "°", "m/s²", "m/s²", "m/s²", None])
-    matrix = np.eye(3) + rng.normal(0.0, 0.004, (3, 3))
-    for temp in (-20, 5, 30, 60):
-        first = sheet.max_row + 1
-        for incl, roll in [
-            (0, 0),
-            (180, 0),
-            *((i, r) for i in (45, 90, 135) for r in (0, 90, 180, 270)),
-        ]:
-            i, r = np.radians(incl), np.radians(roll)
-            g = np.array([-np.sin(i) * np.cos(r), np.sin(i) * np.sin(r), np.cos(i)])
-            v = (matrix * (1.0 + 1e-4 * (temp - 20.0)) @ g + 0.004 + 5e-5 * temp) * 9.81
-            sheet.append(
-                [temp, incl, roll, *(round(float(x), 5) for x in v + rng.normal(0, 2e-4, 3))]
-            )
-        sheet.merge_cells(start_row=first, end_row=sheet.max_row, start_column=1, end_column=1)
-    sheet.append([])
-    sheet.append(["gez. Huber"])
-    whole = io.BytesIO()
-    book.save(whole)
-    return {"Protokoll_31.xlsx": whole.getvalue()}
-
-
-@kind("JSON of a calibrator, two tables", ACCELEROMETER)
-def calibrator(rng):
-    """Lists of vectors of a magnetometer and an accelerometer in 24 positions, and settings."""
-    where = bench.directions(24, rng)
-    grav = bench.triad(where, rng, 0.0004)
-    mag = (
-        43.0 * where[:, [1, 2, 0]]
-        + rng.normal(0.0, 0.1, where.shape)
-        + np.array([-17.0, -2.0, 6.0])
-    )
-    whole = {
-        "mag": mag.round(4).tolist(),
-        "grav": grav.round(6).tolist(),
-        "device": "SAP6",
-        "units": 0,
-    }
-    return {"SAP6_XY.json": json.dumps(whole).encode()}
 
 
 @kind("one session of six positions and turns of 360° by hand", ACCELEROMETER)
@@ -544,18 +354,6 @@ def three(rng):
 
 
 # Noise and north
-
-
-@kind("scans of a data logger split over files", ("gyro_noise",))
-def scans(rng):
-    """Agilent 34970A, dat00001.csv and dat00002.csv, scan numbers going on, hours at rest."""
-    count = 6000
-    volts = 0.0812 + rng.normal(0.0, 2e-4, count) + np.cumsum(rng.normal(0.0, 1e-6, count))
-    temp = 23.0 + 0.05 * np.sin(np.arange(count) / 900.0)
-    time = stamps(np.arange(count), "%m/%d/%Y %H:%M:%S:000")
-    body = rows(["{}", "{}", "{:.3f}", "{:.7f}"], range(1, count + 1), time, temp, volts)
-    head = ["Sweep #,Time,Chan 101 (C),Chan 102 (VDC)"]
-    return {"dat00001.csv": text(head, body[:4000]), "dat00002.csv": text(head, body[4000:])}
 
 
 @kind("TDMS of an IMU at rest for an hour", ("gyro_noise",))
