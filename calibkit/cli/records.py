@@ -228,7 +228,7 @@ def history(serial: str, runs: Path, figure: Path | None, *, as_csv: bool, as_js
             new_files.write_new(figure, figures.render(picture, figure.suffix))
     broken = None
     if not timeline.sound:
-        faults = (*(entry.reason for entry in timeline.refused), *timeline.breaks)
+        faults = (*timeline.refused.values(), *timeline.breaks)
         broken = CoefficientError(
             f"{serial}: {faults[0]}", hint="restore the run folders from a copy"
         )

@@ -41,7 +41,7 @@ class DeviceTask:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A device that has its run."""
+    """A device and its run; of one without a run in the table its error."""
 
     serial: str
     run: str
@@ -49,7 +49,7 @@ class Row:
     run_sha256: str
     """Digest that run.json states of itself."""
     verdict: str
-    """accepted, rejected, or no verdict."""
+    """accepted, rejected or no verdict; in the table also failed or copied logs."""
     figures: tuple[KeyFigure, ...]
     inputs: tuple[Mapping[str, Any], ...]
     """Each log as run.json lists it: name, digest, fingerprint of its values."""
@@ -59,7 +59,14 @@ class Row:
     before: bool
     """Whether the run was there already."""
     effective_from: str = ""
-    """Date from which its coefficients hold."""
+    """Date from which its coefficients hold; empty where it has none."""
+    error: str = ""
+    """Why the device has no run of its own."""
+
+    @property
+    def logs(self) -> tuple[str, ...]:
+        """Names of the logs that the run was fitted to."""
+        return tuple(entry["name"] for entry in self.inputs)
 
 
 @dataclass(frozen=True, slots=True)

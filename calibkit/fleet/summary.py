@@ -1,14 +1,27 @@
 """Summary of a finished fleet: lines for a person, a document for a script."""
 
-from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from calibkit.fleet.device import Row
 from calibkit.fleet.page import PAGE
 from calibkit.fleet.run import Fleet
-from calibkit.fleet.table import COPIED, FAILED, DeviceRow
-from calibkit.report.screen import MOST, shorten
+from calibkit.fleet.table import COPIED, FAILED
+from calibkit.report.screen import MOST, shorten, wrap
+from calibkit.report.table import tabulate
 
+DEVICE_KEYS = (
+    "serial",
+    "run",
+    "run_sha256",
+    "verdict",
+    "error",
+    "flags",
+    "logs",
+    "before",
+    "effective_from",
+)
+"""What --json states of each device."""
 _MOST_FAILED, _MOST_REJECTED, _MOST_REHEARSED = 5, 4, 5
 """Devices of a kind that a screen names; the table has them all."""
 
@@ -40,18 +53,12 @@ def compose_fleet(fleet: Fleet, width: int, *, dry_run: bool = False) -> list[st
     if not width:
         return [*lines, *rehearsed, *failed, *rejected, *outlying, *tail]
     lines += shorten(rehearsed, _MOST_REHEARSED)
-    lines += _cut(shorten(failed, _MOST_FAILED), width)
+    lines += shorten([line for text in failed for line in wrap(text, width, 1)], _MOST_FAILED)
     lines += shorten(rejected, _MOST_REJECTED)
     return [*lines, *shorten(outlying, MOST - len(lines) - len(tail)), *tail]
 
 
-def _cut(lines: Sequence[str], width: int) -> list[str]:
-    """Lines as wide as the screen; of a longer one the rest is a detail."""
-    end = " … (--details)"
-    return [line if len(line) <= width else line[: width - len(end)] + end for line in lines]
-
-
-def _fitted_to(entry: DeviceRow, recipe: str) -> str:
+def _fitted_to(entry: Row, recipe: str) -> str:
     """Run that a device would have: of which logs, with which recipe."""
     fitted = "was fitted before" if entry.before else f"would be fitted with {recipe}"
     return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"
@@ -75,6 +82,6 @@ def summary_document(fleet: Fleet) -> dict[str, Any]:
         **({"error": error} if failed_serials else {}),
         "folder": str(fleet.folder),
         "fitted_before": fleet.before,
-        "units": [asdict(entry) for entry in entries],
+        "units": tabulate("", DEVICE_KEYS, entries).to_objects(),
         "outliers": [asdict(outlier) for outlier in fleet.table.outliers],
     }

@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -38,30 +38,12 @@ class _Outlier:
 
 
 @dataclass(frozen=True, slots=True)
-class DeviceRow:
-    """A row of the table: the outcome of one device."""
-
-    serial: str
-    run: str
-    run_sha256: str
-    verdict: str
-    error: str
-    flags: int
-    logs: tuple[str, ...] = ()
-    """Names of the logs that the run was fitted to."""
-    before: bool = False
-    """Whether the run was there already."""
-    effective_from: str = ""
-    """Date from which its coefficients hold; "" where it has none."""
-
-
-@dataclass(frozen=True, slots=True)
 class FleetTable:
     """Rows in the order of the serials, and a control chart of each key figure in the order of
     their stages.
     """
 
-    entries: tuple[DeviceRow, ...]
+    entries: tuple[Row, ...]
     charts: tuple[ControlChart, ...]
     outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
@@ -120,22 +102,15 @@ def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
     )
 
 
-def _entry(outcome: Outcome, copied: str, data: Path) -> DeviceRow:
+def _entry(outcome: Outcome, copied: str, data: Path) -> Row:
     """Row of one device; a verdict on a copy of another device's logs is no verdict on this one."""
     if isinstance(outcome, Failure):
         message = outcome.message.replace(f"{data}/", "").replace(str(data), "")
-        return DeviceRow(outcome.serial, "", "", FAILED, f"{outcome.code}: {message}", 0)
-    return DeviceRow(
-        outcome.serial,
-        outcome.run,
-        outcome.run_sha256,
-        COPIED if copied else outcome.verdict,
-        f"the same logs as {copied}" if copied else "",
-        outcome.flags,
-        tuple(entry["name"] for entry in outcome.inputs),
-        outcome.before,
-        outcome.effective_from,
-    )
+        error = f"{outcome.code}: {message}"
+        return Row(outcome.serial, "", "", FAILED, (), (), (), 0, before=False, error=error)
+    if copied:
+        return replace(outcome, verdict=COPIED, error=f"the same logs as {copied}")
+    return outcome
 
 
 def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:

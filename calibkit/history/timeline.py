@@ -18,31 +18,17 @@ YEAR_DAYS = 365.25
 
 
 @dataclass(frozen=True, slots=True)
-class _Refused:
-    """A revision that cannot be trusted, and why."""
-
-    revision: int
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class _InForce:
-    """From when and, where another takes over, up to which date (exclusive) a revision is in force;
-    empty: never.
-    """
-
-    since: str
-    until: str
-
-
-@dataclass(frozen=True, slots=True)
 class Timeline:
     """Every revision of a serial, and the faults of its chain."""
 
     serial: str
     runs: tuple[StoredRun, ...]
-    in_force: Mapping[int, _InForce]
-    refused: tuple[_Refused, ...]
+    in_force: Mapping[int, tuple[str, str]]
+    """Revision → from when and, where another takes over, up to which date (exclusive) it is in
+    force; empty: never.
+    """
+    refused: Mapping[int, str]
+    """Revision that cannot be trusted → why."""
     breaks: tuple[str, ...]
     flags: tuple[str, ...]
 
@@ -60,20 +46,18 @@ class Timeline:
                 f"serial '{serial}': no run under {runs_folder}",
                 hint="give --runs, or fit it first",
             )
-        runs, refused = [], []
+        runs, refused = list[StoredRun](), dict[int, str]()
         for number in numbers:
             try:
                 runs.append(store.load_revision(runs_folder, serial, number))
             except CoefficientError as error:
-                refused.append(_Refused(number, str(error)))
-        return cls(
-            serial,
-            tuple(runs),
-            _dates_in_force(runs),
-            tuple(refused),
-            tuple(_chain_faults(runs, numbers)),
-            _flags(runs),
-        )
+                refused[number] = str(error)
+        winners = store.in_force([run.document for run in runs])
+        until = dict(itertools.pairwise([*sorted(winners), ""]))
+        in_force = {run.document["revision"]: ("", "") for run in runs}
+        in_force |= {revision: (date, until[date]) for date, revision in winners.items()}
+        breaks = tuple(_chain_faults(runs, numbers))
+        return cls(serial, tuple(runs), in_force, refused, breaks, _flags(runs))
 
 
 def _chain_faults(runs: Sequence[StoredRun], numbers: Sequence[int]) -> Iterator[str]:
@@ -107,17 +91,6 @@ def _state_break(number: int, record: Record, expected: str) -> str:
         else f"nothing: r{number - 1:03d} has no such stage"
     )
     return f"r{number:03d}: {record.stage} supersedes {superseded}, expected {required}"
-
-
-def _dates_in_force(runs: Sequence[StoredRun]) -> dict[int, _InForce]:
-    """Revision → dates between which it is in force."""
-    winners = store.in_force([run.document for run in runs])
-    until = dict(itertools.pairwise([*sorted(winners), ""]))
-    periods = {revision: _InForce(date, until[date]) for date, revision in winners.items()}
-    return {
-        run.document["revision"]: periods.get(run.document["revision"], _InForce("", ""))
-        for run in runs
-    }
 
 
 def _flags(runs: Sequence[StoredRun]) -> tuple[str, ...]:

@@ -1,6 +1,5 @@
 """A timeline as `history` prints it: tables for a person, a JSON object for a script."""
 
-from dataclasses import asdict
 from typing import Any
 
 from calibkit.history.timeline import Timeline
@@ -32,7 +31,7 @@ def summarize_timeline(
         *((key_values,) if key_values is not None else ()),
     )
     flags = (
-        *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in timeline.refused),
+        *(f"r{number:03d} REFUSED: {reason}" for number, reason in timeline.refused.items()),
         *(f"chain broken: {fault}" for fault in timeline.breaks),
         *timeline.flags,
         *left_out,
@@ -49,11 +48,11 @@ def summarize_timeline(
 def _revision_row(timeline: Timeline, run: StoredRun) -> tuple[Cell, ...]:
     """One revision, and until when it is in force."""
     document = run.document
-    dates = timeline.in_force[document["revision"]]
+    since, until = timeline.in_force[document["revision"]]
     return (
         f"r{document['revision']:03d}",
         document["effective_from"],
-        dates.until or ("open" if dates.since else "never"),
+        until or ("open" if since else "never"),
         "REJECTED" if document["verdict"] == "rejected" else document["verdict"],
         document["procedure"],
         len(document["inputs"]),
@@ -69,14 +68,16 @@ def timeline_document(timeline: Timeline) -> dict[str, Any]:
         "revisions": [
             {
                 **run.identity(),
-                "in_force_from": timeline.in_force[run.document["revision"]].since,
-                "in_force_before": timeline.in_force[run.document["revision"]].until,
+                "in_force_from": timeline.in_force[run.document["revision"]][0],
+                "in_force_before": timeline.in_force[run.document["revision"]][1],
                 "logs": len(run.document["inputs"]),
                 "recipe_sha256": run.document["recipe"]["sha256"],
             }
             for run in timeline.runs
         ],
-        "refused": [asdict(entry) for entry in timeline.refused],
+        "refused": [
+            {"revision": number, "reason": reason} for number, reason in timeline.refused.items()
+        ],
         "chain": {"whole": timeline.sound, "faults": list(timeline.breaks)},
         "flags": list(timeline.flags),
     }

@@ -149,7 +149,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
         keep(tmp_path, values, date=date, verdict=verdict)
     assert store.find("S-1@2024-01-01", tmp_path).name == "r002"
     found = timeline.Timeline.read("S-1", tmp_path)
-    assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
+    assert [found.in_force[n][0] for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was rejected: it is never in force by date" in found.flags
 
 
