@@ -500,3 +500,27 @@ def test_a_far_temperature_that_s_is_extrapolated_to_is_named():
     recipe = api.load_recipe("inclinometer", scale__order=2)
     with pytest.raises(FitError, match=r"for station 14 at 90 °C, expected a positive number"):
         api.fit(recipe, logs={"stations.csv": log}, runs=None, date="2026-11-21")
+
+
+MISTAKES = {
+    "the sign of accel_y_g is turned": lambda rows: rows.assign(accel_y_g=-rows["accel_y_g"]),
+    "the sign of gyro_x_dph is turned": lambda rows: rows.assign(gyro_x_dph=-rows["gyro_x_dph"]),
+    "gyro_x_dph and gyro_y_dph are exchanged": lambda rows: rows.rename(
+        columns={"gyro_x_dph": "gyro_y_dph", "gyro_y_dph": "gyro_x_dph"}
+    ),
+    "position_deg counts the other way": lambda rows: rows.assign(
+        position_deg=-rows["position_deg"] % 360.0
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_turned_sign_or_an_exchange_is_named(mistake, tmp_path):
+    """It is the only correction with which the stations agree."""
+    rows = pd.read_csv(ROOT / "datasets" / "inclinometer" / "stations.csv", comment="#")
+    MISTAKES[mistake](rows).to_csv(tmp_path / "stations.csv", index=False)
+    spec = instruments.parse_recipe(recipe.find("inclinometer"))
+    with pytest.raises(FitError) as error:
+        instruments.find("inclinometer").fit(spec, tmp_path, ["stations.csv"], instruments.silent)
+    assert error.value.hint.startswith(f"the stations agree if {mistake}: see ")
+    assert " or if " not in error.value.hint

@@ -10,13 +10,13 @@ use it.
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.check import copies
-from calibkit.errors import CoefficientError, FrameError
+from calibkit.errors import CoefficientError, FitError, FrameError
 from calibkit.instruments import Fitted, Progress
 from calibkit.instruments.inclinometer import (
     certificate,
@@ -37,12 +37,16 @@ from calibkit.logs.evidence import Evidence
 from calibkit.logs.recipe_text import RecipeChoice
 from calibkit.logs.write_back import Applied
 from calibkit.numeric.arrays import Array
+from calibkit.numeric.constants import REVOLUTION_DEG
 from calibkit.records.coefficients import Condition, Figure, Input, Record, StageResult, at_most
 from calibkit.records.frame import Log, refuse, values
 from calibkit.records.left_out import LeftOut
 from calibkit.records.sensitivities import ROUNDING, InputError, Sensitivity, of_thermometer
 from calibkit.report.summary import Summary
 from calibkit.report.table import number_or_none
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Recipe = InclinometerRecipe
 KEY_FIGURES = (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)")
@@ -104,7 +108,12 @@ def fit(
     admitted, findings = inclinometer_stations.admit_logs(logs, spec)
     rows = inclinometer_stations.gather_rows(admitted, spec.on_site())
     stations = inclinometer_stations.solve_components(rows, spec)
-    fits, solved = solve.fit_scale(stations, spec)
+    try:
+        fits, solved = solve.fit_scale(stations, spec)
+    except FitError as error:
+        mistakes = _find_mistakes(rows, spec)
+        hint = f"the stations agree if {' or if '.join(mistakes)}" if mistakes else error.hint
+        raise FitError(error.message, hint=hint) from None
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in findings if finding.flagged]
     result = _make_result(fits, solved, notes, spec)
@@ -123,6 +132,33 @@ def fit(
         sensitivities=influences,
         left_out=tuple(left_out),
     )
+
+
+def _find_mistakes(rows: "DataFrame", spec: InclinometerRecipe) -> list[str]:
+    """Which sign, exchange of two columns or sense of the positions, corrected alone, lets the
+    stations of `rows` agree.
+    """
+    corrected = {
+        "position_deg counts the other way: see its sign in [columns]": rows.assign(
+            position_deg=-rows["position_deg"] % REVOLUTION_DEG
+        )
+    }
+    for kind, word, _ in published.SENSORS:
+        columns = [f"{kind}_{axis}_{word}" for axis in spec.axes]
+        for column in columns:
+            turned = rows.assign(**{column: -rows[column]})
+            corrected[f"the sign of {column} is turned: see sign in [columns]"] = turned
+        if len(columns) == 2:
+            exchanged = rows.rename(columns=dict(zip(columns, columns[::-1], strict=True)))
+            corrected[f"{' and '.join(columns)} are exchanged: see from in [columns]"] = exchanged
+    mistakes = []
+    for mistake, mended in corrected.items():
+        try:
+            solve.fit_scale(inclinometer_stations.solve_components(mended, spec), spec)
+        except FitError:
+            continue
+        mistakes.append(mistake)
+    return mistakes
 
 
 def _make_result(
