@@ -3,10 +3,11 @@ that is missing.
 """
 
 import datetime as dt
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
-from calibkit.certificate.profile import Profile
+from calibkit.certificate.profile import Profile, Standard
 from calibkit.certificate.results import Result
 from calibkit.certificate.words import Words
 
@@ -39,11 +40,6 @@ FIELDS: dict[str, Words] = {
 }
 
 
-STATED_OF_STANDARDS = {
-    "range": Words("range"),
-    "expanded_uncertainty": Words("expanded uncertainty"),
-}
-"""Keys of a standard that an accredited laboratory states."""
 MOST_LISTED = 4
 """Results that one missing item names."""
 
@@ -56,11 +52,8 @@ class Missing:
     description: Words
 
 
-NO_SENSITIVITIES = Missing(
-    "sensitivities",
-    Words("run.json knows no sensitivities to errors of the inputs: fit again with this calibkit"),
-)
-"""What is missing of a run that was fitted before sensitivities were computed."""
+Check: TypeAlias = tuple[bool, str, Words]
+"""Whether something is missing, the key that would state it, and what it is."""
 
 
 def list_missing(
@@ -72,16 +65,116 @@ def list_missing(
     shifted: bool = True,
 ) -> tuple[Missing, ...]:
     """Every item that keeps a certificate a DRAFT; `shifted` is whether the run knows what errors
-    of the inputs do to its results.
+    of the inputs do to its results, which runs that were fitted before do not.
     """
-    return (
-        *_fields(profile),
-        *_traceability(profile),
-        *_influences(profile, results),
-        *_accreditation(profile, results),
-        *(() if shifted else (NO_SENSITIVITIES,)),
-        *_consistency(profile, issued, validated=validated),
-    )
+    checks: list[Check] = []
+    for key, description in FIELDS.items():
+        table, _, name = key.partition(".")
+        value = getattr(getattr(profile, table), name)
+        checks.append((value is None or not str(value).strip(), key, description))
+    performed = profile.dates.performed_until or profile.dates.performed
+    checks.append((not profile.standard, "standard", Words("traceability: reference standards")))
+    for standard in profile.standard:
+        checks += _check_standard(standard, performed)
+    kinds = [*dict.fromkeys(result.quantity for result in fits_alone(results))]
+    more = f" and {len(kinds) - MOST_LISTED} more" if len(kinds) > MOST_LISTED else ""
+    is_accredited = bool(profile.accreditation.number.strip())
+    is_outside = all(result.outside_scope for result in results)
+    amends, changes = profile.certificate.amends, profile.certificate.changes
+    checks += [
+        (
+            bool(kinds) and not profile.type_b_none.reason.strip(),
+            "type_b",
+            Words(
+                "type B contribution ([[type_b]]), or type_b_none.reason, of {names}",
+                names=", ".join(kinds[:MOST_LISTED]) + more,
+            ),
+        ),
+        (
+            is_accredited and not profile.accreditation.body.strip(),
+            "accreditation.body",
+            Words("accreditation body"),
+        ),
+        (
+            is_accredited and is_outside,
+            "cmc",
+            Words("a result in the scope of the accreditation ([[cmc]])"),
+        ),
+    ]
+    for standard in profile.standard if is_accredited else ():
+        of_standard = Words(" of the standard '{name}'", name=standard.name)
+        checks += [
+            (not standard.range, "standard.range", Words("range") + of_standard),
+            (
+                not standard.expanded_uncertainty,
+                "standard.expanded_uncertainty",
+                Words("expanded uncertainty") + of_standard,
+            ),
+        ]
+    checks += [
+        (
+            not shifted,
+            "sensitivities",
+            Words(
+                "run.json knows no sensitivities to errors of the inputs: fit again with this"
+                " calibkit"
+            ),
+        ),
+        (
+            performed is not None and performed > issued,
+            "dates.performed",
+            Words(
+                "the work of {performed} is later than the date of issue {issued}",
+                performed=performed,
+                issued=issued,
+            ),
+        ),
+        (
+            bool(amends) and not any(change.strip() for change in changes),
+            "certificate.changes",
+            Words("what the amendment changes"),
+        ),
+        (
+            not validated and not profile.adjustment.statement.strip(),
+            "adjustment.statement",
+            Words("as-found and as-left results (--validation), or adjustment.statement"),
+        ),
+    ]
+    return tuple(Missing(key, description) for missing, key, description in checks if missing)
+
+
+def _check_standard(standard: Standard, performed: dt.date | None) -> list[Check]:
+    """Certificate, date and laboratory of a standard, which was valid when it was used."""
+    name, calibrated, valid_until = standard.name, standard.date, standard.valid_until
+    checks = [
+        (
+            not getattr(standard, key),
+            f"standard.{key}",
+            Words("{key} of the standard '{name}'", key=key, name=name),
+        )
+        for key in ("certificate", "date", "laboratory")
+    ]
+    return [
+        *checks,
+        (
+            valid_until is not None and performed is not None and valid_until < performed,
+            "standard.valid_until",
+            Words(
+                "the standard '{name}' was valid until {valid_until}",
+                name=name,
+                valid_until=valid_until,
+            ),
+        ),
+        (
+            calibrated is not None and performed is not None and calibrated > performed,
+            "standard.date",
+            Words(
+                "the standard '{name}' was calibrated on {date}, after the work",
+                name=name,
+                date=calibrated,
+            ),
+        ),
+    ]
 
 
 def fits_alone(results: Iterable[Result]) -> list[Result]:
@@ -96,92 +189,3 @@ def fits_alone(results: Iterable[Result]) -> list[Result]:
             or all(part.kind != "B" for part in result.uncertainty.contributions)
         )
     ]
-
-
-def _influences(profile: Profile, results: Sequence[Result]) -> Iterator[Missing]:
-    """Principal results without a type B contribution, unless the profile states why."""
-    if profile.type_b_none.reason.strip():
-        return
-    kinds = dict.fromkeys(result.quantity for result in fits_alone(results))
-    if kinds:
-        names = ", ".join(list(kinds)[:MOST_LISTED])
-        unlisted_count = len(kinds) - MOST_LISTED
-        names += f" and {unlisted_count} more" if unlisted_count > 0 else ""
-        description = Words(
-            "type B contribution ([[type_b]]), or type_b_none.reason, of {names}", names=names
-        )
-        yield Missing("type_b", description)
-
-
-def _accreditation(profile: Profile, results: Sequence[Result]) -> Iterator[Missing]:
-    """What an accredited laboratory states besides: who accredited it, a result in its scope, range
-    and U of each standard.
-    """
-    if not profile.accreditation.number.strip():
-        return
-    if not profile.accreditation.body.strip():
-        yield Missing("accreditation.body", Words("accreditation body"))
-    if all(result.outside_scope for result in results):
-        description = Words("a result in the scope of the accreditation ([[cmc]])")
-        yield Missing("cmc", description)
-    for standard in profile.standard:
-        for name, words in STATED_OF_STANDARDS.items():
-            if not getattr(standard, name):
-                description = words + Words(" of the standard '{name}'", name=standard.name)
-                yield Missing(f"standard.{name}", description)
-
-
-def _fields(profile: Profile) -> Iterator[Missing]:
-    """Plain fields that are empty."""
-    for key, description in FIELDS.items():
-        table, _, name = key.partition(".")
-        value = getattr(getattr(profile, table), name)
-        if value is None or not str(value).strip():
-            yield Missing(key, description)
-
-
-def _traceability(profile: Profile) -> Iterator[Missing]:
-    """Standards, each with certificate, date and laboratory, and valid when they were used."""
-    if not profile.standard:
-        yield Missing("standard", Words("traceability: reference standards"))
-    used = profile.dates.performed_until or profile.dates.performed
-    for standard in profile.standard:
-        for name in ("certificate", "date", "laboratory"):
-            if not getattr(standard, name):
-                description = Words("{key} of the standard '{name}'", key=name, name=standard.name)
-                yield Missing(f"standard.{name}", description)
-        if standard.valid_until is not None and used is not None and standard.valid_until < used:
-            description = Words(
-                "the standard '{name}' was valid until {valid_until}",
-                name=standard.name,
-                valid_until=standard.valid_until,
-            )
-            yield Missing("standard.valid_until", description)
-        if standard.date is not None and used is not None and standard.date > used:
-            description = Words(
-                "the standard '{name}' was calibrated on {date}, after the work",
-                name=standard.name,
-                date=standard.date,
-            )
-            yield Missing("standard.date", description)
-
-
-def _consistency(profile: Profile, issued: dt.date, *, validated: bool) -> Iterator[Missing]:
-    """A certificate is not issued before the work is done; an amendment states what it changes; as
-    found and as left are stated, or why they are not.
-    """
-    performed = profile.dates.performed_until or profile.dates.performed
-    if performed is not None and performed > issued:
-        description = Words(
-            "the work of {performed} is later than the date of issue {issued}",
-            performed=performed,
-            issued=issued,
-        )
-        yield Missing("dates.performed", description)
-    if profile.certificate.amends and not any(
-        change.strip() for change in profile.certificate.changes
-    ):
-        yield Missing("certificate.changes", Words("what the amendment changes"))
-    if not validated and not profile.adjustment.statement.strip():
-        description = Words("as-found and as-left results (--validation), or adjustment.statement")
-        yield Missing("adjustment.statement", description)

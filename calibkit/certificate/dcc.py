@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.profile import Standard
     from calibkit.certificate.words import Lang
-    from calibkit.records.coefficients import Model
 
     _Stated: TypeAlias = tuple[Words, Sequence[Words | str], str]
 
@@ -146,7 +145,7 @@ def templates() -> jinja2.Environment:
             "condition_name": names.name_condition,
             "covariance_columns": dcc_results.covariance_columns,
             "dsi_unit": lambda unit, notation: notation.unit(unit),
-            "factor": dcc_results.spell_factor,
+            "share": dcc_results.spell_share,
             "file_name": lambda a: Words("Coefficient file {name}", name=a.name),
             "label": dcc_results.spell_label,
             "model_name": dcc_results.name_model,
@@ -156,9 +155,8 @@ def templates() -> jinja2.Environment:
             "one_line": dcc_xml.one_line,
             "own_unit": lambda standard: f"{standard.expanded_uncertainty!r} {standard.unit}",
             "parameter_key": dcc_results.parameter_key,
-            "probability": dcc_results.spell_probability,
             "record": lambda a: coefficients.loads(a.content.decode("utf-8"), a.name),
-            "region_factor": _region_factor,
+            "region_factor": dcc_results.region_factor,
             "result_name": dcc_results.name_result,
             "row_name": dcc_results.name_row,
             "standard_facts": _describe_standard,
@@ -168,13 +166,6 @@ def templates() -> jinja2.Environment:
         }
     )
     return environment
-
-
-def _region_factor(model: Model) -> float:
-    """Factor of the region that the covariance of a model spans."""
-    return dcc_results.region_factor(
-        len(model.coefficients), min(map(model.dof_of, model.coefficients))
-    )
 
 
 def _describe_standard(standard: Standard) -> str:

@@ -171,13 +171,14 @@ def covariance_columns(model: Model, units: Sequence[DccUnit]) -> list[list[tupl
     return columns
 
 
-def region_factor(parameters: int, dof: float) -> float:
-    """Factor of the ellipsoid that holds all parameters at once with 95 %: √(n·F) (JCGM 102,
-    6.5).
+def region_factor(model: Model) -> float:
+    """Factor of the ellipsoid that holds all parameters of a model at once with 95 %: √(n·F) (JCGM
+    102, 6.5).
     """
     from scipy.special import fdtri
 
-    return math.sqrt(parameters * float(fdtri(parameters, max(dof, 1.0), REGION)))
+    count, dof = len(model.coefficients), min(map(model.dof_of, model.coefficients))
+    return math.sqrt(count * float(fdtri(count, max(dof, 1.0), REGION)))
 
 
 _Validated = list[tuple["BeforeAfter", float, float, float]]
@@ -212,14 +213,9 @@ def spell_number(value: float) -> str:
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"
 
 
-def spell_factor(value: float) -> str:
-    """A coverage factor: at least 1, without an exponent."""
-    return f"{max(value, 1.0):.12f}".rstrip("0").ljust(3, "0")
-
-
-def spell_probability(value: float) -> str:
-    """A coverage probability: 0 to 1, without an exponent."""
-    return f"{value:.12f}".rstrip("0").ljust(3, "0")
+def spell_share(value: float, least: float = 0.0) -> str:
+    """A coverage probability, or a coverage factor of at least 1, without an exponent."""
+    return f"{max(value, least):.12f}".rstrip("0").ljust(3, "0")
 
 
 def spell_label(key: str) -> str:

@@ -218,39 +218,6 @@ class AsFoundAsLeft:
         )
 
 
-def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
-    """Figures of one log, whatever the procedure."""
-    log = str(entry["name"])
-    if "drift_rms_before" in entry:
-        quantity = Words("drift rms, 100 s means")
-        yield BeforeAfter(
-            log, quantity, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h"
-        )
-        yield BeforeAfter(log, Words("rate gain"), 1.0, entry["rate_gain"], "1")
-    for gyro in entry.get("gyros", ()):
-        yield from _gyro(log, gyro)
-    for channel in entry.get("channels", ()):
-        quantity = Words("{channel}: standard deviation", channel=channel["name"])
-        yield BeforeAfter(log, quantity, channel["before"], channel["after"], channel["unit"])
-    if isinstance(entry.get("before"), dict):
-        yield from _angles(log, entry["before"], entry["after"])
-
-
-def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
-    """Scale-factor error of one gyro on one run."""
-    before, after = gyro["before"], gyro["after"]
-    name = gyro["gyro"]
-    quantity = Words("gyro {name}: scale-factor error", name=name)
-    factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
-    u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
-    errors = before["scale_factor_error_ppm"], after["scale_factor_error_ppm"]
-    yield BeforeAfter(log, quantity, *errors, "ppm", u, factor)
-    quantity = Words("gyro {name}: rate error rms", name=name)
-    yield BeforeAfter(
-        log, quantity, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s"
-    )
-
-
 ANGLES = (
     ("residual_rms_g", Words("residual rms"), "g"),
     ("inclination_rms_deg", Words("inclination error, rms"), "deg"),
@@ -262,16 +229,36 @@ ANGLES = (
 )
 
 
-def _angles(log: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[BeforeAfter]:
-    """Attitude errors; the toolface with its inclination range."""
+def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """Figures of one log, whatever the procedure."""
+    log = str(entry["name"])
+    if "drift_rms_before" in entry:
+        quantity = Words("drift rms, 100 s means")
+        yield BeforeAfter(
+            log, quantity, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h"
+        )
+        yield BeforeAfter(log, Words("rate gain"), 1.0, entry["rate_gain"], "1")
+    for gyro in entry.get("gyros", ()):
+        before, after, name = gyro["before"], gyro["after"], gyro["gyro"]
+        factor = gum.coverage_factor(max(gyro.get("scale_factor_error_dof", math.inf), 1.0))
+        u = factor * gyro["scale_factor_error_standard_uncertainty_ppm"]
+        errors = before["scale_factor_error_ppm"], after["scale_factor_error_ppm"]
+        quantity = Words("gyro {name}: scale-factor error", name=name)
+        yield BeforeAfter(log, quantity, *errors, "ppm", u, factor)
+        rates = before["rate_error_rms_dps"], after["rate_error_rms_dps"]
+        yield BeforeAfter(log, Words("gyro {name}: rate error rms", name=name), *rates, "deg/s")
+    for channel in entry.get("channels", ()):
+        quantity = Words("{channel}: standard deviation", channel=channel["name"])
+        yield BeforeAfter(log, quantity, channel["before"], channel["after"], channel["unit"])
+    if not isinstance(entry.get("before"), dict):
+        return
+    before, after = entry["before"], entry["after"]
     span = after.get("toolface_inclination_range_deg")
     for key, words, unit in ANGLES:
         if key in before or key in after:
             quantity = words
             if span and key.startswith("toolface"):
-                quantity = words + Words(
-                    ", inclination {low:g}° to {high:g}°", low=span[0], high=span[1]
-                )
+                quantity += Words(", inclination {low:g}° to {high:g}°", low=span[0], high=span[1])
             yield BeforeAfter(log, quantity, before.get(key), after.get(key), unit)
 
 

@@ -45,26 +45,17 @@ class Demands:
         """Certificates that are trusted for signatures, and those for time stamps; UsageError for a
         file that holds none.
         """
-        signature_roots = [
-            certificate for path in self.trust for certificate in _load_roots("--trust", path)
-        ]
-        stamps = [
-            certificate
-            for path in self.trust_timestamp
-            for certificate in _load_roots("--trust-timestamp", path)
-        ]
-        return signature_roots, signature_roots + stamps
-
-
-def _load_roots(option: str, path: Path) -> list[Any]:
-    """Certificates of a PEM or DER file; UsageError for one that holds none."""
-    keys = extras.load_checker("pyhanko.keys")
-    try:
-        return [*keys.load_certs_from_pemder([str(path)])]
-    except (OSError, ValueError) as error:
-        raise UsageError(
-            f"{option} {path}: no certificate: {error}", hint="name a PEM or DER file"
-        ) from None
+        keys, roots = extras.load_checker("pyhanko.keys"), dict[str, list[Any]]()
+        for option, paths in (("--trust", self.trust), ("--trust-timestamp", self.trust_timestamp)):
+            roots[option] = []
+            for path in paths:
+                try:
+                    roots[option] += keys.load_certs_from_pemder([str(path)])
+                except (OSError, ValueError) as error:
+                    raise UsageError(
+                        f"{option} {path}: no certificate: {error}", hint="name a PEM or DER file"
+                    ) from None
+        return roots["--trust"], roots["--trust"] + roots["--trust-timestamp"]
 
 
 @dataclass(frozen=True, slots=True)

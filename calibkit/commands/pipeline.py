@@ -350,8 +350,7 @@ def verify(
         raise
     except Exception as error:
         raise CoefficientError(
-            f"{path}: cannot be read: {type(error).__name__}: {' '.join(str(error).split())[:120]}",
-            hint="it is damaged, or calibkit did not write it",
+            f"{path}: cannot be read", hint="it is damaged, or calibkit did not write it"
         ) from error
     if demands is not None and demands.signed:
         raise CoefficientError(

@@ -8,6 +8,7 @@ import json
 import math
 import warnings
 from functools import cache, partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -309,7 +310,8 @@ def test_the_region_of_all_parameters_holds_the_truth_as_often_as_it_says(n, dof
     """The ellipsoid's factor squared over n is the 95 % quantile of F: against scipy.stats, and by
     drawing where dof is large.
     """
-    factor = dcc_results.region_factor(n, dof)
+    model = SimpleNamespace(coefficients=range(n), dof_of=lambda _: dof)
+    factor = dcc_results.region_factor(model)
     assert factor == pytest.approx(math.sqrt(n * stats.f.ppf(0.95, n, dof)), rel=1e-9)
     if dof == 100000:
         drawn = np.random.default_rng(n).normal(size=(20000, n))
