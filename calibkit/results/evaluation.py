@@ -226,6 +226,12 @@ def answer(
     return list(evaluate(run_results, selected, points)), dict(parsed_ranges)
 
 
+def state_expanded(value: float, U: float | None, unit: str, digits: int = 6) -> str:
+    """A value ± U with its unit: to two digits of U, or to so many of a value without one."""
+    text = " ± ".join(print_expanded(value, U)) if U else f"{value:.{digits}g}"
+    return f"{text} {unit_mark(unit)}".strip()
+
+
 def list_results(run_results: RunResults) -> Table:
     """Results of a run, their units, and their inputs with the ranges in which the model holds."""
     rows = []

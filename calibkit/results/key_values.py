@@ -13,14 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
 from calibkit.errors import CalibkitError, UsageError
 from calibkit.history.timeline import independent_runs
 from calibkit.numeric import change
 from calibkit.report.figures import ALERT, DENOISED, MUTED, page, styled
 from calibkit.report.table import Table, number_or_none
-from calibkit.results.evaluation import RunResults
+from calibkit.results.evaluation import RunResults, state_expanded
 from calibkit.results.still_good import state_place
 
 if TYPE_CHECKING:
@@ -174,17 +173,14 @@ def tabulate(key_values: Sequence[FollowedResult]) -> Table | None:
     """A row for each key value: the newest, its slope a year, and when the limit will be
     reached; None where there is none.
     """
-
-    def printed(value: float, U: float) -> str:
-        return " ± ".join(print_expanded(value, U)) if U > 0.0 else f"{value:.6g}"
-
     rows = []
     for key_value in key_values:
         newest, line = key_value.values[-1][1], key_value.line
         slope = ""
         if line is not None:
-            slope = printed(line.slope, line.coverage_factor * line.standard_uncertainty)
-        last, unit = printed(newest.value, newest.U), unit_mark(key_value.quantity.unit)
+            U = line.coverage_factor * line.standard_uncertainty
+            slope = state_expanded(line.slope, U, "1")
+        last, unit = state_expanded(newest.value, newest.U, "1"), unit_mark(key_value.quantity.unit)
         cells = (key_value.place, len(key_value.values), last, unit, slope, key_value.forecast)
         rows.append((key_value.quantity.words.en, *cells))
     heads = ("key value", "at", "runs", "last ± U", "unit", "a year ± U", "limit reached")

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.results import print_expanded
 from calibkit.certificate.words import unit_mark
 from calibkit.history.difference import describe_changes, tabulate_changes
 from calibkit.report.figures import ALERT, GOOD, MUTED, page, styled
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
+from calibkit.results.evaluation import state_expanded
 from calibkit.results.figures import COLOURS, draw_band
 
 if TYPE_CHECKING:
@@ -44,18 +44,14 @@ def _scale(quantity: Quantity, reference: float) -> tuple[float, str]:
     """Factor and unit in which a change is printed: ppm of the value of a sensitivity."""
     if quantity.relative and reference:
         return PPM / abs(reference), "ppm"
-    return 1.0, unit_mark(quantity.unit)
+    return 1.0, quantity.unit
 
 
 def _state_change(change: ResultChange, quantity: Quantity) -> str:
     """A change ± U with its unit."""
     factor, unit = _scale(quantity, change.then.value)
-    change_text = f"{change.difference * factor:.3g}"
-    if change.expanded:
-        change_text = " ± ".join(
-            print_expanded(change.difference * factor, change.expanded * factor)
-        )
-    return f"{change_text} {unit}".strip()
+    expanded = None if change.expanded is None else change.expanded * factor
+    return state_expanded(change.difference * factor, expanded, unit, 3)
 
 
 def _state_limit(compared: ComparedResult) -> str:
@@ -65,7 +61,7 @@ def _state_limit(compared: ComparedResult) -> str:
         return ""
     if limit.change is not None and compared.worst is not None:
         factor, unit = _scale(compared.quantity, compared.worst.then.value)
-        return f"{number(limit.change * factor, 3)} {unit}".strip()
+        return state_expanded(limit.change * factor, None, unit, 3)
     ends = [number(end) for end in (limit.lower, limit.upper) if end is not None]
     sign = "≤" if limit.lower is None else "≥"
     words = " … ".join(ends) if len(ends) == 2 else f"{sign} {ends[0]}"
@@ -106,9 +102,8 @@ def sentence(answered: StillGood) -> str:
     if limit is None:
         return f"{changed}; {deciding.reason}"
     if limit.change is None:
-        if worst.now.uncertainty is not None:
-            changed += f" to {' ± '.join(print_expanded(worst.now.value, worst.now.U))}"
-        changed = f"{changed} {unit_mark(quantity.unit)}".rstrip()
+        now = state_expanded(worst.now.value, worst.now.U, quantity.unit)
+        changed += f" to {now}" if worst.now.uncertainty is not None else ""
     return f"{changed}, limit {_state_limit(deciding)} ({limit.key})"
 
 
@@ -228,7 +223,7 @@ def draw(answered: StillGood) -> Figure:
                         ax.axhline(factor * (end - middle), color=colour, lw=1.2, ls=":")
             for ax, panel_title in ((left, quantity.words.en), (right, "change, now − then, ± U")):
                 ax.set_title(panel_title, fontsize=9)
-                ax.set_ylabel(f"[{unit or 1}]")
+                ax.set_ylabel(f"[{unit_mark(unit) or 1}]")
                 if quantity.inputs:
                     column = quantity.inputs[0]
                     ax.set_xlabel(f"{column.column} [{unit_mark(column.unit) or 1}]")
