@@ -215,24 +215,6 @@ def test_a_recipe_is_a_dictionary_too():
         calibkit.load_recipe(tables | {"title": None})
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({}, "no frame"),
-        ({"withheld/table_axis_a.csv": pd.DataFrame({"time_s": [0.0]})}, "is none of the logs"),
-        ({"other": pd.DataFrame({"time_s": [0.0]})}, "is none of the logs that the recipe reads"),
-        ({"table_axis_a": pd.DataFrame([[1.0, 2.0]], columns=["a", "a"])}, "give each column"),
-        ({"table_axis_a": pd.DataFrame({"time_s": [0.0]})}, "no log matches 'table_axis_b.csv'"),
-    ],
-)
-def test_frames_that_cannot_be_meant_are_refused(given, said):
-    """With the names that the recipe reads, and what is wrong with the frame."""
-    with pytest.raises(calibkit.CalibkitError, match=said):
-        calibkit.fit("gyro_pair", logs=given, runs=None)
-    with pytest.raises(calibkit.CalibkitError, match="give either data"):
-        calibkit.fit("gyro_pair", runs=None)
-
-
 @pytest.mark.parametrize("module", [api, analysis], ids=lambda module: module.__name__)
 def test_the_examples_of_docstrings_run_as_they_stand(module):
     """What an example prints is what it says."""

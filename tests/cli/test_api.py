@@ -10,8 +10,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-import scipy.linalg
-import scipy.special
 from threadpoolctl import threadpool_info, threadpool_limits
 
 import calibkit
@@ -83,35 +81,6 @@ def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
     assert calibkit.allan_deviation(noisy, 1.0).deviation.size > 5
     with pytest.raises(calibkit.CalibkitError, match="cannot be read"):
         calibkit.load_coefficients(tmp_path / "none.json")
-
-
-def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
-    """s(T) of the sample inclinometer at two temperatures is the polynomial of its coefficients."""
-    run = calibkit.fit(
-        "inclinometer",
-        ROOT / "datasets" / "inclinometer",
-        date="2026-11-21",
-        serial="I-1",
-        runs=tmp_path,
-    )
-    value, u = calibkit.evaluate(run, "x", temp_case_degc=[30.0, 60.0])
-    model = run.records["inclinometer_scale.json"].model("x")
-    powers = np.vander([30.0, 60.0], len(model.coefficients), increasing=True)
-    np.testing.assert_allclose(value, powers @ [c.value for c in model.coefficients], rtol=1e-14)
-    expected = np.sqrt(np.diag(powers @ np.array(model.covariance) @ powers.T))
-    np.testing.assert_allclose(u, expected, rtol=1e-9)
-    dof = min(c.effective_dof for c in model.coefficients)
-    U = run.model("x").evaluate(temp_case_degc=[30.0, 60.0]).expanded_uncertainty
-    np.testing.assert_allclose(U, scipy.special.stdtrit(dof, 0.97725) * u, rtol=1e-9)
-    with pytest.raises(calibkit.CalibkitError, match="no model is called 'z'; there are: "):
-        calibkit.evaluate(run, "z", temp_case_degc=30.0)
-    for inputs, found in (
-        ({}, "'x' needs 'temp_case_degc'"),
-        ({"temp_case_degc": 30.0, "temp_degc": 30.0}, "no input temp_degc; its inputs are"),
-        ({"temp_case_degc": "warm"}, "x.: temp_case_degc holds warm"),
-    ):
-        with pytest.raises(calibkit.CalibkitError, match=found):
-            calibkit.evaluate(run, "x", **inputs)
 
 
 def pool_sizes():

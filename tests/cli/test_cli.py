@@ -4,9 +4,6 @@ import json
 import subprocess
 import sys
 
-import pytest
-
-from calibkit import instruments
 from conftest import ROOT
 
 
@@ -53,20 +50,6 @@ def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
     assert calibkit("verify", foreign).code == 4
     assert calibkit("verify", tmp_path / "none.json").code == 2
     assert calibkit("verify", foreign, "--json").json["files"][0]["ok"] is False
-
-
-@pytest.mark.parametrize("procedure", instruments.SHIPPED)
-def test_a_fit_starts_to_read_before_it_imports_what_it_needs_later(procedure):
-    """The recipe is read and its procedure found without pandas, scipy and matplotlib, which are
-    imported beside the first log.
-    """
-    later = ("pandas", "scipy", "matplotlib")
-    code = (
-        "from calibkit import instruments\nfrom calibkit.commands import pipeline\n"
-        "from calibkit.recipe import find\n"
-        f"instruments.parse_recipe(find({procedure!r}))"
-    )
-    assert imported(later, code) == "[]"
 
 
 def test_fit_imports_no_library_that_it_does_not_use(tmp_path):

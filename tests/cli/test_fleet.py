@@ -9,7 +9,6 @@ import multiprocessing
 import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -38,35 +37,6 @@ def coefficients(out, serial, revision=1):
     """p0 and p1 of a unit's run, whose digests are checked on the way."""
     record = store.load(out / serial / f"r{revision:03d}").records["bias.json"]
     return [entry.value for entry in record.model("gyro_dph").coefficients]
-
-
-@pytest.mark.slow
-def test_a_fleet_survives_killed_processes(tmp_path, quick):
-    """With a process killed after 10 and after 40 units all 60 have one run, correct, and nothing
-    is half written.
-    """
-    logs = fleet_logs(tmp_path / "units", 60)
-
-    def killing(items, what):
-        for number, item in enumerate(items):
-            if number in {10, 40}:
-                os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
-            yield item
-
-    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, progress=killing)
-    assert [entry.serial for entry in done.table.entries] == sorted(logs)
-    assert {entry.run for entry in done.table.entries} == {"r001"}
-    assert done.exit_code == 0
-    for serial, (temperature, gyro) in logs.items():
-        names = {path.name for path in (tmp_path / "runs" / serial).iterdir()}
-        unfinished = {name for name in names if name.startswith(atomic.UNFINISHED)}
-        assert names - unfinished == {".highest-r001", "r001"}
-        # powers of a temperature around 40 °C lose 3 digits of 16
-        np.testing.assert_allclose(
-            coefficients(tmp_path / "runs", serial),
-            np.polynomial.polynomial.polyfit(temperature, gyro, 1),
-            rtol=1e-11,
-        )
 
 
 def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(
@@ -431,34 +401,3 @@ def test_figures_of_different_forms_or_units_are_not_compared():
     assert [chart.unit for chart in made.charts] == ["deg/h", "deg/h", "deg/s"]
     assert [chart.values.size for chart in made.charts] == [1, 1, 1]
     assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12
-
-
-@pytest.mark.slow
-def test_the_screen_of_200_devices_names_who_stands_out_and_the_page_has_them_all(
-    tmp_path, quick, calibkit
-):
-    """At most 25 lines: totals, the outlier with its worst key value in units beside the others;
-    fleet.html has a line per device and a mark per device and key value, and loads nothing.
-    """
-    fleet_logs(tmp_path / "units", 200)
-    unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
-    for number in range(40):
-        broken(tmp_path / "units", f"A-{number}")
-    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
-    call = ("fleet", tmp_path / "bias.toml", "--data", tmp_path / "units", "--out", tmp_path / "r")
-    out = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going")
-    lines = out.out.splitlines()
-    assert len(lines) <= 25
-    assert lines[0].startswith("240 devices: 40 failed, 200 no verdict")
-    assert "36 more: --details" in lines
-    (named,) = [line for line in lines if line.startswith("U007: ")]
-    assert re.search(
-        r"key values stand out, worst bias\.gyro_dph\S* .*deg/h, others [-\d.]+ to [-\d.]+$", named
-    )
-    page = (tmp_path / "r" / "_fleet" / "r001" / "fleet.html").read_text(encoding="utf-8")
-    assert f"Report: {tmp_path / 'r' / '_fleet' / 'r001' / 'fleet.html'}" in lines
-    assert all(f">U{number:03d}</th>" in page for number in range(200))
-    assert "U007: 2 key values" in page or named in page
-    assert re.findall(r"https?:|url\(|<link|<img", page) == []
-    full = calibkit(*call, "--date", DAY, "--jobs", 1, "--keep-going", "--details").out
-    assert full.count("failed: A-") == 40

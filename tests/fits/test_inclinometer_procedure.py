@@ -289,37 +289,6 @@ def test_beyond_90_degrees_the_calibration_or_a_heading_chooses_the_root(tmp_pat
     assert np.abs(error).max() < 0.3
 
 
-def test_a_log_in_other_units_and_signs_is_corrected_in_its_own(tmp_path, command):
-    """Rates in °/s of opposite sign and accelerations in m/s² give the same azimuths to 1e-6°,
-    rates stay in °/s.
-    """
-    simulated(tmp_path / "logs", 9, count=12)
-    _, first = command.fit(tmp_path / "logs")
-    _, plain = command.apply(tmp_path / "logs" / "stations.csv", "plain.csv")
-    rows = read_rows(tmp_path / "logs" / "stations.csv")
-    for row in rows:
-        row["wx"] = repr(-float(row.pop("gyro_x_dph")) / 3600.0)
-        row["ax"] = repr(9.81 * float(row.pop("accel_x_g")))
-    write_rows(tmp_path / "other" / "stations.csv", rows)
-    text = (ROOT / "recipes" / "inclinometer.toml").read_text(encoding="utf-8")
-    text += '[columns]\ngyro_x_dph = { from = "wx", unit = "deg/s", sign = -1 }\n'
-    text += 'accel_x_g = { from = "ax", unit = "m/s^2" }\n'
-    path = tmp_path / "other.toml"
-    path.write_text(text.replace("[site]\n", "[site]\ngravity_mps2 = 9.81\n"), encoding="utf-8")
-    outcome, second = command.fit(tmp_path / "other", runs="b", source=path)
-    assert outcome.code == 0, outcome.err
-    for axis in "xy":
-        one, two = (
-            run.records["inclinometer_scale.json"].model(axis).value("s0")
-            for run in (first, second)
-        )
-        assert one == pytest.approx(two, abs=1e-7)
-    _, other = command.apply(tmp_path / "other" / "stations.csv", "other.csv", runs="b")
-    for a, b in zip(plain, other, strict=True):
-        assert abs(wrapped(float(a["azimuth_deg"]) - float(b["azimuth_deg"]))) < 1e-4
-        assert float(b["wx"]) == pytest.approx(-float(a["gyro_x_dph"]) / 3600.0, rel=1e-6)
-
-
 def test_the_last_digit_of_a_log_is_found_in_its_own_unit():
     """Two decimals of °/h are 0.01 °/h, four of °/s 0.36 °/h; a single station's closure of zero is
     no proof of no noise.
@@ -465,28 +434,6 @@ def test_a_recipe_without_a_latitude_is_refused(tmp_path, calibkit):
         outcome = calibkit("check", path, "--data", tmp_path)
         assert outcome.code == 2
         assert "site.latitude_deg" in outcome.err
-
-
-def test_validation_needs_a_reference_azimuth(tmp_path, command):
-    """Unseen stations without azimuth_deg are refused with what to add; with it a limit of the
-    recipe decides.
-    """
-    simulated(tmp_path / "fit", 13, part=slice(0, None, 2))
-    simulated(tmp_path / "blind", 13, part=slice(1, None, 2), references=False)
-    simulated(tmp_path / "new", 13, part=slice(1, None, 2))
-    command.fit(tmp_path / "fit", "acceptance.max_azimuth_rms_deg=0.001")
-    outcome, _ = command.validate(tmp_path / "blind")
-    assert outcome.code == 3
-    assert "azimuth_deg" in outcome.err
-    outcome, document = command.validate(tmp_path / "new")
-    assert outcome.code == 1
-    assert document["accepted"] is False
-    names = [criterion["name"] for criterion in document["acceptance"]]
-    assert names == [
-        "stations.csv: rms azimuth error over its u",
-        "stations.csv: turn that azimuths share, over its u",
-        "azimuth rms",
-    ]
 
 
 def test_a_far_temperature_that_s_is_extrapolated_to_is_named():

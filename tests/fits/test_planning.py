@@ -473,38 +473,6 @@ def test_a_plan_of_ramps_takes_noise_and_turn_on_biases_from_an_earlier_run(earl
     assert found.campaign.hours <= 8.0
 
 
-@pytest.mark.slow
-def test_ramps_that_are_measured_count(tmp_path):
-    """Three of the eight sample ramps need less than no ramp at all, all eight nothing."""
-    source, wish = recipe.find("fog_thermal"), ("drift<=0.03 deg/h",)
-    whole = plans.plan(source, tmp_path / "whole", wishes=wish).proposal
-    names = [f"ramp_{way}.csv" for way in ("heating_10", "cooling_10", "heating_05")]
-    logs = copy_logs(names, "fog_thermal", tmp_path / "logs")
-    asked = {"wishes": wish, "have": logs}
-    found = plans.plan(source, tmp_path / "plan", **asked).proposal
-    assert found.campaign.expanded("drift") <= 0.03
-    assert 0.0 < found.campaign.hours < 0.8 * whole.campaign.hours
-    made = {one.log for one in found.campaign.schedule.actions if one.log}
-    assert all(Path(name).name.startswith("added_ramp_") for name in made)
-    spec = instruments.parse_recipe(recipe.find(str(tmp_path / "plan" / "recipe.toml")))
-    assert spec.logs.files == ("*.csv", "added_ramp_*.csv")
-    every = {"wishes": wish, "have": ROOT / "datasets" / "fog_thermal"}
-    enough = plans.plan(source, tmp_path / "enough", **every)
-    assert enough.proposal.campaign.hours == 0.0
-    # the sample logs have withheld ramps, the three have none and one is planned
-    assert plans.UNJUDGED not in (*enough.proposal.notes, *found.notes)
-    unseen = copy_logs(
-        [one.name for one in (ROOT / "datasets/fog_thermal").glob("*.csv")],
-        "fog_thermal",
-        tmp_path / "unseen",
-    )
-    asked = {"wishes": wish, "have": unseen}
-    assert plans.UNJUDGED in plans.plan(source, tmp_path / "last", **asked).proposal.notes
-    Draft202012Validator(SCHEMA).validate(json.loads((tmp_path / "enough/plan.json").read_text()))
-    with pytest.raises(UsageError, match="no actions"):
-        plans.simulate(tmp_path / "enough", tmp_path / "simulated", 1)
-
-
 def test_a_triad_is_completed_about_each_axis(tmp_path):
     """Each temperature needs a run about each axis: of y one is missing, of z all are."""
     names = [f"about_x_{degc}.csv" for degc in (-40, 0, 25, 60)]

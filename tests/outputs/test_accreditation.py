@@ -133,25 +133,6 @@ def test_the_mark_stands_on_the_first_page_and_must_be_an_image(run, tmp_path):
             )
 
 
-@pytest.mark.parametrize("lang", ["en", "zh", "both"])
-def test_persons_order_code_clause_traceability_and_standards_are_printed(run, lang):
-    """Up to three names; the usual sentences unless the profile states others."""
-    made = built(run, 'calibrated_by.name="Ca"', 'checked_by.name="Ch"', 'authorised_by.name="Au"')
-    shown = sheet.sheet(made, lang)
-    assert [rows[0][1] for rows in shown["signatories"]] == ["Ca", "Ch", "Au"]
-    words = {"en": "Checked by", "zh": "核验", "both": "Checked by 核验"}
-    assert shown["signatories"][1][0][0] == words[lang]
-    assert shown["authorisation"] == [row for rows in shown["signatories"] for row in rows]
-    texts = set(strings(shown))
-    assert {"ORDER-2026-004", "LAB-00", "± 1000 °/s", "3.4 ppm (k = 2)"} <= texts
-    assert shown["reproduction"] in texts
-    own = built(run, 'certificate.traceability="T."', 'certificate.reproduction="R."')
-    shown = sheet.sheet(own, lang)
-    assert (shown["traceability"]["text"], shown["reproduction"]) == ("T.", "R.")
-    one = built(run, 'calibrated_by.name=""', 'checked_by.name=""')
-    assert len(sheet.sheet(one, lang)["signatories"]) == 1
-
-
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{}</svg>'
 
 
