@@ -154,22 +154,12 @@ def plot(
     """
     series = []
     for k, label in enumerate(labels or table.heads):
-        points = column_results(table, k)
         origin = origins[k] if origins else 0.0
-        ends = tuple(result.interval for _, result in points if result.interval is not None)
-        U = tuple(
-            scale * result.uncertainty.expanded_uncertainty if result.uncertainty else 0.0
-            for _, result in points
-        )
-        series.append(
-            Series(
-                label,
-                tuple(x for x, _ in points),
-                tuple(scale * (result.value - origin) for _, result in points),
-                () if ends else U,
-                ends,
-            )
-        )
+        points = []
+        for x, result in column_results(table, k):
+            ends = result.interval or (result.value - result.U, result.value + result.U)
+            points.append((x, *(scale * (y - origin) for y in (result.value, *ends))))
+        series.append(Series(label, *zip(*points, strict=True)))
     x_label = x_label or name_input(TEMPERATURE, "degC")
     return CertificateFigure(title or table.title, x_label, y_label, tuple(series), log)
 

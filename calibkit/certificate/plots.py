@@ -7,8 +7,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
     from calibkit.certificate.results import CertificateFigure, Series
     from calibkit.certificate.words import Lang
 
@@ -60,28 +58,15 @@ def draw(figure: CertificateFigure, size_mm: tuple[float, float]) -> str:
         else:
             ax.ticklabel_format(useOffset=False)
         ax.tick_params(labelsize=7.5)
-        for k, series in enumerate(list_curves(figure)):
-            _draw_curve(ax, series, COLOURS[k % len(COLOURS)], [*MARKS.values()][k % len(MARKS)])
+        for k, curve in enumerate(list_curves(figure)):
+            colour, mark = COLOURS[k % len(COLOURS)], [*MARKS.values()][k % len(MARKS)]
+            ax.plot(curve.x, curve.y, color=colour, marker=mark, markersize=3.0, linewidth=0.9)
+            ax.vlines(curve.x, curve.low, curve.high, color=colour, linewidth=0.6)
+            if len(curve.x) > 1:
+                ax.fill_between(
+                    curve.x, curve.low, curve.high, color=colour, alpha=0.2, linewidth=0.0
+                )
     figures.settle([drawing])
     (image,), _ = svg.inline([drawing])
     head = f'<svg xmlns="http://www.w3.org/2000/svg" font-family="{FONT}"'
     return image.replace("<svg", head, 1)
-
-
-def _draw_curve(ax: Axes, series: Series, colour: str, mark: str) -> None:
-    """One curve or set of points with ± U as bars, of a curve as a band too."""
-    is_line = series.style == "line"
-    ax.plot(
-        series.x,
-        series.y,
-        color=colour,
-        marker=mark,
-        markersize=3.0,
-        linewidth=0.9 if is_line else 0.0,
-    )
-    low_high = series.ends or [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=False)]
-    if low_high:
-        low, high = zip(*low_high, strict=True)
-        ax.vlines(series.x, low, high, color=colour, linewidth=0.6)
-        if is_line and len(series.x) > 1:
-            ax.fill_between(series.x, low, high, color=colour, alpha=0.2, linewidth=0.0)

@@ -153,16 +153,13 @@ class GridTable:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One curve or set of points of a figure, with ± bars or a band where y_u is given, or bars
-    from end to end where `ends` are.
-    """
+    """One curve of a figure, with the ends of y ± U, or of its coverage interval."""
 
     label: Words
-    x: tuple[float, ...]
-    y: tuple[float, ...]
-    y_u: tuple[float, ...] = ()
-    ends: tuple[tuple[float, float], ...] = ()
-    style: Literal["line", "points"] = "line"
+    x: tuple[float, ...] = ()
+    y: tuple[float, ...] = ()
+    low: tuple[float, ...] = ()
+    high: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
