@@ -317,18 +317,9 @@ def test_exit_code_1_is_a_limit_that_failed(tmp_path, calibkit):
     "call",
     [
         (),
-        ("fitt",),
         ("fit", "fog_thermal"),
         ("fit", "no_such_recipe", "--data", "."),
-        ("fit", "fog_thermal", "--data", "no_such_folder", "--serial", "S"),
         ("fit", "fog_thermal", "--data", "datasets/fog_thermal"),
-        (
-            "fit",
-            "fog_thermal",
-            "--data",
-            "datasets/fog_thermal",
-            *["--serial", "S", "--date", "now"],
-        ),
         ("check", "fog_thermal", "--data", "datasets/fog_thermal", "--set", "drift.ordre=2"),
         ("show", "NOBODY"),
     ],

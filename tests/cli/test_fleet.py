@@ -329,14 +329,12 @@ def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick)
     [
         (["--data", "none"], 2, "no such folder"),
         (["--data", "empty"], 3, "holds no sub-folder"),
-        (["--data", "units", "--out", "units/runs"], 2, "lies in --data"),
         (["--data", "units", "--out", "units"], 2, "lies in --data"),
         (
             ["--data", "units", "--jobs", "2", "--cluster", "tcp://127.0.0.1:1"],
             2,
             "one or the other",
         ),
-        (["--data", "units", "--jobs", "0"], 2, "jobs"),
         (["--data", "units", "--set", "polynomials.bias=3"], 2, "polynomials.bias"),
         (["--data", "named"], 2, "serial '-x' cannot name a folder"),
     ],

@@ -35,41 +35,26 @@ def test_every_shipped_recipe_parses(name):
         ),
         ("[drift]\nordr = 2", "did you mean 'order'?"),
         (
-            "[input_axis]\nelevatoin_deg = 9.0",
-            "allowed: elevation_deg, azimuth_deg; did you mean 'elevation_deg'?",
-        ),
-        (
             "[drift]\norder = 'two'",
             "r.toml:5: drift.order: found 'two', expected a whole number or 'auto'",
         ),
-        ("[drift]\norder = 2.5", "r.toml:5: drift.order: found 2.5"),
         ("[drift]\ninterval_s = 0", "r.toml:5: drift.interval_s: found 0, expected greater than 0"),
-        ("[drift]\ninterval_s = inf", "r.toml:5: drift.interval_s: found inf"),
         (
             "[denoise]\nrule = 'sotf'",
             "expected 'soft', 'hard', 'garrote' or 'firm'; did you mean 'soft'?",
         ),
-        ("[denoise]\nenabled = 1", "r.toml:5: denoise.enabled: found 1"),
         ("titel = 1", "r.toml:4: unknown key 'logs.titel'"),
         (
             "[columns.gyro_dph]\nfrom = 'G'\nunit = 'deg/hh'",
             "r.toml:6: columns.gyro_dph.unit: unknown unit 'deg/hh'",
         ),
         ("[columns.gyro_dph]\nfrom = 'G'\nscale = 0", "a scale of 0 erases the column"),
-        ("[columns.gyro_dph]\nfrom = 'G'\nsing = -1", "did you mean 'sign'?"),
-        (
-            "[columns]\ngyro_dph = { unit = 'deg/h' }",
-            "r.toml:5: missing key 'columns.gyro_dph.from'",
-        ),
         ("[[exclude]]\nlog = 'a'\nreason = 'x'", "r.toml:4: missing key 'exclude.0.person'"),
         (
             "[[exclude]]\nlog='a'\nreason='x'\nperson='p'\nfrom_s=5.0\nto_s=4.0",
             "to_s = 4 is not after from_s = 5",
         ),
-        ("[site]\nlatitude_deg = 91", "r.toml:5: site.latitude_deg: found 91"),
         ("[errors]\ngroups = 'auto'", "r.toml:4: errors: this procedure estimates no errors"),
-        ("[errors]\ngroups = 'all'", "r.toml:5: errors.groups: found 'all', expected 'auto' or a"),
-        ("[errors]\nform = 'none'", "allowed: groups, from, component; did you mean 'from'?"),
         (
             "[[errors.component]]\ngroup = 'soak'\neffect = 'zero'\nvalue = 1e-5\nunit = 'g'",
             "r.toml:4: missing key 'errors.component.0.dof'",

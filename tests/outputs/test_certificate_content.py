@@ -324,9 +324,7 @@ def test_a_whole_profile_lacks_nothing_and_each_line_left_out_is_missed(tmp_path
             ),
             "standard.valid_until",
         ),
-        ("standard=[]", "standard"),
         ("certificate.amends=C-0", "certificate.changes"),
-        ("laboratory.name=   ", "laboratory.name"),
     ],
 )
 def test_what_cannot_be_true_makes_a_draft(tmp_path, override, key):
@@ -341,15 +339,12 @@ def test_what_cannot_be_true_makes_a_draft(tmp_path, override, key):
     [
         ("[laboratory]\nnmae = 'x'", "lab.toml:2: unknown key 'laboratory.nmae'"),
         ("[dates]\nperformed = 'soon'", "lab.toml:2: dates.performed: 'soon' is not a date"),
-        ("[dates]\nreceived = 2026-02-02\nperformed = 2026-02-01", "out of order"),
         ("[certificate]\nnumber = 'A'\namends = 'A'", "needs a number of its own"),
         ("[[specification]]\nresult = 'x'\nunit = 'g'", "neither a lower nor an upper limit"),
-        ("[[specification]]\nresult = 'x'\nunit = 'g'\nlower = 2.0\nupper = 1.0", "is not below"),
         (
             "[[specification]]\nresult = 'x'\nunit = 'g'\nupper = 1.0\nrule = 'gaurded'",
             "did you mean 'guarded'",
         ),
-        ("[laboratory]\ncountry = 'Germany'", "laboratory.country"),
         ("[[standard]]\ncertificate = 'x'", "lab.toml:1: standard.0: a standard needs a name"),
         ("[item", "not TOML"),
     ],

@@ -286,11 +286,8 @@ def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(
         "[" * 100_000,
         '{"format": "calibkit-coefficients/2", "sha256": "", "x": ' + "[" * 900 + "]" * 900 + "}",
         '{"format": "calibkit-coefficients/2", "sha256": "", "x": NaN}',
-        '{"format": "calibkit-coefficients/2", "sha256": "", "x": 1e999}',
         '{"format": "calibkit-coefficients/2", "sha256": "", "x": 123456789012345678901234567890}',
         '{"format": "calibkit-coefficients/2", "sha256": "", "x": "\\ud800"}',
-        "\ufeff{}",
-        "null",
     ],
 )
 def test_hostile_json_is_refused(text):
