@@ -46,19 +46,6 @@ def test_angles_come_back_from_their_gravity_vector(inclination, toolface, lengt
     assert attitude.wrapped(attitude.toolface(vector) - toolface)[0] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_both_sign_conventions_give_the_same_angles():
-    """A specific-force sensor, told so, and a gravity-positive one give equal angles; not told, the
-    tool is upside down.
-    """
-    vector = attitude.gravity_vector(np.array([30.0, 100.0]), np.array([40.0, -170.0]))
-    for convention, indicated in (("gravity", vector), ("specific_force", -vector)):
-        read = attitude.gravity_positive(indicated, convention)
-        np.testing.assert_allclose(attitude.inclination(read), [30.0, 100.0], atol=1e-12)
-        np.testing.assert_allclose(attitude.toolface(read), [40.0, -170.0], atol=1e-12)
-    np.testing.assert_allclose(attitude.inclination(-vector), [150.0, 80.0], atol=1e-12)
-    np.testing.assert_allclose(attitude.toolface(-vector), [-140.0, 10.0], atol=1e-12)
-
-
 @pytest.mark.parametrize(
     ("angle", "expected"), [(-180.0, 180.0), (180.0, 180.0), (540.0, 180.0), (-190.0, 170.0)]
 )

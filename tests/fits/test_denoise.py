@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet.denoise import EXTENSIONS, _shortest, denoise
+from calibkit.numeric.wavelet.denoise import _shortest, denoise
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, noise_gains
 from fits.transforms import forward, inverse
 
@@ -54,27 +54,6 @@ def test_a_straight_line_passes_unchanged_to_rounding(rule):
             assert np.max(np.abs(found.signal - line)) < 1e-11
 
 
-@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
-@pytest.mark.parametrize(("wavelet", "length"), [("haar", 1501), ("cdf97", 1501), ("db4", 1024)])
-def test_only_marked_samples_change_with_the_extension(wavelet, threshold, length):
-    """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all
-    extensions.
-    """
-    _, log = ramp_log(length)
-    results = [
-        denoise(log, wavelet=wavelet, levels=4, threshold=threshold, extension=e)
-        for e in EXTENSIONS
-    ]
-    first = results[0]
-    assert np.count_nonzero(~first.edge) > 0
-    assert np.count_nonzero(first.edge) < 700
-    for other in results[1:]:
-        assert np.array_equal(other.edge, first.edge)
-        assert np.array_equal(other.noise, first.noise)
-        assert np.array_equal(other.thresholds, first.thresholds)
-        assert np.array_equal(other.signal[~first.edge], first.signal[~first.edge])
-
-
 @pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 30), ("cdf97", 62), ("db4", 62)])
 def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
     """The samples that do change under another extension come that close to the inner borders of
@@ -114,26 +93,6 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
     assert np.array_equal(scaled.noise, 8.0 * found.noise)
     np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
     assert found.noise.size == found.thresholds.size == 4
-
-
-def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
-    """On 600 samples the coarse levels have fewer than 16 details of their own: white noise
-    continues from above.
-    """
-    _, log = ramp_log(600)
-    found = denoise(log, wavelet="cdf97", levels=6)
-    gains = noise_gains("bior4.4", 6)
-    assert found.noise[5] / found.noise[4] == pytest.approx(gains[5] / gains[4], rel=1e-14)
-    assert found.noise[1] / found.noise[0] != pytest.approx(gains[1] / gains[0], rel=1e-3)
-
-
-def test_a_constant_or_noise_free_signal_is_left_as_it_is():
-    """Zero noise gives zero thresholds, which remove nothing."""
-    constant = np.full(300, 7.5)
-    assert np.max(np.abs(denoise(constant).signal - 7.5)) < 1e-12
-    spike = np.zeros(300)
-    spike[150] = 1.0
-    assert np.max(np.abs(denoise(spike).signal - spike)) < 1e-12
 
 
 @pytest.mark.parametrize(

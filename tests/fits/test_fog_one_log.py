@@ -2,7 +2,6 @@
 regression cannot use.
 """
 
-import numpy as np
 import pytest
 
 from calibkit.instruments.bias import simulate_fog as fog
@@ -77,11 +76,3 @@ def test_a_rank_deficient_published_regression_blocks_no_other_model(columns, fi
     assert model.form in ("fog-drift-lagged/1", "fog-drift-bank/1")
     figures = {one.name: one.value for one in records["drift_rate.json"].figures}
     assert figures["drift_rms_after.cycle"] < 0.5 * figures["drift_rms_before.cycle"]
-
-
-def test_where_the_published_scheme_alone_is_asked_for_it_is_refused(columns, fit):
-    """One line that names the log and the coefficients."""
-    same = columns | {"temp_env_degc": np.array(columns["temp_case_degc"])}
-    outcome, records = fit(same, "--set", 'drift.model="gradient_rate"')
-    assert (outcome.code, records) == (3, {})
-    assert "cycle.csv: the data cannot determine a1, a2" in outcome.err

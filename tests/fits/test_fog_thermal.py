@@ -207,19 +207,6 @@ def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(
         assert (abs(moved[0]) < 1e-9) == (expected == 0.0)
 
 
-def test_one_step_is_reported_for_what_it_is(fit, tmp_path, calibkit):
-    """A recipe that asks for one_step gets it, flagged as a first difference whose rate gain is
-    0.
-    """
-    outcome = fit("drift.compensation=one_step")
-    assert "removes the true rate" in outcome.out
-    log = CAMPAIGN / "withheld" / "ramp_heating_03.csv"
-    run = tmp_path / "runs" / "S" / "r001"
-    applied = calibkit("apply", run, "--data", log, "--out", tmp_path / "o.csv")
-    assert "rate gain 0" in applied.err
-    assert abs(column(tmp_path / "o.csv", "gyro_dph")[100:].mean()) < 0.01
-
-
 def test_apply_refuses_another_interval(runs, tmp_path, calibkit):
     """Coefficients per 10 s are not used at 5 s."""
     log = CAMPAIGN / "withheld" / "ramp_heating_03.csv"

@@ -38,19 +38,6 @@ def interior_details(signal, bank, levels):
     return out
 
 
-def test_every_other_wavelet_has_the_details_of_pywavelets_at_the_same_index():
-    """Three levels, away from the ends."""
-    signal = noise(2003)
-    for bank in set(BANKS) - set(LIFTING):
-        levels = min(3, pywt.dwt_max_level(2003, bank))
-        ours, known = clean_details(signal, bank, levels), interior_details(signal, bank, levels)
-        for (detail, first), theirs in zip(ours, known, strict=True):
-            index = np.flatnonzero(~np.isnan(theirs))
-            index = index[(index >= first) & (index - first < detail.size)]
-            assert index.size > 30, bank
-            assert np.array_equal(detail[index - first], theirs[index]), bank
-
-
 @pytest.mark.parametrize(
     ("name", "tolerance"), [("haar", 1e-13), ("cdf53", 1e-13), ("db2", 1e-13), ("cdf97", 1e-11)]
 )
@@ -133,24 +120,6 @@ def test_reconstruction_is_perfect_for_any_length_wavelet_and_extension(
     assert np.max(np.abs(rebuilt - signal)) < tolerance * np.max(np.abs(signal))
 
 
-@pytest.mark.parametrize(
-    ("name", "moments"),
-    [("haar", 1), ("cdf53", 2), ("cdf97", 4), ("db2", 2), ("db4", 4), ("sym5", 5), ("bior3.5", 3)],
-)
-def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments):
-    """Interior details of every power below the number of vanishing moments are rounding; the next
-    power's are not.
-    """
-    time = np.linspace(-1.0, 1.0, 801)
-    size = [
-        max(np.max(np.abs(detail)) for detail, _ in clean_details(time**power, name, 2))
-        for power in range(moments)
-    ]
-    assert max(size) < 2e-11  # tables are good to a few 1e-12
-    ((following, _),) = clean_details((np.arange(48.0) - 23.5) ** moments, name, 1)
-    assert np.min(np.abs(following)) > 0.01
-
-
 def test_extensions_follow_their_definitions():
     """Values beyond the ends by hand: mirrored, and reflected in the end point; a signal that is
     shorter than its extension is reflected again.
@@ -162,17 +131,6 @@ def test_extensions_follow_their_definitions():
     }
     for extension, values in expected.items():
         np.testing.assert_array_equal(extend_by(signal, 4, extension), values, err_msg=extension)
-
-
-def test_the_trend_extension_reflects_in_the_fitted_end_values():
-    """Beyond each end stand the samples reflected in the value of the line through the window, by
-    np.polyfit.
-    """
-    signal, window = 0.02 * np.arange(200.0) + noise(200), 60
-    extended = extend_by(signal, 10, "trend", window)
-    for end, beyond in ((signal, extended[9::-1]), (signal[::-1], extended[210:])):
-        value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
-        np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])

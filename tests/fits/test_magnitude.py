@@ -83,22 +83,6 @@ def test_both_solvers_agree(noisy):
     assert np.max(np.abs((high + low) / 2.0 - parameters) / half_width) < 0.005
 
 
-def test_ten_positions_are_reported_with_a_warning():
-    """One degree of freedom, positions near three planes: the flags say so and the intervals are
-    wide.
-    """
-    rng = np.random.default_rng(4)
-    faces = np.concatenate([np.eye(3), -np.eye(3)])
-    edges = np.array([[0, 0.7, 0.7], [0, -0.6, 0.8], [-0.9, 0, 0.45], [0.5, 0, 0.87]])
-    vectors = np.concatenate([faces, edges]) + rng.normal(0.0, 0.03, (10, 3))
-    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
-    ten = fit_triad(collect(indications(vectors, noise=3e-4)), PLAIN)
-    said = " ".join(ten.flags)
-    assert "leave 1 degrees of freedom" in said
-    assert "Q3 is known to ±" in said
-    assert np.degrees(nine(ten.triad)[1][8]) > 1.0
-
-
 @pytest.mark.parametrize(("seed", "set_up_deg"), [*((n, 2.0) for n in range(6)), (21, 1.0)])
 def test_six_faces_at_several_sessions_do_not_run_away(seed, set_up_deg):
     """Lengths in six positions set up by hand see no angles: biases come out beside a zero of each

@@ -11,7 +11,6 @@ import pytest
 import calibkit as calibkit_api
 from calibkit import instruments, recipe
 from calibkit.instruments.bias import simulate_fog as simulate
-from calibkit.records import coefficients
 
 OFFSET_S = 17.3
 CHAMBER = """
@@ -114,30 +113,6 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
         # at the worse end: the drift's part is in it
         middle = float(clock.split("uncertainty")[1].split()[0])
         assert middle < stated.standard_uncertainty < 3.0 * middle
-
-
-@pytest.mark.parametrize(
-    ("table", "expected"),
-    [
-        (f'clock = "stated"\noffset_s = {OFFSET_S}\nstandard_uncertainty_s = 0.5', (OFFSET_S, 0.5)),
-        ('clock = "same"', None),
-    ],
-)
-def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
-    table, expected, tmp_path, columns, log_writer
-):
-    """What the recipe states of the clock goes with the log; where there is only one clock there is
-    nothing to state.
-    """
-    write(tmp_path, columns, log_writer, probe=False)
-    log = joined(tmp_path, table)
-    assert log.clock == expected
-    entry = coefficients.Input.of(log)
-    identity = coefficients.Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, (entry,))
-    made = coefficients.StageResult("drift", (), ()).as_record(identity, "")
-    found = [(c.name, c.value, c.unit, c.standard_uncertainty) for c in made.conditions]
-    name = f"second_logger_clock_offset.{LOG}.csv"
-    assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])
 
 
 @pytest.mark.parametrize(

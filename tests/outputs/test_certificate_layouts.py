@@ -342,34 +342,6 @@ def test_the_orders_of_s_over_temperature_are_averaged_and_their_spread_is_type_
         assert not any("choice" in c.name.en for c in uncertainty.contributions)
 
 
-@pytest.mark.parametrize("name", ["inclinometer", "rate_table", "gyro_pair"])
-def test_a_procedure_that_lays_out_nothing_has_a_certificate_by_its_quantities(
-    run, name, monkeypatch
-):
-    """Every coefficient is stated as in the layout of its own, results at the reference
-    temperature with the same U, and the page is typeset.
-    """
-    own = by_key(certificate(run(name), name, "specification=[]"))
-    stated = instruments.optional
-    monkeypatch.setattr(
-        instruments, "optional", lambda *asked: None if asked[1] == "blocks" else stated(*asked)
-    )
-    plain = certificate(run(name), name, "specification=[]")
-    found = by_key(plain)
-    assert len(found) == len(plain.results)
-    for record in run(name).records.values():
-        for model in record.models:
-            assert {f"{record.stage}.{model.name}.{c.name}" for c in model.coefficients} <= set(
-                found
-            )
-    shared = [key for key in own if key in found and own[key].uncertainty is not None]
-    assert any("@" in key for key in shared) or name == "gyro_pair"
-    for key in shared:
-        assert found[key].value == pytest.approx(own[key].value, rel=1e-12)
-        assert found[key].uncertainty.expanded_uncertainty > 0.0
-    assert pdf.render(plain, "en").startswith(b"%PDF")
-
-
 @pytest.mark.parametrize("name", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
 def test_the_report_of_a_fit_states_the_principal_results_as_the_certificate_does(run, name):
     """Value and U of the same digits, from the same quantities: type A with the recipe's type B."""

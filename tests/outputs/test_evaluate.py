@@ -10,11 +10,10 @@ import pytest
 from calibkit import instruments
 from calibkit.certificate.content import Layout
 from calibkit.instruments.bias import forms
-from calibkit.instruments.bias.numeric import bank
 from calibkit.recipe import TypeB
 from calibkit.records import store
 from calibkit.results import evaluation
-from fits.drift_fits import bank_model, on_levels
+from fits.drift_fits import on_levels
 from kept import RECIPES, keep, model
 
 T = "temp_case_degc"
@@ -110,20 +109,6 @@ def test_a_result_of_a_form_is_what_the_form_evaluates(tmp_path, form):
     assert near.result.value == pytest.approx(value, rel=1e-12)
     u = written.standard_uncertainty(plain, columns)[0]
     assert near.result.uncertainty.standard_uncertainty == pytest.approx(u, rel=1e-9)
-
-
-@pytest.mark.parametrize("thermal", [on_levels(), bank_model()], ids=["lagged", "bank"])
-def test_a_lagged_model_is_evaluated_for_a_rate_held_until_its_lags_have_settled(tmp_path, thermal):
-    """At the end of a simulated ramp of many lags `apply` takes off what `evaluate` prints."""
-    found = fog(tmp_path, thermal)
-    rate, seconds = 0.1, np.arange(0.0, 28000.0, 10.0)
-    case = -5.0 + rate / 60.0 * seconds
-    path = bank.evaluate(thermal, seconds, case, case, 25.0)
-    value = one(found, "drift_rate.drift.drift", **{T: case[-1], "temp_rate_degc_min": rate})
-    assert value.result.value == pytest.approx(path.drift[-1], abs=2e-4)
-    # a model without its lags would be off by far more
-    still = one(found, "drift_rate.drift.drift", **{T: case[-1]})
-    assert abs(still.result.value - path.drift[-1]) > 2e-3
 
 
 def test_the_uncertainty_is_that_of_the_certificate_type_b_included(tmp_path):

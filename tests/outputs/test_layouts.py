@@ -48,14 +48,6 @@ def test_a_device_that_leaves_the_layout_of_its_type_is_named(runs):
     assert said(runs, "FOG-4", "lagged", TYPED) == []
 
 
-def test_a_change_of_model_form_is_named(runs):
-    """Another model of the same device, whose loader in the field would refuse it."""
-    said(runs, "FOG-5", "lagged")
-    (flag,) = said(runs, "FOG-5", "bank")
-    assert "FOG-5 r001, the revision before" in flag
-    assert "model form fog-drift-bank/1, not fog-drift-lagged/1" in flag
-
-
 def fewer_lags(record):
     """Record of a lagged model without an inner lag, whose terms of the gradient are 0."""
     model = forms.read_thermal(record.models[0])
