@@ -13,7 +13,7 @@ from calibkit.check import copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.records.frame import THERMOMETERS, Examined, Finding, values
-from calibkit.report.logs import Curve, LogFigure, envelope
+from calibkit.report.logs import Curve, LogFigure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,7 +95,7 @@ def examine_log(procedure: _Examiner, spec: object, data: Path, file: str) -> _E
         log.file,
         "time [s]" if timed else "row",
         tuple(
-            Curve(column.name, *envelope(abscissa, values(log.frame, column.name)))
+            Curve.thinned(column.name, abscissa, values(log.frame, column.name))
             for column in log_facts.columns
         ),
         tuple((part.kind, part.first, part.last) for part in conditions),

@@ -27,7 +27,8 @@ def make_page(title: str, table: FleetTable) -> bytes:
         _key_values(table),
     ]
     if table.charts:
-        drawn = [chart.draw() for chart in table.charts]
+        with figures.styled():
+            drawn = [chart.draw() for chart in table.charts]
         figures.settle(drawn)
         drawings, _ = svg.inline(drawn)
         names = [chart.name for chart in table.charts]

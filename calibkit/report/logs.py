@@ -5,11 +5,12 @@ its occupancy.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
-from calibkit.report.figures import ALERT, DENOISED, INK, MUTED, RAW, page
+from calibkit.report.figures import ALERT, DENOISED, MUTED, RAW, page
+from calibkit.report.svg import extremes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,8 +19,8 @@ if TYPE_CHECKING:
     from calibkit.numeric.arrays import Array
 
 
-POINTS = 2000
-"""Points of a curve's envelope: more than a page shows."""
+POINTS = 4000
+"""Points of a curve: more than a page shows."""
 SHADES = {
     "soak": "#bbccee",
     "ramp": "#ffcccc",
@@ -32,12 +33,23 @@ SHADES = {
 
 @dataclass(frozen=True, slots=True)
 class Curve:
-    """Envelope of a column: abscissa along the log [m], smallest and largest value there [m]."""
+    """A column along the log: abscissa [m] and values [m], of many values the extremes of short
+    pieces.
+    """
 
     name: str
     abscissa: Array
-    low: Array
-    high: Array
+    values: Array
+
+    @classmethod
+    def thinned(cls, name: str, abscissa: Array, values: Array) -> Self:
+        """Curve of a column; missing values are left out."""
+        good = np.isfinite(values) & np.isfinite(abscissa)
+        abscissa, values = abscissa[good], values[good]
+        if values.size > POINTS:
+            indices = extremes(abscissa, values, POINTS)
+            abscissa, values = abscissa[indices], values[indices]
+        return cls(name, abscissa, values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,27 +80,12 @@ class LogFigure:
         return figure
 
 
-def envelope(abscissa: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Smallest and largest of values [n] in at most 2000 pieces: abscissa [m], low [m], high [m];
-    missing values are left out.
-    """
-    good = np.isfinite(values) & np.isfinite(abscissa)
-    abscissa, values = abscissa[good], values[good]
-    if values.size <= POINTS:
-        return abscissa, values, values
-    first = np.linspace(0, values.size, POINTS + 1)[:-1].astype(np.int64)
-    return abscissa[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
-
-
 def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
     """One column, with shaded conditions and marked findings."""
     for kind, first, last in log.conditions:
         ax.axvspan(first, last, color=SHADES.get(kind, "#dddddd"), lw=0, alpha=0.6)
-    if curve.abscissa.size <= 400:
-        ax.plot(curve.abscissa, curve.low, ".", ms=3, color=INK)
-    else:
-        ax.fill_between(curve.abscissa, curve.low, curve.high, color=RAW, lw=0)
-        ax.plot(curve.abscissa, (curve.low + curve.high) / 2.0, color=DENOISED, lw=0.7)
+    look = {"marker": ".", "ls": "none"} if curve.values.size <= 400 else {"lw": 0.7}
+    ax.plot(curve.abscissa, curve.values, ms=3, color=DENOISED, **look)
     for number, (x, _, severity) in enumerate(log.marks, start=1):
         colour = ALERT if severity == "refuse" else MUTED
         ax.axvline(x, color=colour, lw=1.0, ls="--")
@@ -114,13 +111,6 @@ def _key(ax: Axes, log: LogFigure) -> None:
 def _occupancy(ax: Axes, log: LogFigure) -> None:
     """Share of the rows over temperature."""
     low, high, share = np.array(log.occupancy).T
-    ax.bar(
-        low,
-        100.0 * share,
-        width=high - low,
-        align="edge",
-        color=RAW,
-        edgecolor="white",
-    )
+    ax.bar(low, 100.0 * share, width=high - low, align="edge", color=RAW, edgecolor="white")
     ax.set_xlabel("temperature [°C]")
     ax.set_ylabel("share of rows [%]", fontsize=7)

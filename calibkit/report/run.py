@@ -102,7 +102,7 @@ def compose_page(
     ]
     if shown.thinned:
         notes.append(Text(THINNED))
-    exported = _exported_models(records, shown)
+    exported = tuple(_exported_models(records, shown))
     parts: dict[str, Iterable[Block]] = {
         "Exported model": (*warning, *exported) if exported else (),
         "Results": (
@@ -111,7 +111,9 @@ def compose_page(
             *((Text(shown.text, "code"),) if shown.text else ()),
         ),
         "More figures": charts[1:],
-        "Limits": (_limits(document["acceptance"]) or Text(shown.verdict),),
+        "Limits": (
+            _limits(document["acceptance"]) if document["acceptance"] else Text(shown.verdict),
+        ),
         "Notes": notes,
         "Coefficients": (*warning, *_coefficients(document, records)),
         "Uncertainty": _uncertainty(document),
@@ -161,40 +163,28 @@ def _first_screen(
         yield Text(f"{len(checks) - MOST_CHECKS} more below, under Notes.")
 
 
-def _exported_models(records: Mapping[str, Record], shown: Shown) -> list[Table]:
+def _exported_models(records: Mapping[str, Record], shown: Shown) -> Iterator[Table]:
     """What firmware takes, as value(standard uncertainty)."""
-    return [
-        Table(
-            f"{record.stage}.json: {model.name}",
-            ("coefficient", "value", "unit"),
-            tuple(
+    for name in shown.exported or records:
+        for model in records[name].models if name in records else ():
+            rows = tuple(
                 (c.name, concise(c.value, c.standard_uncertainty), c.unit)
                 for c in model.coefficients
-            ),
-        )
-        for name in shown.exported or records
-        for record in (records[name],) * (name in records)
-        for model in record.models
-    ]
+            )
+            yield Table(f"{name}: {model.name}", ("coefficient", "value", "unit"), rows)
 
 
-def _limits(acceptance: Sequence[Mapping[str, Any]]) -> Table | None:
-    """Acceptance limits and how the results stand against them; None where there are none."""
-    if not acceptance:
-        return None
+def _limits(acceptance: Sequence[Mapping[str, Any]]) -> Table:
+    """Acceptance limits and how the results stand against them."""
     columns = ("limit on", Column("result", ".6g"), Column("limit", ".6g"), "unit", "")
-    rows = tuple(
-        (
-            c["name"],
-            float(c["value"]),
-            float(c["limit"]),
-            c["unit"],
-            "met" if c["passed"] else "FAILED",
+    rows = []
+    for entry in acceptance:
+        numbers = float(entry["value"]), float(entry["limit"])
+        rows.append(
+            (entry["name"], *numbers, entry["unit"], "met" if entry["passed"] else "FAILED")
         )
-        for c in acceptance
-    )
-    failed = tuple(k for k, c in enumerate(acceptance) if not c["passed"])
-    return Table("Acceptance limits", columns, rows, failed)
+    failed = tuple(k for k, entry in enumerate(acceptance) if not entry["passed"])
+    return Table("Acceptance limits", columns, tuple(rows), failed)
 
 
 def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> Iterator[Block]:

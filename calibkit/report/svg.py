@@ -99,7 +99,7 @@ def _thin(line: Line2D, max_points: int) -> bool:
         return False
     joined = line.get_linestyle() not in {"None", "none", " ", ""}
     indices = (
-        _extremes(x, y, max_points)
+        extremes(x, y, max_points)
         if joined
         else _apart(line.get_transform().transform(np.column_stack([x, y])), max_points)
     )
@@ -107,7 +107,7 @@ def _thin(line: Line2D, max_points: int) -> bool:
     return True
 
 
-def _extremes(x: Array, y: Array, max_points: int) -> Integers:
+def extremes(x: Array, y: Array, max_points: int) -> Integers:
     """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
     gaps; about `most`.
     """

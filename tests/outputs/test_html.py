@@ -323,11 +323,11 @@ def test_long_curves_keep_their_extremes_and_their_gaps():
     x, y = np.arange(1e6), rng.normal(size=1_000_000)
     y[123_456], y[777_777] = 60.0, -50.0
     y[500_000:500_010] = np.nan
-    kept = svg._extremes(x, y, 4000)
+    kept = svg.extremes(x, y, 4000)
     assert kept.size < 4100
     assert {0, 123_456, 777_777, 999_999} <= set(kept.tolist())
     assert np.isnan(y[kept]).any()
-    loop = svg._extremes(np.cos(x / 1e5), np.sin(x / 1e5), 4000)
+    loop = svg.extremes(np.cos(x / 1e5), np.sin(x / 1e5), 4000)
     assert loop.size < 4100
     assert np.cos(x / 1e5)[loop].max() == np.cos(x / 1e5).max()
     assert not svg._thin(Line2D([0.0, 1.0], [0.0, 1.0]), 400)
