@@ -14,6 +14,7 @@ from calibkit.instruments.accelerometer.findings import remark_on_dwells
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.recipe.tables import Errors
+from calibkit.records.frame import Remark
 from conftest import slow_after
 from fits.triad_dwells import fit_triad
 
@@ -179,6 +180,14 @@ def test_a_set_up_of_which_nothing_is_known_is_flagged():
     assert 'group = "fixture", effect = "set-up"' in flag
     for remark in remark_on_dwells(dwells(0), recipe(**LENGTHS)):
         assert "set-up" not in remark
+
+
+def test_a_drift_that_no_uncertainty_holds_is_a_doubt_not_a_remark():
+    """Temperatures that only rise and no times: the drift of the zero is in no U."""
+    rising = dwells(0)
+    untimed = dataclasses.replace(rising, time=np.full(rising.time.size, np.nan))
+    (doubt,) = [r for r in remark_on_dwells(untimed, PLAIN) if not isinstance(r, Remark)]
+    assert "no time_s is logged" in doubt
 
 
 def test_a_component_that_is_stated_narrows_the_interval():

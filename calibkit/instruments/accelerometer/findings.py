@@ -48,25 +48,26 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
     """Remarks on what no fit can tell: the set-up in the fixture, and a drift of the zero where
     temperatures only rise or only fall from soak to soak.
     """
-    remarks = []
+    remarks: list[str] = []
     soak = number_soaks(dwells.temperature, dwells.log)
     level = np.bincount(soak, dwells.temperature) / np.bincount(soak)
     steps = np.sign(np.diff(level))
     if steps.size >= 2 and abs(steps.sum()) == steps.size:
         cure = "return to the first temperature at the end"
         if dwells.log.max() == 0 and np.isfinite(dwells.time).all():
-            remark = (
+            remark: str = Remark(
                 "temperature follows time: U of what follows temperature holds any drift of the"
                 f" zero that the dwells of a soak allow; {cure}, or state the drift of the session"
                 " in [[errors.component]]"
             )
         else:
+            # no remark but a doubt: U leaves the drift out
             remark = (
                 "temperature follows the order of the rows and no time_s is logged: a zero that"
                 " drifts would be taken for one that follows temperature; log time_s, and"
                 f" {cure}"
             )
-        remarks.append(Remark(remark))
+        remarks.append(remark)
     stated_errors = [(entry.group, entry.effect) for entry in spec.errors.component]
     angles = {"inclination_deg", "toolface_deg"} & {entry.quantity for entry in spec.type_b}
     # no dwell tells a set-up from axes that are turned together
