@@ -1,11 +1,15 @@
 """Runs of pairs and triads that contradict the others are named."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
 
 import calibkit
 from calibkit.errors import FitError
+from calibkit.fit.value import Value
+from calibkit.instruments.gyro_scale import flags
 
 RATES = np.linspace(-100.0, 100.0, 9)
 AXES = np.eye(3) + 1e-3 * np.array([[0.0, 3.0, -2.0], [4.0, 0.0, 2.5], [-3.5, 1.5, 0.0]])
@@ -146,3 +150,15 @@ def test_runs_at_two_temperatures_say_that_k_is_their_mean():
     }
     flags = calibkit.fit(RATE_TABLE, logs=logs, runs=None, date="2026-11-26").flags
     assert any("runs at two temperatures do not show how K changes" in flag for flag in flags)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_of_two_runs_that_contradict_each_other_neither_is_called_the_wrong_one(count):
+    """A third run tells which one it is."""
+    K = np.array([100.0, 101.0, 100.0])[:count]
+    runs = [
+        SimpleNamespace(temp_degc=25.0, log=SimpleNamespace(file=f"{k}.csv")) for k in range(count)
+    ]
+    value = Value(K, np.full(count, 1e-4), np.full(count, 20.0))
+    (flag,) = flags.of_contradicted_runs("gyro x", runs, value)
+    assert ("1.csv" in flag, "0.csv" in flag) == (True, count == 2)

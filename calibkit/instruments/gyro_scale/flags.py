@@ -412,11 +412,12 @@ def of_contradicted_runs(name: str, runs: Sequence[TableRun], K_of_runs: Value) 
     if len(runs) == 1 or not np.ptp(temp_degc) > 10.0:
         differences = np.abs(K / np.median(K) - 1.0)
         if differences.max() > ANOTHER:
-            difference_text = (
-                f"{PPM * differences.max():.0f} ppm off the other runs: another gyro or setting?"
-            )
-            text = f"{name}: K of {files[int(np.argmax(differences))]} is {difference_text}"
-            yield Contradiction.of(differences.max(), text)
+            off_ppm = f"{PPM * differences.max():.0f} ppm off"
+            text = f"K of {files[int(np.argmax(differences))]} is {off_ppm} the other runs"
+            if len(runs) == 2:
+                # two runs are equally far from their middle: neither is the wrong one by itself
+                text = f"K of {files[0]} and of {files[1]} are each {off_ppm} their middle"
+            yield Contradiction.of(differences.max(), f"{name}: {text}: another gyro or setting?")
         return
     in_degf = left_out_run.find_degf(temp_degc, K, u)
     if in_degf.any():
