@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from calibkit import units
 from calibkit.numeric import gum
@@ -25,17 +25,32 @@ _NUMBER = re.compile(r"(?<!\w)[-+−]?\d[\d.,:eE]*")
 
 @dataclass(frozen=True, slots=True)
 class KeyValue:
-    """A result that the first screen shows; a standard uncertainty of 0 is not stated."""
+    """A result that the first screen shows."""
 
     name: str
     value: float
     unit: str
-    standard_uncertainty: float = 0.0
+    expanded_uncertainty: float = 0.0
+    """0: none is stated."""
+
+    @classmethod
+    def of(cls, name: str, value: float, unit: str, u: float, dof: float | None) -> Self:
+        """With the expanded uncertainty of a standard one with so many degrees of freedom (None:
+        infinite), none where they are too few.
+        """
+        dof = math.inf if dof is None else dof
+        return cls(name, value, unit, gum.coverage_factor(dof) * u if dof >= 1.0 else 0.0)
 
     def __str__(self) -> str:
         space = "" if self.unit in units.ANGLE_MARKS else "\N{NO-BREAK SPACE}"
         unit = "" if self.unit == "1" else f"{space}{self.unit}"
-        return f"{concise(self.value, self.standard_uncertainty)}{unit}"
+        U = self.expanded_uncertainty
+        if not 0.0 < U < math.inf or not math.isfinite(self.value):
+            return f"{concise(self.value)}{unit}"
+        # never on two lines
+        value = "\N{NO-BREAK SPACE}±\N{NO-BREAK SPACE}".join(gum.rounded(self.value, U))
+        value = value.replace("-", "−")
+        return f"({value}){unit}" if unit else value
 
 
 @dataclass(frozen=True, slots=True)

@@ -141,8 +141,8 @@ def _first_screen(
     yield from charts
     if overview.values:
         yield Values(tuple((f"{v.name[0].upper()}{v.name[1:]}", str(v)) for v in overview.values))
-    if any(value.standard_uncertainty for value in overview.values):
-        yield Text("Digits in brackets: standard uncertainty of the last digits (k = 1).")
+    if any(value.expanded_uncertainty for value in overview.values):
+        yield Text("± is the expanded uncertainty of the fit (95 %).")
     if document["verdict"] == "rejected":
         yield Text("No firmware: the run is rejected")
     elif shown.no_firmware:

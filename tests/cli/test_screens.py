@@ -183,4 +183,21 @@ def test_flags_of_two_channels_or_temperatures_stay_apart(flags):
 def test_a_value_stands_with_its_uncertainty_in_brackets(value, u, text):
     """Two digits of u in units of the value's last digits, as VIM and GUM 7.2.2 print it."""
     assert concise(value, u) == text
-    assert str(KeyValue("x", value, "°", u)) == f"{text}°"
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "dof", "unit", "text"),
+    [
+        (7.5124, 0.0134, None, "°/h", "(7.512 ± 0.027) °/h"),
+        (90.0567321, 1.7e-5, 3.0, "°", "(90.056732 ± 0.000056)°"),
+        (-0.00099016, 3.1e-7, 5.0, "1", "−0.00099016 ± 0.00000082"),
+        (0.4182, 0.0, None, "°", "0.418°"),
+        (8.19, 1.2, 0.5, "ppm", "8.19 ppm"),
+    ],
+)
+def test_a_key_value_stands_with_its_expanded_uncertainty(value, u, dof, unit, text):
+    """With the coverage factor of its degrees of freedom, as tables and certificates state it; none
+    where they are below one.
+    """
+    printed = str(KeyValue.of("x", value, unit, u, dof))
+    assert printed.replace("\N{NO-BREAK SPACE}", " ") == text

@@ -179,7 +179,7 @@ def _state_at_rest(
             statement.uncertainty.append(
                 budget.combine(f"drift_rate: {RESULT}", "deg/h", [*of_bias, *of_equipment])
             )
-    statement.at_rest = KeyValue(name, bias, "°/h", u)
+    statement.at_rest = KeyValue.of(name, bias, "°/h", u, dof)
     for log, value in zip(logs, thermal.turn_on.tolist(), strict=True):
         statement.figures.append(Figure(f"{TURN_ON}{log.name}", value, "deg/h", 0.0))
     if spread > thermal.model_error:

@@ -73,7 +73,8 @@ def summarize(
         name, u = read_name(figure.name), figure.standard_uncertainty
         if name.tau_s is None:
             words = certificate.name_term(name.term).en
-            key_values.append(KeyValue(words, figure.value, unit_mark(figure.unit), u))
+            unit, dof = unit_mark(figure.unit), figure.effective_dof
+            key_values.append(KeyValue.of(words, figure.value, unit, u, dof))
     terms = "; ".join(f"{entry.name} {entry}" for entry in key_values[: len(first.terms.terms)])
     terms = terms or "no term of noise is determined by the Allan deviation"
     hours = first.curve.samples * first.curve.interval_s / SECONDS_PER_HOUR

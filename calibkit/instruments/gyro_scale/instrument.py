@@ -164,7 +164,8 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
             K, gyro = channel.mean.coefficients[0], channel.name
             degc = float(np.mean([run.temp_degc for run in channel.repeated]))
         else:
-            K, gyro = campaign.reference.figures[f"scale_factor.{channel.gyro}"], channel.gyro
+            K = campaign.reference.figures[f"scale_factor.{channel.gyro}"]
+            gyro = f"{channel.gyro} along its input axis"
             degc = campaign.reference.temp_degc
         place = f" at {degc:.1f} °C" if np.isfinite(degc) else ""
         scale_factors.append(_key_value(f"scale factor of {gyro}{place}", K, "counts/°"))
@@ -186,7 +187,8 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
 def _key_value(name: str, result: Figure | Coefficient, unit: str = "") -> KeyValue:
     """A figure or coefficient as the first screen states it."""
     unit = unit or unit_mark(result.unit) or "1"
-    return KeyValue(name, result.value, unit, result.standard_uncertainty)
+    u, dof = result.standard_uncertainty, result.effective_dof
+    return KeyValue.of(name, result.value, unit, u, dof)
 
 
 def _in_words(values: Sequence[KeyValue]) -> tuple[str, ...]:
