@@ -16,9 +16,8 @@ import time
 import numpy as np
 import pytest
 
-from calibkit import instruments
 from calibkit.errors import StoppedError
-from calibkit.fleet import device, files, keys, run, table
+from calibkit.fleet import device, run
 from calibkit.instruments.bias import figures
 from calibkit.records import atomic, store
 from cli import quick_device
@@ -353,49 +352,3 @@ def test_what_cannot_be_meant_is_refused_before_anything_is_fitted(
     assert outcome.code == code
     assert said in outcome.err
     assert not list(tmp_path.rglob("r001"))
-
-
-@pytest.mark.parametrize("procedure", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
-def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure):
-    """Each pattern of a procedure names something in the run of its sample logs."""
-    logs = ROOT / "datasets" / procedure
-    assert calibkit("fit", procedure, "--data", logs, "--serial", "S", "--out", tmp_path).code in {
-        0,
-        1,
-    }
-    patterns = instruments.optional(procedure, "KEY_FIGURES")
-    names = [
-        figure.name
-        for figure in keys.select_key_figures(store.load(tmp_path / "S" / "r001"), patterns, 25.0)
-    ]
-    for pattern in patterns:
-        assert any(keys.re.fullmatch(pattern, name) for name in names), pattern
-
-
-def test_figures_of_different_forms_or_units_are_not_compared():
-    """A coefficient of another form, or in another unit, is another column that says so."""
-    rows = [
-        device.Row(
-            f"S{k}",
-            "r001",
-            "",
-            "no verdict",
-            (keys.KeyFigure("drift.b0", form, unit_of, None, float(k), 0.1),),
-            ({"name": f"{k}.csv", "sha256": str(k)},),
-            (),
-            0,
-            before=False,
-        )
-        for k, (form, unit_of) in enumerate(
-            [("level/1", "deg/h"), ("lagged/1", "deg/h"), ("level/1", "deg/s")]
-        )
-    ]
-    made = table.build_table(rows[::-1], ROOT)
-    assert [chart.name for chart in made.charts] == [
-        "drift.b0 (level/1)",
-        "drift.b0 (lagged/1)",
-        "drift.b0 (level/1)",
-    ]
-    assert [chart.unit for chart in made.charts] == ["deg/h", "deg/h", "deg/s"]
-    assert [chart.values.size for chart in made.charts] == [1, 1, 1]
-    assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12

@@ -117,31 +117,6 @@ def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be
     assert "(not observable: at most)" in outcome.out
 
 
-def test_columns_of_several_gyros_in_other_units_are_told_apart(
-    calibkit, white, tmp_path, log_writer
-):
-    """Two gyros in °/s and °/h in one log: figures carry the column, and the same noise gives the
-    same N.
-    """
-    rate = white[1]
-    log_writer(
-        tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gx=rate / 3600.0, gyro_y_dph=rate
-    )
-    outcome, run = fitted(
-        calibkit,
-        tmp_path / "d",
-        tmp_path,
-        "--set",
-        'noise.columns=["gyro_x_dph", "gyro_y_dph"]',
-        "--set",
-        'columns.gyro_x_dph={from="gx", unit="deg/s"}',
-    )
-    assert outcome.code == 0, outcome.err
-    found = figures(run)
-    x, y = (found[f"angle_random_walk.gyro_{axis}_dph.still"].value for axis in "xy")
-    assert x == pytest.approx(y, rel=1e-9)
-
-
 def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
     """Apply of a noise run is refused with exit 2 and a word on what to apply."""
     fitted(calibkit, white[0], tmp_path)

@@ -254,31 +254,3 @@ def test_stations_in_one_fixture_measure_no_turn_and_do_not_contradict_themselve
             assert abs(prior.s[0] - 1.0007) < 4.0 * prior.standard_uncertainty[0] < 4e-3
             assert scale.model.turn_deg == 0.0
             assert [type(flag) for flag in scale.flags if "one attitude" in flag] == [Remark]
-
-
-def test_neither_the_order_of_logs_nor_the_noise_of_the_other_gyro_moves_s():
-    """Laws of s(T): logs in another order give the same s(T), and the y gyro's does not move where
-    the x gyro is twice as noisy, whose u grows.
-    """
-    columns = {
-        k: np.asarray(v) for k, v in simulate.campaign(4, ideal=True).logs["stations.csv"].items()
-    }
-    half = columns["station"] <= np.median(columns["station"])
-    logs = [
-        log_of({name: values[part] for name, values in columns.items()}, name)
-        for name, part in (("first", half), ("second", ~half))
-    ]
-    pinned = recipe(scale={"order": 1}, history={"standard_uncertainty": 0.01, "rate_walk": 0.0})
-    there, back = fit(logs, pinned), fit(logs[::-1], pinned)
-    for axis in "xy":
-        u = np.sqrt(np.diag(there[axis].model.covariance))
-        change = there[axis].model.coefficients - back[axis].model.coefficients
-        assert np.all(np.abs(change) < 1e-6 * u)
-    rng = np.random.default_rng(9)
-    noise = 0.02 * rng.standard_normal(columns["gyro_x_dph"].size)
-    loud = fit([log_of(columns | {"gyro_x_dph": columns["gyro_x_dph"] + noise})], pinned)
-    quiet = fit([log_of(columns)], pinned)
-    assert loud["y"].model.coefficients == pytest.approx(quiet["y"].model.coefficients, rel=1e-12)
-    assert loud["y"].model.covariance == pytest.approx(quiet["y"].model.covariance, rel=1e-9)
-    ratio = loud["x"].model.covariance[0, 0] / quiet["x"].model.covariance[0, 0]
-    assert 3.0 < ratio < 8.0

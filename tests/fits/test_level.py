@@ -12,7 +12,7 @@ from calibkit.numeric import flicker
 from calibkit.numeric.thermal import coil, terms as thermal_terms
 from calibkit.numeric.thermal.pooled_fit import ThermalLog
 from calibkit.numeric.thermal.terms import TERMS, Drivers, Scales
-from fits.drift_fits import block_log, fit_level, stated_uncertainty
+from fits.drift_fits import fit_level, stated_uncertainty
 
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])
 """A drift of about 1 °/h over −40 … 60 °C."""
@@ -169,25 +169,6 @@ def test_random_turn_on_biases_tell_the_slope_across_logs(turn_on, share):
     alone = 0.1 / (np.sqrt(6 * 180.0) * 15.0 / np.sqrt(12.0))  # °/h/°C
     assert np.median(stated) < share * alone
     assert np.mean(np.abs(error) <= 2.0 * stated) >= 0.92
-
-
-def test_block_means_of_a_log_are_free_of_spikes_and_keep_their_ramp():
-    """A log at 1 Hz with spikes gives the block means of the clean one within noise; the ramp is
-    that of the first sample.
-    """
-    rng = np.random.default_rng(6)
-    time = np.arange(1000.0)
-    case, env = 0.01 * time, 0.02 * time
-    clean = rng.normal(8.0, 0.5, 1000)
-    spiked = clean + 40.0 * (rng.random(1000) < 0.01)
-    second = int(np.searchsorted(time, 605.0))
-    log = block_log("log", (time, case, env, spiked), 10.0, [second])
-    assert log.indication == pytest.approx(
-        clean.reshape(100, 10).mean(axis=1), abs=0.5
-    )  # °/h, of 4
-    assert log.case == pytest.approx(case.reshape(100, 10).mean(axis=1), abs=1e-12)
-    assert log.env == pytest.approx(env.reshape(100, 10).mean(axis=1), abs=1e-12)
-    assert log.part.tolist() == [0] * 61 + [1] * 39
 
 
 def test_spikes_that_survive_averaging_have_no_say():

@@ -9,10 +9,9 @@ import pytest
 import pywt
 from hypothesis import given, settings, strategies as st
 
-from calibkit.numeric.wavelet import denoise
 from calibkit.numeric.wavelet.denoise import EXTENSIONS
 from calibkit.numeric.wavelet.lifting import LIFTING, find_wavelet
-from fits.transforms import clean_details, extend, extend_by, forward, inverse
+from fits.transforms import clean_details, extend_by, forward, inverse
 
 BANKS = [name for name in pywt.wavelist(kind="discrete") if name != "dmey"]
 
@@ -131,34 +130,3 @@ def test_extensions_follow_their_definitions():
     }
     for extension, values in expected.items():
         np.testing.assert_array_equal(extend_by(signal, 4, extension), values, err_msg=extension)
-
-
-@pytest.mark.parametrize("name", ["cdf97", "db2", "db4", "bior3.5"])
-def test_blocks_leave_no_trace_in_the_average_over_shifts(name, monkeypatch):
-    """Blocks of 40 samples give what one block gives."""
-    whole, _ = extend(noise(3001), name, 4, "trend")
-
-    def averaged():
-        bank = find_wavelet(name).bank
-        return denoise._average_over_shifts(whole, bank, np.ones(3), "soft")[100:-100]
-
-    at_once = averaged()
-    monkeypatch.setattr(denoise, "CACHED", 37)
-    np.testing.assert_allclose(at_once, averaged(), rtol=0, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["haar", "cdf97", "db4"])
-def test_the_average_over_shifts_is_that_of_signals_that_begin_later(name):
-    """Away from the ends: the mean of eight decimated transforms, each begun a sample later."""
-    signal = noise(3000).cumsum()
-
-    def shrink(level, detail):
-        return np.where(np.abs(detail) > 1.0 + level, detail, 0.0)
-
-    thresholds = 1.0 + np.arange(3.0)
-    shifted = denoise._average_over_shifts(signal, find_wavelet(name).bank, thresholds, "hard")
-    each = [
-        inverse(*forward(signal[k:], name, 3), name, 3000 - k, shrink)[800 - k : 1800 - k]
-        for k in range(8)
-    ]
-    np.testing.assert_allclose(shifted[800:1800], np.mean(each, axis=0), atol=1e-10)

@@ -5,12 +5,10 @@ degenerate attitudes.
 import json
 
 import numpy as np
-import pandas as pd
 import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.instruments.inclinometer import published, stations as station_steps
-from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import earth
 from calibkit.numeric.constants import EARTH_RATE_DPH
 from conftest import AUTHORITIES
@@ -91,47 +89,6 @@ def test_four_differences_cancel_a_constant_bias(sensor):
     assert (parts.gyro_x[0], parts.gyro_y[0]) == pytest.approx(
         tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12
     )
-
-
-def rows(stations=(7, 3), positions=(0, 90, 180, 270)):
-    """Rows of stations and positions with an indication that tells them apart."""
-    station = np.repeat(stations, len(positions)).astype(float)
-    position = np.tile(positions, len(stations)).astype(float)
-    return station, position, (100.0 * station + position)[:, None]
-
-
-def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
-    """Missing, strange and non-finite positions are named; the good station's status is empty."""
-    station, position, indication = rows((1, 2, 3, 4))
-    position[6] = 185.0
-    indication[9] = np.nan
-    keep = np.arange(16) != 13
-    columns = {
-        "station": station.astype(int) - 1,
-        "position_deg": position,
-        "accel_x_g": indication[:, 0],
-        "gyro_x_dph": indication[:, 0],
-    }
-    further = ("time_s", "temp_case_degc", *station_steps.REFERENCE)
-    columns |= {"name": station.astype(str), "log": 0}
-    frame = pd.DataFrame(columns | dict.fromkeys(further, np.nan))[keep]
-    known = {"pairs": "x", "gyro_noise_dph": 0.01, "accel_noise_g": 1e-4}
-    spec = InclinometerRecipe.model_validate(
-        {
-            "procedure": "inclinometer",
-            "logs": {"files": ["*.csv"]},
-            "site": {"latitude_deg": 45.0},
-            "stations": known,
-        },
-        strict=False,
-    )
-    solved = station_steps.solve_components(frame, spec)
-    parts, status = solved.components["x"], solved.status["x"]
-    assert status[0] == ""
-    assert status[1] == "position 185° is no multiple of 90°"
-    assert status[2] == "an indication or a position is not finite"
-    assert status[3] == "no row at position 90°"
-    assert np.isfinite(parts.accel_x).tolist() == [True, False, False, False]
 
 
 def test_the_closure_of_four_positions_tells_the_noise():

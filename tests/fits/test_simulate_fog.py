@@ -9,16 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 from calibkit.instruments.bias import simulate_fog as fog
-from calibkit.simulate.chamber import (
-    Chamber,
-    Programme,
-    _controlled,
-)
-
-CALM = Chamber(cycling_degc=0.0, turbulence_degc=0.0, reading_noise_degc=0.0)
 
 
 @pytest.fixture(scope="module")
@@ -63,41 +55,6 @@ def test_on_a_steady_ramp_each_difference_is_rate_times_time_constant(rate):
     assert heat.outer[-1] - heat.inner[-1] == pytest.approx(
         per_s * device.tau_inner_s, abs=1e-6
     )  # °C
-
-
-def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
-    """With constant conductances the integration agrees with the exact solution of the three heat
-    balances.
-    """
-    device = linear(fog.FogGyro.draw(2))
-    matrix = np.column_stack([fog._flows(device, 0.0, unit) for unit in np.eye(3)])
-    heat = device.heat_flow(np.full(2001, 10.0), 0.0)
-    for second in (0, 1, 37, 600, 2000):
-        exact = 10.0 - expm(matrix * second) @ np.full(3, 10.0)
-        nodes = (heat.case[second], heat.outer[second], heat.inner[second])
-        assert nodes == pytest.approx(exact, abs=1e-4)  # °C
-
-
-def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
-    """With every nonlinearity the stored heat is the time integral of what comes from the air and
-    the electronics.
-    """
-    device = fog.FogGyro.draw(3)
-    _, set_degc = Programme.ramp(
-        -40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0
-    ).set_points()
-    air_degc = _controlled(CALM, set_degc)
-    heat = device.heat_flow(air_degc, -40.0)
-    difference = air_degc - heat.case
-    inflow = (
-        difference * (1.0 + device.convection_per_degc * np.abs(difference))
-        + device.self_heating_degc
-    ) / device.tau_case_s
-    coil, inside = device.coil_share, device.coil_share * device.inner_share
-    stored = (1.0 - coil) * heat.case + (coil - inside) * heat.outer + inside * heat.inner
-    assert stored[-1] - stored[0] == pytest.approx(
-        np.trapezoid(inflow), abs=2e-3
-    )  # °C of the whole, of 99
 
 
 # bias

@@ -216,23 +216,6 @@ def test_the_clock_that_begins_anew_is_a_power_on(tmp_path, fit):
         assert model.value("tau_outer") == pytest.approx(200.0, rel=0.15)
 
 
-@pytest.mark.parametrize(("slope", "flagged"), [(0.05, True), (0.0, False)])
-def test_soaks_that_are_power_ons_of_their_own_are_named_where_their_biases_follow_temperature(
-    tmp_path, fit, slope, flagged
-):
-    """Five soaks in a log each cannot show a drift within a power-on; it is not passed over."""
-    rng = np.random.default_rng(8)
-    time = np.arange(1800.0)
-    for case in (-20.0, 0.0, 20.0, 40.0, 60.0):
-        bias = 5.0 + slope * case + rng.normal(0.0, 0.1)
-        drawn = case + 0.3 * np.exp(-time / 300.0), bias + rng.normal(0.0, 0.5, time.size)
-        write_log(tmp_path / "logs" / f"{case:+.0f}.csv", time, drawn[0], gyro_x_dph=drawn[1])
-    outcome = fit()
-    assert outcome.code == 0, outcome.err
-    assert ("follow their temperatures" in outcome.out.replace("\n  ", " ")) == flagged
-    assert ("name these logs in [thermal] sessions" in outcome.out.replace("\n  ", " ")) == flagged
-
-
 def test_apply_adds_what_is_asked_for_and_flags_what_was_not_fitted(tmp_path, fit, calibkit):
     """Drift and its uncertainty beside each channel; temperatures far beyond the fitted range are
     held and flagged, and the uncertainty there is larger.

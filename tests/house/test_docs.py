@@ -2,13 +2,8 @@
 pages build without a warning.
 """
 
-import importlib.util
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -57,32 +52,6 @@ def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(
             ] == []
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
-def test_a_tutorial_runs_in_a_shell(tmp_path):
-    """The commands of a tutorial, one after the other by bash with the command that is installed:
-    all end with exit code 0.
-    """
-    (tmp_path / "bin").mkdir()
-    command = tmp_path / "bin" / "calibkit"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m calibkit "$@"\n', encoding="utf-8")
-    command.chmod(0o755)
-    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
-    path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    text = (ROOT / "docs" / "tutorials" / "inclinometer.md").read_text(encoding="utf-8")
-    script = "".join(block for language, block in pages.BLOCK.findall(text) if language == "sh")
-    done = subprocess.run(
-        ["bash", "-euc", script],
-        cwd=tmp_path,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-
-
 def test_every_shipped_recipe_has_a_tutorial():
     """Each recipe of a procedure is fitted on a page; that of a certain sensor's raw counts is an
     example of mapping.
@@ -117,43 +86,6 @@ def test_a_schema_refuses_a_coefficient_without_its_unit():
     validator.validate(golden)
     del golden["models"][0]["coefficients"][0]["unit"]
     assert not validator.is_valid(golden)
-
-
-@pytest.mark.slow
-def test_the_pages_build_without_a_warning(tmp_path):
-    """Sphinx with warnings as errors, every reference resolved; equations are drawn, and none is
-    left as it was typed.
-    """
-    for module in ("sphinx", "myst_parser", "furo", "numpydoc", "latex2mathml"):
-        if importlib.util.find_spec(module) is None:
-            pytest.skip(f"{module} is not installed: pip install 'calibkit[docs]'")
-    arguments = [
-        "-m",
-        "sphinx",
-        "-W",
-        "-n",
-        "--keep-going",
-        "-q",
-        "-b",
-        "html",
-        str(ROOT / "docs"),
-        str(tmp_path),
-    ]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(
-        [sys.executable, *arguments],
-        env=environment,
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-4000:]
-    assert "Glossary" in (tmp_path / "glossary.html").read_text(encoding="utf-8")
-    for page in (tmp_path / "methods").glob("*.html"):
-        text = page.read_text(encoding="utf-8")
-        assert "<math" in text
-        assert re.search(r"\\(frac|hat|omega|text)\b|\$\$", text) is None, page.name
 
 
 def test_every_recipe_key_and_every_finding_has_a_sentence():

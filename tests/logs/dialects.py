@@ -248,12 +248,6 @@ def two_columns(log):
     return table(["Date,Time,temp_case_degc,temp_env_degc,gyro_dph"], rows).encode()
 
 
-def milliseconds(log):
-    """Whole milliseconds, as the header says."""
-    rows = [[str(round(float(row[0]) * 1000)), *row[1:]] for row in log.rows]
-    return table([",".join(["time_s (ms)", *NAMES[1:]])], rows).encode()
-
-
 def microseconds(log):
     """Whole microseconds of a counter that the recipe knows to be microseconds."""
     rows = [[str(round(float(row[0]) * 1e6)), *row[1:]] for row in log.rows]

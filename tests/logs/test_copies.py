@@ -18,14 +18,6 @@ from conftest import ROOT
 from written_logs import sample_logs
 
 DATA = ROOT / "datasets"
-BIAS = """\
-procedure = "bias_temperature"
-[logs]
-files = ["*.csv"]
-[polynomials]
-abscissa = "temp_case_degc"
-bias = [{ indication = "gyro_dph", order = 1 }]
-"""
 SMALL = ("accelerometer",)
 
 
@@ -89,36 +81,6 @@ def test_validation_leaves_out_a_fitted_log_that_was_saved_again(name, tmp_path,
     assert outcome.code == 3
     assert f"holds the values of {inputs[0]['name']}, which this run was fitted to" in outcome.err
     assert not (tmp_path / "v.json").exists()
-
-
-def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibkit, log_writer):
-    """900 rows left out of the first 1000 when it was fitted: the copy is read as it was fitted,
-    too.
-    """
-    rng = np.random.default_rng(5)
-    time = np.arange(2000.0)
-    columns = {
-        "time_s": time,
-        "temp_case_degc": 20.0 + 0.02 * time,
-        "gyro_dph": rng.normal(size=time.size),
-    }
-    text = log_writer(tmp_path / "logs" / "a.csv", **columns).read_text(encoding="utf-8")
-    excluded = (
-        '[[exclude]]\nlog = "a.csv"\nfrom_s = 0\nto_s = 900\nreason = "warm-up"\nperson = "N. N."\n'
-    )
-    (tmp_path / "r.toml").write_text(BIAS + excluded, encoding="utf-8")
-    runs = tmp_path / "runs"
-    assert calibkit(
-        "fit", tmp_path / "r.toml", data=tmp_path / "logs", serial="S", out=runs
-    ).code in (
-        0,
-        1,
-    )
-    (tmp_path / "again").mkdir()
-    (tmp_path / "again" / "a.csv").write_bytes(text.replace("\n", "\r\n").encode())
-    outcome = calibkit("validate", "S", runs=runs, data=tmp_path / "again", out=tmp_path / "v.json")
-    assert outcome.code == 3
-    assert "holds the values of a.csv" in outcome.err
 
 
 @pytest.fixture(scope="module")

@@ -102,11 +102,6 @@ class Browser:
         """One mouse event."""
         self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
 
-    def key(self, key):
-        """One key pressed and released."""
-        for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key)
-
     def said(self):
         """What the console, the log and the auditor reported, and exceptions."""
         kinds = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments
-from calibkit.certificate import content, pdf, profile, run_files, tables
+from calibkit.certificate import content, profile, run_files, tables
 from calibkit.commands import pipeline
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
@@ -18,8 +18,8 @@ from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.bias import forms as fog_forms
 from calibkit.instruments.bias.numeric import bank
 from calibkit.numeric.thermal.terms import Valid
-from conftest import ROOT, write_log
-from sample_runs import ISSUED, fitted, sample_run
+from conftest import ROOT
+from sample_runs import ISSUED, sample_run
 
 
 def of_type(uncertainty, kind):
@@ -301,31 +301,6 @@ def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path)
     made = certificate(made, "fog_thermal", validation=validation)
     assert made.missing == ()
     assert {a.name: a for a in made.attachments}["validation.json"].content == out.read_bytes()
-
-
-def test_no_exported_drift_term_is_said_and_not_made_up(tmp_path):
-    """Logs of a gyro without drift: the certificate says that no drift term is exported."""
-    rng = np.random.default_rng(5)
-    for k, rate in enumerate((2.0, 5.0, -2.0, -5.0)):
-        time = np.arange(0.0, 1800.0)
-        env = np.sign(rate) * -20.0 + rate * np.clip(time - 300.0, 0.0, 480.0) / 60.0
-        case = np.convolve(
-            np.pad(env, (199, 0), mode="edge"), np.full(200, 1.0 / 200.0), mode="valid"
-        )
-        write_log(
-            tmp_path / "logs" / f"r{k}.csv",
-            time_s=time,
-            temp_case_degc=case,
-            temp_env_degc=env,
-            gyro_dph=rng.normal(7.0, 0.5, 1800),
-        )
-    made = fitted(tmp_path / "runs", "fog_thermal", tmp_path / "logs")
-    found = certificate(made)
-    assert made.records["drift_rate.json"].models == ()
-    assert any(
-        "No drift term is exported" in note.en for block in found.blocks for note in block.notes
-    )
-    assert pdf.render(found, "en").startswith(b"%PDF")
 
 
 def test_the_orders_of_s_over_temperature_are_averaged_and_their_spread_is_type_a(run):

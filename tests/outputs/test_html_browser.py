@@ -18,11 +18,6 @@ pytestmark = [
 ]
 
 SAMPLES = sorted((ROOT / "reports").glob("*.html"))
-VIEW = "document.querySelector('.frame svg').getAttribute('viewBox').split(' ').map(Number)"
-FRAME = (
-    "(({left, top, width, height}) => [left, top, width, height])"
-    "(document.querySelector('.frame svg').getBoundingClientRect())"
-)
 MARKERS = """[...document.querySelectorAll('.frame path[marker-mid]')].flatMap((path) => {
   const steps = path.getAttribute('d').match(/-?[\\d.]+/g).map(Number);
   let x = 0, y = 0;
@@ -84,47 +79,6 @@ def test_a_sample_report_opens_without_a_word_and_without_a_network(chromium, pa
         )
         assert sizes
         assert min(sizes) > 1e4
-
-
-@pytest.mark.slow
-def test_figures_zoom_by_wheel_button_and_key_and_come_back(chromium, tmp_path):
-    """The point under the pointer stays there; drag moves; double click fills a panel and gives the
-    whole back.
-    """
-    opened(chromium, tmp_path, made("plain", drawings=(spans(),)))
-    whole = chromium.value(VIEW)
-    left, top, width, height = chromium.value(FRAME)
-    x, y = left + 0.3 * width, top + 0.4 * height
-    chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-120)
-    assert (
-        chromium.value(VIEW) == whole
-    )  # the wheel scrolls the page until the figure has the focus
-    chromium.value("document.querySelector('.frame').focus()")
-    chromium.value("document.querySelector('.frame').scrollIntoView({block: 'center'})")
-    left, top, width, height = chromium.value(FRAME)
-    x, y = left + 0.3 * width, top + 0.4 * height
-    chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-120)
-    near = chromium.value(VIEW)
-    assert near[2] < 0.8 * whole[2]
-    assert near[0] + 0.3 * near[2] == pytest.approx(whole[0] + 0.3 * whole[2], abs=0.5)
-    chromium.mouse("mousePressed", x, y, button="left", clickCount=1)
-    for step in (20, 40):
-        chromium.mouse("mouseMoved", x - step, y, button="left", buttons=1)
-    chromium.mouse("mouseReleased", x - 40, y, button="left", clickCount=1)
-    moved = chromium.value(VIEW)
-    assert moved[0] - near[0] == pytest.approx(40.0 / width * near[2], abs=1.0)
-    chromium.key("0")
-    assert chromium.value(VIEW) == whole
-    chromium.key("2")
-    assert whole[2] / 5.0 < chromium.value(VIEW)[2] < whole[2] / 1.5
-    chromium.key("Escape")
-    chromium.value("document.querySelectorAll('.tools button')[1].click()")
-    assert chromium.value(VIEW)[2] == pytest.approx(whole[2] / 1.6, rel=1e-3)
-    for count in (1, 2):
-        chromium.mouse("mousePressed", x, y, button="left", clickCount=count)
-        chromium.mouse("mouseReleased", x, y, button="left", clickCount=count)
-    assert chromium.value(VIEW) == whole
-    assert chromium.said() == []
 
 
 @pytest.mark.slow

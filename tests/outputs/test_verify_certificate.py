@@ -5,7 +5,6 @@ named.
 import datetime as dt
 import json
 import shutil
-import sys
 from dataclasses import replace
 
 import pytest
@@ -345,21 +344,6 @@ def test_a_key_that_cannot_sign_stops_before_anything_is_written(
         assert words in found.err
         assert passphrase is None or len(passphrase) < 2 or passphrase not in found.err
     assert not list(tmp_path.glob("certificate.*"))
-
-
-@pytest.mark.parametrize("module", ["pypdf", "pyhanko.pdf_utils.reader", "lxml.etree"])
-def test_what_cannot_be_checked_is_called_so(module, signed, unsigned, monkeypatch, calibkit):
-    """A missing library: exit 5, the command that installs it, no "ok"; 4 stands over 5."""
-    monkeypatch.setitem(sys.modules, module, None)
-    found = calibkit("verify", signed)
-    assert (found.code, found.out) == (5, "")
-    assert "NOT CHECKED: install calibkit[verify]" in found.err
-    told = calibkit("verify", signed, "--json").json
-    assert (told["ok"], told["error"]["code"]) == (False, "not_checked")
-    assert told["files"][0]["checked"] is False
-    damaged = signed.with_name("x.json")
-    damaged.write_text("{}", encoding="utf-8")
-    assert calibkit("verify", damaged, signed).code == 4
 
 
 def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
