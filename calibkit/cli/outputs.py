@@ -82,7 +82,11 @@ def certify(
     from calibkit.instruments import certificate_layout
     from calibkit.records import store
 
-    _require_one(out, check=check)
+    if (out is None) != check:
+        raise UsageError(
+            "--out and --check: one of them is needed",
+            hint="name the PDF with --out, or leave it out and ask with --check",
+        )
     if timestamp and not key and _SERVER not in os.environ:
         raise UsageError("--timestamp stamps a signature", hint="add --sign KEY.p12")
     with working("typesetting"):
@@ -105,29 +109,21 @@ def certify(
 def _print_issued(issued: "Issued", *, check: bool, as_json: bool, dry_run: bool) -> int:
     """Print a certificate, or what one would lack, which is 1."""
     print_flags(filter(None, (issued.certificate.rejection.en, *issued.warnings)))
+    missing = [f"  {item.key}: {item.description.en}" for item in issued.missing]
     if check and not as_json:
-        _print_check(issued)
-    else:
-        _print_missing([] if as_json else _list_missing(issued))
-        print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
-    return int(check and bool(issued.missing))
+        _print_check(issued, missing)
+        return int(bool(missing))
+    if missing and not as_json:
+        from calibkit.report.screen import shorten
+
+        print_message(f"DRAFT: not a calibration certificate; {len(missing)} missing:")
+        for line in missing if SETTINGS.details else shorten(missing, _MOST_MISSING):
+            print_message(line)
+    print_result(issued.summarise(), issued.files, as_json=as_json, dry_run=dry_run)
+    return int(check and bool(missing))
 
 
-def _require_one(out: Path | None, *, check: bool) -> None:
-    """Raise UsageError unless a file or --check is asked for."""
-    if (out is None) != check:
-        raise UsageError(
-            "--out and --check: one of them is needed",
-            hint="name the PDF with --out, or leave it out and ask with --check",
-        )
-
-
-def _list_missing(issued: "Issued") -> list[str]:
-    """One line for each item that a certificate lacks."""
-    return [f"  {item.key}: {item.description.en}" for item in issued.missing]
-
-
-def _print_check(issued: "Issued") -> None:
+def _print_check(issued: "Issued", missing: Sequence[str]) -> None:
     """Print what a certificate would be, and what it would say that a laboratory may not expect."""
     from calibkit.certificate import accreditation
 
@@ -136,14 +132,14 @@ def _print_check(issued: "Issued") -> None:
     raised = sum(accreditation.is_raised(result) for result in results)
     unused = ", ".join(certificate.unused_terms)
     verdict = "nothing is missing for a certificate"
-    if issued.missing:
-        verdict = f"a DRAFT, {len(issued.missing)} missing"
+    if missing:
+        verdict = f"a DRAFT, {len(missing)} missing"
     lines = (
         f"{certificate.run.name}: {verdict}",
         f"{outside} of {len(results)} results are outside the scope" if outside else "",
         f"U of {raised} results is raised to the CMC" if raised else "",
         f"type B terms that enter no result: {unused}" if unused else "",
-        *_list_missing(issued),
+        *missing,
     )
     for line in filter(None, lines):
         click.echo(line)
@@ -207,16 +203,6 @@ def sign(
     print_flags(warnings)
     print_result({"out": [str(out)], "role": role}, [out], as_json=as_json, dry_run=dry_run)
     return 0
-
-
-def _print_missing(lines: Sequence[str]) -> None:
-    """Print what a certificate lacks."""
-    from calibkit.report.screen import shorten
-
-    if lines:
-        print_message(f"DRAFT: not a calibration certificate; {len(lines)} missing:")
-    for line in lines if SETTINGS.details else shorten(lines, _MOST_MISSING):
-        print_message(line)
 
 
 def _address(context: click.Context, parameter: click.Parameter, value: str | None) -> int | None:

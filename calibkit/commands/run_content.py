@@ -116,7 +116,13 @@ def read_report(run: store.StoredRun, suffix: str) -> bytes:
     content = store.read_bytes(path)
     if suffix == ".html":
         return content
-    shown, drawings = page.read_kept(content.decode())
+    try:
+        shown, drawings = page.read_kept(content.decode())
+    except ValueError as error:
+        raise CoefficientError(
+            f"{path}: not the page that calibkit wrote: {str(error).splitlines()[0]}",
+            hint="restore it from a copy; `calibkit verify` names files that were changed",
+        ) from None
     if shown is None:  # calibkit 0.2 wrote the page: the results stand in the text beside it
         text = store.read_bytes(run.folder / documents.TEXT).decode()
         summary = summarize_run(run.name, run.document, {})

@@ -74,13 +74,16 @@ def _dump(content: Shown) -> str:
 
 def read_kept(page: str) -> tuple[Shown | None, list[str]]:
     """What the page of a run keeps of its fit, None where an older calibkit wrote it, and its
-    figures.
+    figures. Raises ValueError where something else was put there.
     """
     from pydantic import TypeAdapter
 
     kept = _KEPT.search(page)
     content = None if kept is None else TypeAdapter(Shown).validate_python(json.loads(kept[1]))
-    return content, _SVG.findall(page)
+    drawings = _SVG.findall(page)
+    if content is not None and len(drawings) != len(content.captions):
+        raise ValueError(f"{len(drawings)} figures, expected {len(content.captions)}")
+    return content, drawings
 
 
 @functools.cache

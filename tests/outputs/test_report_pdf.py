@@ -90,3 +90,14 @@ def test_a_run_of_release_0_2_still_has_a_pdf(tmp_path):
     text = printed(run_content.read_report(stored, ".pdf"), tmp_path)
     sentence = (folder / "report.txt").read_text(encoding="utf-8").splitlines()[1]
     assert all(word in text for word in (*sentence.split(), "Figure 1."))
+
+
+def test_a_page_that_was_changed_is_refused_in_one_line(run, tmp_path, calibkit):
+    """What the page keeps is not what calibkit put there: exit code 4, not an internal error."""
+    shutil.copytree(run, tmp_path / "runs")
+    path = tmp_path / "runs" / "N-1" / "r001" / "report.html"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace('"captions":[', '"captions":[7,', 1), encoding="utf-8")
+    refused = calibkit("report", "N-1", "--runs", tmp_path / "runs", "--out", tmp_path / "r.pdf")
+    assert (refused.code, refused.err.count("\n")) == (4, 1)
+    assert "report.html" in refused.err
