@@ -300,29 +300,6 @@ def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, 
     assert calibkit("verify", folder).code == 4
 
 
-def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick):
-    """Every unit, digest, verdict and outlier is that of the run that follows; no folder, no lock,
-    nothing is there.
-    """
-    fleet_logs(tmp_path / "units", 12)
-    unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
-    broken(tmp_path / "units", "A-1")
-    shutil.copytree(tmp_path / "units" / "U001", tmp_path / "units" / "U020")
-    before = tree(tmp_path)
-    rehearsed = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True, dry_run=True)
-    assert not (tmp_path / "runs").exists()
-    assert tree(tmp_path) == before
-    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True)
-    assert rehearsed.table.entries == done.table.entries
-    assert [(outlier.serial, outlier.figure) for outlier in rehearsed.table.outliers] == [
-        (outlier.serial, outlier.figure) for outlier in done.table.outliers
-    ]
-    assert len(done.table.outliers) > 0
-    assert (
-        (rehearsed.exit_code, rehearsed.folder) == (done.exit_code, done.folder) == (3, done.folder)
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [

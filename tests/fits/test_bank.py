@@ -83,21 +83,6 @@ def errors_at_rest(coil, model):
     return np.array(errors), np.array(sizes)
 
 
-@pytest.mark.slow
-def test_drift_at_rest_is_right_where_soaks_are_shorter_than_the_coils_lags():
-    """Six gyros of 30 min soaks: the median error is below 0.02 °/h, and of four gyros U holds the
-    truth at every temperature (of each with some 90 %).
-    """
-    errors, held = [], 0
-    for seed in range(200, 206):
-        coil, found = fitted(seed)
-        away, sizes = errors_at_rest(coil, found.model)
-        errors.append(np.abs(away))
-        held += bool(np.all(np.abs(away) <= 2.0 * sizes))
-    assert np.median(errors) < 0.02
-    assert held >= 4
-
-
 def test_logs_that_were_not_fitted_are_corrected_nearly_as_well_as_their_noise_allows():
     """Ramps of other rates, a mission and a sine: 20 times in the median by truth, 0.6 of what a
     model reaches that knows the physics, and no log below a third of it; U covers the

@@ -51,33 +51,6 @@ def test_a_few_campaigns_of_every_instrument_give_rows_and_a_page(benchmark, tmp
     assert written["width"].to_numpy() == pytest.approx([row.width for row in rows], rel=1e-4)
 
 
-@pytest.mark.slow
-def test_every_fault_is_in_the_logs_and_one_of_each_procedure_is_fitted(benchmark):
-    """Logs with a fault differ from those without, which are the same each time; the first fault
-    of each procedure is fitted, and every truth that it states is compared.
-    """
-    del benchmark  # it puts the folder on the path
-    faults = importlib.import_module("intervals.physics.rows")
-    campaigns = importlib.import_module("intervals.physics.campaigns")
-    fitted = set()
-    for label, fault in faults.FAULTS.items():
-        made = [
-            fault.campaign(np.random.default_rng(1), size)
-            for size in (fault.size, fault.sound, fault.sound)
-        ]
-        logs = [[*one.logs.values(), *([one.applied.log] if one.applied else [])] for one in made]
-        same = [all(map(pd.DataFrame.equals, logs[1], other)) for other in (logs[0], logs[2])]
-        assert same == [False, True], label
-        if fault.procedure not in fitted:
-            fitted.add(fault.procedure)
-            result = campaigns.fit(made[0])
-            assert not result.refused, result.flags
-            assert all(np.isfinite(error).all() for error in result.error.values()), label
-            assert all((width > 0.0).all() for width in result.half_width.values()), label
-            compared = sum(error.size for error in result.error.values())
-            assert compared >= len(made[0].truth) > 0, label
-
-
 def outcomes(rows, *, covered, width, of=1000, warned=False):
     """Outcomes of campaigns of which some are covered."""
     inside = [np.array([float(k < covered)]) for k in range(of)]

@@ -302,15 +302,6 @@ def test_a_stated_size_that_the_rows_do_not_show_keeps_its_degrees_of_freedom(si
     assert mean.dof == pytest.approx(min(dof, 29.0), rel=1e-3)
 
 
-def test_the_search_for_a_size_comes_back_from_far_above():
-    """Scatter of five rows beside a known noise that is nothing against it is their deviation."""
-    y = np.array([4.0, 0.0, 3.0, 6.0, 2.0])
-    scatter = shared(np.arange(5), np.ones(5))
-    noise = np.full(5, 1e-13)
-    fit = solve(lambda p: p[0] - y, np.zeros(1), [scatter], noise=noise, estimate_noise=False)
-    assert fit.shared[0].value == pytest.approx(np.std(y, ddof=1), rel=1e-9)
-
-
 @pytest.mark.parametrize(("runs", "rows"), [(2, 5), (6, 8)])
 def test_a_prediction_has_the_degrees_of_freedom_of_the_runs(runs, rows):
     """The mean of runs whose size is as good as unknown has runs - 1, one whose size is known those

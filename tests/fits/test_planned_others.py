@@ -8,7 +8,6 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.commands import inspection, pipeline, plans
-from calibkit.errors import UsageError
 from calibkit.instruments.inclinometer import root_choice, simulate
 from calibkit.instruments.inclinometer.plan import azimuth_slopes
 from calibkit.instruments.inclinometer.published import Components
@@ -134,14 +133,6 @@ def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
         out = tmp_path / f"plan{number}"
         notes = plans.plan(source, out, within_h=hours).document["notes"]
         assert sum("bias instability of 0.03" in note for note in notes) == number
-
-
-@pytest.mark.parametrize("procedure", ["gyro_noise", "gyro_pair", "accelerometer_magnitude"])
-def test_a_range_asked_of_one_temperature_is_refused(procedure, tmp_path):
-    """It would be left out of account silently."""
-    request = {"range_degc": (0.0, 50.0)}
-    with pytest.raises(UsageError, match="at one temperature"):
-        plans.plan(recipe.find(procedure), tmp_path / "plan", **request)
 
 
 def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():

@@ -26,7 +26,7 @@ from calibkit.planning import (
 from calibkit.planning.bench import Design, Predicted, Task
 from calibkit.planning.exchange import Pool
 from calibkit.planning.schedule import Action, Schedule
-from calibkit.planning.search import choose, find_front, parse_wishes
+from calibkit.planning.search import choose, find_front
 from conftest import ROOT, load_script
 
 SCHEMA = json.loads((ROOT / "docs" / "schemas" / "calibkit-plan-1.schema.json").read_text())
@@ -176,22 +176,6 @@ def test_a_fault_of_an_equipment_file_is_named(found, expected):
     assert found in text
     with pytest.raises(RecipeError, match=r"bench\.toml"):
         equipment.read_equipment(recipe.Source("bench.toml", text.replace(found, expected)))
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "inclination",
-        "inclination<=0 deg",
-        "inclination<=abc deg",
-        "azimuth<=1 deg",
-        "K0<=1 furlong",
-    ],
-)
-def test_a_wish_that_is_not_understood_is_refused(text):
-    """With the results that there are."""
-    with pytest.raises((UsageError, RecipeError)):
-        parse_wishes([text], {"inclination": "deg", "K0": "1"})
 
 
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():

@@ -100,18 +100,6 @@ def test_a_periodic_quantity_has_many_offsets_and_is_refused():
         )
 
 
-def test_logs_of_different_things_are_refused_or_unusable():
-    """Two independent noises, a constant, and two logs without a common minute."""
-    rng = np.random.default_rng(3)
-    time = np.arange(1000.0)
-    with pytest.raises(FitError, match="varies"):
-        clocks.estimate_clock(time, np.full(1000, 20.0), time, rng.normal(size=1000))
-    with pytest.raises(FitError):
-        clocks.estimate_clock(time, rng.normal(size=1000), time + 1e6, rng.normal(size=1000))
-    with pytest.raises(FitError):
-        clocks.estimate_clock(time, rng.normal(size=1000), time, rng.normal(size=1000))
-
-
 def test_a_faster_log_is_averaged_about_each_time():
     """Means over the interval about each time, as a loop finds them; none where half of the rows
     are missing.

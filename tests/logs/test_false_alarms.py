@@ -59,15 +59,6 @@ def test_a_level_that_changes_for_good_is_a_jump(drift):
         assert names(data) == {"jump"}
 
 
-def test_a_counter_that_passes_a_whole_number_of_pulses_is_not_stuck():
-    """Near a whole number of pulses per row a counter repeats it for long: the rate says so on both
-    sides of the run.
-    """
-    for seed, sigma in ((0, 0.0), (1, 0.02), (2, 0.05)):
-        assert names(counted(np.linspace(-3.0, 3.0, ROWS), seed, sigma)) == set()
-        assert names(counted(2.5 * np.sin(ROW / 2000.0), seed, sigma)) == set()
-
-
 def test_a_counter_that_stands_still_is_stuck():
     """Sixty equal values among values that change from row to row, whatever the column."""
     for data in (counted(np.linspace(-3.0, 3.0, ROWS), 0, 0.5), dithered(0.137, 50.0, 1), noise(2)):

@@ -94,14 +94,3 @@ def test_what_could_be_read_two_ways_is_refused(tmp_path, document, logs, fragme
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, document, **logs)
     assert fragment in str(refused.value)
-
-
-@pytest.mark.parametrize("truth", [[True, False, True], [True, 0, 1], [True, 0.5, None]])
-def test_truth_values_are_no_numbers(tmp_path, truth):
-    """A column of nothing else is none, as text is; among numbers one is refused by name."""
-    document = {"a": [1, 2, 3], "b": truth}
-    if all(isinstance(value, bool) for value in truth):
-        assert columns(read(tmp_path, document)) == {"a": [1.0, 2.0, 3.0]}
-    else:
-        with pytest.raises(LogFormatError, match="value 1 of 'b': found 'true'"):
-            read(tmp_path, document)

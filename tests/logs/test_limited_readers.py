@@ -149,19 +149,6 @@ def test_bytes_that_were_added_or_lost_are_refused(tmp_path, write, damage):
     refused(path)
 
 
-@pytest.mark.parametrize("mark", [";", "1", "-"])
-def test_a_decimal_separator_that_is_none_is_refused(tmp_path, mark):
-    """A damaged header of a LabVIEW measurement file was an internal error."""
-    end = "***End_of_Header***\n"
-    path = tmp_path / "log.lvm"
-    path.write_text(
-        f"LabVIEW Measurement\nSeparator\tTab\nDecimal_Separator\t{mark}\n{end}Channels\t1\n"
-        f"Samples\t2\n{end}X_Value\tgyro_dph\n0\t1\n1\t2\n",
-        encoding="utf-8",
-    )
-    assert f"Decimal_Separator is '{mark}', expected '.' or ','" in refused(path)
-
-
 def test_a_number_that_no_instrument_gives_is_refused_by_line(tmp_path, calibkit, log_writer):
     """1e308 in one row made coefficients that are no numbers."""
     bias = np.where(np.arange(600) == 300, 1e308, 1.0 + 1e-3 * np.arange(600))

@@ -4,10 +4,8 @@ refused before a number is fitted.
 
 import tomllib
 
-import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import lfilter
 
 import calibkit
 from calibkit.check import thermometers
@@ -45,22 +43,6 @@ def test_logs_that_come_near_zero_are_not_refused(name, lowest_degc):
     for log in sample_logs(name).values():
         degc = log[CASE] - log[CASE].min() + lowest_degc
         assert lost_sign(log["time_s"], degc) == []
-
-
-@pytest.mark.parametrize("rate_degc_min", [0.5, 1.0, 5.0, 10.0])
-@pytest.mark.parametrize("lag_s", [30.0, 120.0])
-def test_a_case_that_is_driven_to_and_fro_turns_slowly(rate_degc_min, lag_s):
-    """Air that turns at once at 0 °C, and the case behind it: the air would be refused, no case."""
-    time = np.arange(0.0, 7200.0)
-    half = 60.0 * 60.0 / rate_degc_min
-    air = 60.0 * np.abs((time / half) % 2.0 - 1.0)
-    share = 1.0 - np.exp(-1.0 / lag_s)
-    case = lfilter([share], [1.0, share - 1.0], air - air[0]) + air[0]
-    case += np.random.default_rng(5).normal(0.0, 0.02, time.size)
-    assert lost_sign(time, case - case.min() + 0.2) == []
-    if half < time[-1] - 300.0:
-        (finding,) = lost_sign(time, air)
-        assert finding.refused
 
 
 def test_a_gyro_whose_sign_was_turned_in_some_logs_is_refused():

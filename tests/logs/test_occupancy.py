@@ -52,14 +52,6 @@ def test_an_indication_that_moves_within_its_blocks_has_no_spikes():
     assert not pooled_fit.spikes(np.concatenate([quiet, moving]), held).size
 
 
-def test_a_spike_stands_out_of_counts_that_hardly_change():
-    """Where more than half of the samples are alike the smallest step is the measure."""
-    held = blocks_of(10, 50)
-    counts = np.where(RNG.random(500) < 0.2, 0.05, 0.0)
-    counts[77] = 3.0
-    assert pooled_fit.spikes(counts, held).tolist() == [77]
-
-
 def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     """With gaps and jitter each interval that holds a sample has its mean, in order."""
     time = np.sort(RNG.choice(3000, 1200, replace=False)).astype(np.float64)

@@ -116,21 +116,6 @@ def test_rows_outside_the_chamber_file_have_a_status(apply, table, tmp_path):
     assert kept[0].json["uncorrected"][f"{chamber}: after its end"] == 200
 
 
-def test_rows_without_a_value_have_a_status(apply, table, tmp_path):
-    """An empty field and an overload do not stop a log."""
-    text = table.drop(columns="temp_env_degc").to_csv(index=False).split("\n")
-    fields = text[11].split(",")
-    text[11] = ",".join([fields[0], "", fields[2]])
-    text[21] = ",".join([*text[21].split(",")[:2], "OVLD"])
-    (tmp_path / "flight.csv").write_text("\n".join(text), encoding="utf-8")
-    outcome, out = apply("CASE", tmp_path / "flight.csv")
-    assert outcome.code == 0, outcome.err
-    made = pd.read_csv(out)
-    assert made["status"].dropna().to_dict() == {10: "no temp_case_degc", 20: "no gyro_dph"}
-    assert made["gyro_dph"].isna().sum() == 2
-    assert out.read_text(encoding="utf-8").split("\n")[21].startswith("20,")
-
-
 def test_logs_without_header_and_time_column_are_counted(apply, table, tmp_path):
     """`rate_hz` gives the time; the new file has the names of the recipe, and the drift stands
     behind the columns.

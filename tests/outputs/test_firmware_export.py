@@ -77,14 +77,6 @@ def test_a_source_beside_the_header_of_another_export_is_named(drift_run, tmp_pa
     assert f"FAILED {source}: gyro.h beside it is of another export" in outcome.err
 
 
-def test_nothing_is_overwritten_and_nothing_is_half_written(triad_run, tmp_path, calibkit):
-    """A file in the way stops the export before it writes the other one."""
-    (tmp_path / "cal.h").write_text("mine")
-    outcome = calibkit("export", triad_run, "--target", "c", "--out", tmp_path)
-    assert outcome.code == 4
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.h"]
-
-
 @pytest.mark.parametrize(
     "prefix",
     [
