@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -13,6 +14,12 @@ from calibkit.report.table import Table
 
 Standing = Literal["accepted", "rejected", "open"]
 """What a page is coloured by: a verdict, or that there is none."""
+
+
+_UNSHOWN = re.compile(
+    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff\u202a-\u202e\u2066-\u2069]"
+)
+"""Characters that a page must not hold, or that turn the order of what stands around them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +86,11 @@ class Page:
     """What was found, in a sentence."""
     first: tuple[Block, ...] = ()
     """First screen: a chart stands beside the other blocks."""
+
+
+def printable(text: str) -> str:
+    """A text, or a page, with the code of characters that cannot be shown."""
+    return _UNSHOWN.sub(lambda match: f"\\u{ord(match.group()):04x}", text.replace("\r", "\\r"))
 
 
 def describe_block(block: Block) -> dict[str, Any]:

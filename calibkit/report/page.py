@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibkit.libraries.templates import read_templates
-from calibkit.report.markup import Markup, shown
+from calibkit.report.blocks import printable
 from calibkit.report.run import Shown
 
 if TYPE_CHECKING:
@@ -43,19 +43,19 @@ def render(page: Page, kept: Shown | None = None) -> bytes:
         .get_template("page.html.j2")
         .render(
             page=page,
-            style=Markup(style),
-            script=Markup(script),
-            policy=Markup(_policy(style, script)),
-            kept=None if kept is None else Markup(_dump(kept)),
+            style=style,
+            script=script,
+            policy=_policy(style, script),
+            kept="" if kept is None else _dump(kept),
         )
     )
-    return shown(text).encode()
+    return printable(text).encode()
 
 
-def summary_table(table: Table) -> Markup:
+def summary_table(table: Table) -> str:
     """A table as HTML."""
     module = _templates().get_template("blocks.html.j2").module
-    return Markup(shown(module.show_table(table)))  # type: ignore[attr-defined] # a macro
+    return printable(module.show_table(table))  # type: ignore[attr-defined] # a macro
 
 
 def first_screen_of(page: str) -> str:

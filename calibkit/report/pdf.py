@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import OutputError
 from calibkit.libraries import extras
-from calibkit.report.blocks import describe_block
-from calibkit.report.markup import shown
+from calibkit.report.blocks import describe_block, printable
 
 if TYPE_CHECKING:
     from calibkit.report.blocks import Page
@@ -49,7 +48,7 @@ def render(page: Page, date: str) -> bytes:
 def _printable(content: Any) -> Any:  # noqa: ANN401 (a value of JSON)
     """A value of JSON with the code of characters that cannot be shown."""
     if isinstance(content, str):
-        return shown(content)
+        return printable(content)
     if isinstance(content, dict):
         return {key: _printable(value) for key, value in content.items()}
     return [_printable(part) for part in content] if isinstance(content, list | tuple) else content

@@ -6,8 +6,8 @@ from importlib import resources
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, urlencode
 
-from calibkit.report.markup import Content, Markup, element, join_markup
 from calibkit.viewer.index import REPORTS
+from calibkit.viewer.markup import Content, Markup, element, join_markup, summary_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -231,7 +231,6 @@ def _answer(serial: str, old: str, new: str, runs: Path) -> tuple[Markup, list[M
     """
     from calibkit.errors import CalibkitError
     from calibkit.records import store
-    from calibkit.report.page import summary_table
     from calibkit.results import comparison, still_good
 
     try:
@@ -291,7 +290,6 @@ def _history(serial: str, entries: Sequence[Entry], runs: Path) -> list[Markup]:
     """Key values over the years."""
     from calibkit.errors import CalibkitError
     from calibkit.records import store
-    from calibkit.report.page import summary_table
     from calibkit.results import key_values
 
     loaded, faults = [], []

@@ -1,14 +1,18 @@
 """Pieces of HTML whose texts are escaped by the one function that makes elements."""
 
-import html
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from __future__ import annotations
 
-_UNSHOWN = re.compile(
-    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff\u202a-\u202e\u2066-\u2069]"
-)
-"""Characters that a page must not hold, or that turn the order of what stands around them."""
+import html
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeAlias
+
+from calibkit.report import page
+from calibkit.report.blocks import printable
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from calibkit.report.table import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,25 +21,13 @@ class Markup:
 
     text: str
 
-    def __str__(self) -> str:
-        return self.text
 
-    def __html__(self) -> str:
-        """The same for templates."""
-        return self.text
-
-
-Content = str | Markup
-
-
-def shown(text: str) -> str:
-    """A text, or a page, with the code of characters that cannot be shown."""
-    return _UNSHOWN.sub(lambda match: f"\\u{ord(match.group()):04x}", text.replace("\r", "\\r"))
+Content: TypeAlias = "str | Markup"
 
 
 def escaped(content: Content) -> str:
     """HTML of a text or of a piece; characters that cannot be shown stand there as their code."""
-    return content.text if isinstance(content, Markup) else html.escape(shown(content))
+    return content.text if isinstance(content, Markup) else html.escape(printable(content))
 
 
 def element(tag: str, *parts: Content, **attributes: str) -> Markup:
@@ -53,3 +45,8 @@ def element(tag: str, *parts: Content, **attributes: str) -> Markup:
 def join_markup(parts: Iterable[Markup], separator: str = "\n") -> Markup:
     """Pieces one after the other."""
     return Markup(separator.join(part.text for part in parts))
+
+
+def summary_table(table: Table) -> Markup:
+    """A table as a report shows it."""
+    return Markup(page.summary_table(table))
