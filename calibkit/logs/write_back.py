@@ -115,7 +115,8 @@ class Rewritten:
         frame = table.frame.rename(columns={name: f"reference_{name}" for name in new_names})
         for name, source in self.sources.items():
             mapped = self.recipe.columns.get(name) or ColumnMapping(source=source)
-            stated_unit = table.units.get(source, "")
+            # as the log was read: a unit in the header counts where the recipe states none
+            stated_unit = table.units.get(source) or units.unit_in_header(source)
             canonical = along_rows(self.replaced[name]).to_numpy()
             in_log = unmap_values(canonical, mapped, name, self.recipe, stated_unit)
             numbers = pd.Series(in_log, index)

@@ -167,21 +167,19 @@ def _read_text(
     *,
     described: bool,
 ) -> Table:
-    """Read text: as comma-separated text with a line of names where it looks like that, whose
-    message is the one to give where no dialect explains the log; else in the dialect that it shows.
+    """Read text in the dialect that it shows. Where it is too short or too odd to show one, it is
+    read as comma-separated text, or refused as that, if it begins like it.
     """
-    as_csv: LogFormatError | None = None
     first = data.partition(b"\n")[0]
-    if not described and (not data.strip() or (b"," in first and b"\0" not in first)):
-        try:
-            return text.parse_csv(data, sha256, file, logs, required_columns)
-        except LogFormatError as error:
-            as_csv = error
     try:
         content, encoding = encodings.decode(data, file, logs.text.encoding)
         dialect = sniff.Dialect.recognise(content, encoding, file, logs.text, logs.names)
-    except LogFormatError as error:
-        raise (as_csv or error) from None
-    # from here on it is the dialect's rows that are at fault, whose message is the better one
+    except LogFormatError:
+        if described or b"," not in first or b"\0" in first:
+            raise
+        return text.parse_csv(data, sha256, file, logs, required_columns)
     table = text.parse_text(content, sha256, file, dialect, logs, required_columns)
+    # of comma-separated text with one line of names only the form of its times is a guess
+    if dialect.clean and not described:
+        return replace(table, reading=dialect.time_guesses)
     return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

@@ -116,6 +116,26 @@ def test_rows_outside_the_chamber_file_have_a_status(apply, table, tmp_path):
     assert kept[0].json["uncorrected"][f"{chamber}: after its end"] == 200
 
 
+@pytest.mark.parametrize("words", [False, True], ids=["clean", "text"])
+def test_a_unit_in_the_header_is_that_of_the_compensated_column(apply, table, words, tmp_path):
+    """A gyro in °/s by its header alone is written in °/s, also where a units row states it."""
+    plain, out = apply("CASE", DATA / f"{LOG}.csv", out="plain.csv")
+    assert plain.code == 0, plain.err
+    expected = pd.read_csv(out)["gyro_dph"] / 3600.0
+    name = "Rate" if words else "Rate (deg/s)"
+    lines = table.assign(gyro_dph=table["gyro_dph"] / 3600.0).rename(columns={"gyro_dph": name})
+    text = lines.to_csv(index=False)
+    if words:
+        header, _, rows = text.partition("\n")
+        text = f"{header}\ns,degC,degC,deg/s\n{rows}"
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    mapped = ("--set", f'columns.gyro_dph.from="{name}"')
+    outcome, out = apply("CASE", tmp_path / "log.csv", *mapped)
+    assert outcome.code == 0, outcome.err
+    written = pd.read_csv(out)["Rate (deg/s)"]
+    assert np.allclose(written, expected, rtol=0.0, atol=1e-9)
+
+
 def test_logs_without_header_and_time_column_are_counted(apply, table, tmp_path):
     """`rate_hz` gives the time; the new file has the names of the recipe, and the drift stands
     behind the columns.
