@@ -159,7 +159,8 @@ def plot(
         for x, result in column_results(table, k):
             ends = result.interval or (result.value - result.U, result.value + result.U)
             points.append((x, *(scale * (y - origin) for y in (result.value, *ends))))
-        series.append(Series(label, *zip(*points, strict=True)))
+        if points:
+            series.append(Series(label, *zip(*points, strict=True)))
     x_label = x_label or name_input(TEMPERATURE, "degC")
     return CertificateFigure(title or table.title, x_label, y_label, tuple(series), log)
 
@@ -239,13 +240,15 @@ def make_block(
     figures: Iterable[CertificateFigure] = (),
     notes: Iterable[Words] = (),
 ) -> Block:
-    """Block of a coefficient file; tables that are None or empty are left out."""
+    """Block of a coefficient file; tables that are None and figures without a curve are left
+    out.
+    """
     return Block(
         record.stage,
         f"{record.stage}.json",
         title,
         tuple(equations),
         tuple(table for table in tables if table is not None),
-        tuple(figures),
+        tuple(figure for figure in figures if figure.series),
         tuple(notes),
     )

@@ -90,7 +90,7 @@ def render(
     ]
     for laid_out, block in zip(data["blocks"], certificate.blocks, strict=True):
         size_mm = plots.ALONE_MM if len(laid_out["figures"]) == 1 else plots.BESIDE_MM
-        for words, figure in zip(laid_out["figures"], block.drawn_figures, strict=True):
+        for words, figure in zip(laid_out["figures"], block.figures, strict=True):
             words |= {"svg": plots.draw(figure, size_mm), "width": size_mm[0]}
     typst = load_typst()
     with _scratch_folder() as folder:

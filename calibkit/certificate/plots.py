@@ -4,14 +4,15 @@ which the PDF's template sets in the certificate's own fonts.
 
 from __future__ import annotations
 
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calibkit.certificate.results import CertificateFigure, Series
+    from calibkit.certificate.results import CertificateFigure
     from calibkit.certificate.words import Lang
 
 COLOURS = ("#1d3c5e", "#cc3311", "#228833", "#aa3377", "#996600", "#0077aa")
-MARKS = {"●": "o", "■": "s", "▲": "^", "◆": "D"}
+MARKS = (("●", "o"), ("■", "s"), ("▲", "^"), ("◆", "D"))
 """Mark of a curve in a legend, and what matplotlib calls it."""
 ALONE_MM, BESIDE_MM = (120.0, 52.0), (84.0, 46.0)
 """Width and height of a block's only figure, and of one of several."""
@@ -20,24 +21,15 @@ FONT = "Libertinus Serif"
 INCH_MM = 25.4
 
 
-def list_curves(figure: CertificateFigure) -> list[Series]:
-    """Curves that have points."""
-    return [series for series in figure.series if series.x]
-
-
 def lay_out_figure(figure: CertificateFigure, lang: Lang) -> dict[str, Any]:
     """JSON object of the words of a figure: title, axes, and a legend of several curves."""
-    curves = list_curves(figure)
-    legend = [
-        [mark, COLOURS[k % len(COLOURS)], series.label.of(lang)]
-        for k, series in enumerate(curves)
-        for mark in [[*MARKS][k % len(MARKS)]]
-    ]
+    looks = zip(figure.series, cycle(COLOURS), cycle(MARKS), strict=False)
+    legend = [[mark, colour, curve.label.of(lang)] for curve, colour, (mark, _) in looks]
     return {
         "title": figure.title.of(lang),
         "x_label": figure.x_label.of(lang),
         "y_label": figure.y_label.of(lang),
-        "legend": legend if len(curves) > 1 else [],
+        "legend": legend if len(legend) > 1 else [],
     }
 
 
@@ -58,8 +50,9 @@ def draw(figure: CertificateFigure, size_mm: tuple[float, float]) -> str:
         else:
             ax.ticklabel_format(useOffset=False)
         ax.tick_params(labelsize=7.5)
-        for k, curve in enumerate(list_curves(figure)):
-            colour, mark = COLOURS[k % len(COLOURS)], [*MARKS.values()][k % len(MARKS)]
+        for curve, colour, (_, mark) in zip(
+            figure.series, cycle(COLOURS), cycle(MARKS), strict=False
+        ):
             ax.plot(curve.x, curve.y, color=colour, marker=mark, markersize=3.0, linewidth=0.9)
             ax.vlines(curve.x, curve.low, curve.high, color=colour, linewidth=0.6)
             if len(curve.x) > 1:

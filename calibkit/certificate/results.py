@@ -156,10 +156,10 @@ class Series:
     """One curve of a figure, with the ends of y ± U, or of its coverage interval."""
 
     label: Words
-    x: tuple[float, ...] = ()
-    y: tuple[float, ...] = ()
-    low: tuple[float, ...] = ()
-    high: tuple[float, ...] = ()
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    low: tuple[float, ...]
+    high: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,11 +201,6 @@ class Block:
     def results(self) -> tuple[Result, ...]:
         """Every result in the order of printing."""
         return tuple(result for table in self.tables for result in list_results(table))
-
-    @property
-    def drawn_figures(self) -> list[CertificateFigure]:
-        """The figures that have points to draw."""
-        return [figure for figure in self.figures if any(s.x for s in figure.series)]
 
 
 def list_results(table: ListTable | GridTable) -> list[Result]:

@@ -183,7 +183,7 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
         "sha256": next((a.sha256 for a in certificate.attachments if a.name == block.file), ""),
         "equations": [{"form": e.form, "where": e.where.of(lang)} for e in block.equations],
         "tables": [table for table in laid_out_tables if table["rows"]],
-        "figures": [plots.lay_out_figure(figure, lang) for figure in block.drawn_figures],
+        "figures": [plots.lay_out_figure(figure, lang) for figure in block.figures],
         "notes": [note.of(lang) for note in block.notes],
     }
 
