@@ -202,7 +202,6 @@ def state(
     by_definition = not (point.parts or point.influences or point.more)
     result = Result(
         quantity.key,
-        f"{quantity.stage}.json",
         quantity.name if quantity.symbol is None else quantity.symbol,
         quantity.words,
         point.value,

@@ -82,7 +82,6 @@ class Result:
     """
 
     quantity: str
-    file: str
     symbol: str
     name: Words
     value: float

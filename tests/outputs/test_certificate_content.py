@@ -41,7 +41,7 @@ def result(value, expanded=None, *, unit="ppm", interval=None):
         if expanded is None
         else Uncertainty((), expanded / 2.0, math.inf, 2.0, expanded, 0.9545)
     )
-    return Result("stage.model.name", "stage.json", "x", Words("x"), value, unit, u, interval)
+    return Result("stage.model.name", "x", Words("x"), value, unit, u, interval)
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ def stated(expanded, standard=0.5):
 
 def result(value, unit, **more):
     """Return a result in a unit."""
-    return Result("stage.model.a", "stage.json", "a", Words("a"), value, unit, **more)
+    return Result("stage.model.a", "a", Words("a"), value, unit, **more)
 
 
 def made(macro, *arguments):
