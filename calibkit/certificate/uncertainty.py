@@ -115,7 +115,7 @@ def _apply(
             part.dof,
             part.sensitivity * share,
         )
-        for part in type_b.terms_of((term,), result_name, estimate, sensitivities).components
+        for part in type_b.terms_of((term,), result_name, estimate, sensitivities)
         if part.sensitivity
     ]
 

@@ -13,7 +13,6 @@ one in `numeric.gum.combine`.
 """
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -212,23 +211,13 @@ def effects_along(
     return effects
 
 
-@dataclass(frozen=True, slots=True)
-class _Applied:
-    """Components that a result has from type B terms, and the names of terms that say nothing of
-    it.
-    """
-
-    components: tuple[gum.UncertaintyComponent, ...]
-    unused: tuple[str, ...]
-
-
 def terms_of(
     terms: Sequence[TypeB],
     result: str,
     estimate: float,
     sensitivities: Mapping[str, tuple[float, float]] | None = None,
-) -> _Applied:
-    """Components of one result.
+) -> tuple[gum.UncertaintyComponent, ...]:
+    """Components of one result; none of a term that says nothing of it.
 
     Parameters
     ----------
@@ -241,7 +230,7 @@ def terms_of(
         of the quantity's name.
 
     """
-    components, unused = [], []
+    components = []
     for term in {term.name: term for term in terms}.values():
         quantity_estimate, derivative = (sensitivities or {}).get(term.quantity, (0.0, None))
         if term.quantity == result:
@@ -255,9 +244,7 @@ def terms_of(
             )
         elif derivative is not None and term.sensitivity is None:
             components.append(term.component(quantity_estimate, derivative))
-        else:
-            unused.append(term.name)
-    return _Applied(tuple(components), tuple(unused))
+    return tuple(components)
 
 
 def combine_terms(
@@ -279,7 +266,7 @@ def combine_terms(
         # a result has no column that would state its unit
         needs_conversion = of_quantity and term.unit not in (*RELATIVE, unit)
         factor = units.difference_factor(term.unit, unit) if needs_conversion else 1.0
-        for part in terms_of((term,), result_name, estimate, sensitivities).components:
+        for part in terms_of((term,), result_name, estimate, sensitivities):
             variance += (part.sensitivity * part.standard_uncertainty * factor) ** 2
     return float(np.sqrt(variance))
 

@@ -47,7 +47,7 @@ def combine_results(
         parts = [
             part
             for result_name in dict.fromkeys((name, entry.name))
-            for part in type_b.terms_of(terms, result_name, entry.value).components
+            for part in type_b.terms_of(terms, result_name, entry.value)
         ]
         if parts and f"{stage}: {name}" not in already:
             type_a = gum.UncertaintyComponent(

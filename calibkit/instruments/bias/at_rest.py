@@ -173,7 +173,7 @@ def _state_at_rest(
             "input_axis_elevation_deg": (axis.elevation_deg, -by_elevation),
             "input_axis_azimuth_deg": (axis.azimuth_deg or 0.0, -by_azimuth),
         }
-        of_equipment = type_b.terms_of(recipe.type_b, RESULT, bias, inputs).components
+        of_equipment = type_b.terms_of(recipe.type_b, RESULT, bias, inputs)
         if of_equipment:
             of_bias = [replace(part, estimate=bias) for part in parts]
             statement.uncertainty.append(

@@ -361,7 +361,7 @@ def _solve_stations(
     counted = np.where(weight < SMALL_WEIGHT, weight, 1.0) * np.abs(by_turn)
     sizes_deg = np.array([[turns_deg[axis]] for axis in solutions])
     with_positions, of_azimuth = (
-        sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms.components)
+        sum((part.sensitivity * part.standard_uncertainty) ** 2 for part in terms)
         for terms in (
             terms_of(spec.type_b, "azimuth_deg", 0.0, {"position_deg": (0.0, 1.0)}),
             terms_of(spec.type_b, "azimuth_deg", 0.0),
