@@ -18,9 +18,7 @@ MOST_NAMED = 4
 """Refused logs that the first line names; the rest are counted."""
 _MOST_JUDGED = 8
 """Lines of a screen on what the campaign determines."""
-ASSUMED = (
-    "U as `calibkit plan` judges it: errors that the fit did not find are as on its sample bench"
-)
+ASSUMED = "wanted: U is a prediction of the plan; errors of the bench are assumed, not measured"
 MOST_HELD = 12
 """Held conditions that are listed; the rest are counted."""
 
@@ -131,13 +129,13 @@ class Judgement:
         determined = "; ".join(self.determines) or (
             "not tried" if self.exports is None else "nothing"
         )
-        outcome = f"{'this' if self.exports else 'no correction'}: {self.verdict}"
+        outcome = f"be {self.verdict}" if self.exports else f"export no correction: {self.verdict}"
         if self.exit_code:
-            outcome = f"nothing: exit code {self.exit_code}"
+            outcome = f"export nothing: exit code {self.exit_code}"
         return [
             f"This campaign determines: {determined}",
             *(f"  missing: {lack}" for lack in self.lacks),
-            *([f"  fit would export {outcome}"] if self.exports is not None else ()),
+            *([f"  a fit of these logs would {outcome}"] if self.exports is not None else ()),
             *(f"  {result}" for result in self.reached),
             *(f"  {prediction}" for prediction in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),

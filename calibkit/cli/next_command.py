@@ -45,4 +45,4 @@ def follow_fit(
         return report, f"{why}Next: {_command_line('show', *_name_run(run, runs))}"
     out = f"firmware/{run.document['serial']}"
     call = _command_line("export", *_name_run(run, runs), "--target", "c", "--out", out)
-    return report, f"Firmware takes {', '.join(shown.exported)}. Next: {call}"
+    return report, f"Load {', '.join(shown.exported)} into the firmware. Next: {call}"

@@ -61,8 +61,8 @@ def warn_of_few_levels(
             continue
         if levels == 1:
             flags.append(
-                f"{error.effect} of the {group}: one {group} cannot show how another differs,"
-                f" so the uncertainties leave it out; {cure}"
+                f"{error.effect} of the {group}: with only one {group}, how it repeats is unknown"
+                f" and not in U; {cure}"
             )
         elif size.dof == 0:
             flags.append(

@@ -148,7 +148,7 @@ def _first_screen(
     elif shown.no_firmware:
         yield Text(f"No firmware: {shown.no_firmware}")
     elif shown.exported:
-        yield Text(f"Firmware takes {', '.join(shown.exported)}")
+        yield Text(f"Load {', '.join(shown.exported)} into the firmware.")
     checks = [*shown.checks]
     if document["excluded"]:
         checks.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")

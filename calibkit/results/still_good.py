@@ -86,7 +86,7 @@ def sentence(answered: StillGood) -> str:
     before, after = answered.before.name, answered.after.name
     answer_text = SENTENCES[answered.answer]
     if answered.repeated:
-        return f"Cannot tell: {after} was fitted to logs of {before} alone"
+        return f"Cannot tell: {before} and {after} use the same logs, nothing new was measured"
     if answered.rejected:
         criterion_names = ", ".join(criterion.name for criterion in answered.rejected)
         return f"{answer_text}: {after} itself failed its limits: {criterion_names}"

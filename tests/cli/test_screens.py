@@ -16,7 +16,7 @@ from conftest import ROOT
 from written_logs import still
 
 SAMPLES = {
-    "fog_thermal": "Drift on ramps left out of the fit",
+    "fog_thermal": "Drift on ramps the fit had not seen",
     "accelerometer": "Residual of 378 dwells",
     "accelerometer_magnitude": "Residual of 24 dwells",
     "gyro_pair": "Angle between the input axes",
@@ -73,8 +73,8 @@ def state_what_noise_alone_gives(out):
     before, after, noise = map(float, drift.groups())
     assert before > 5.0 * after
     assert 0.5 * after < noise <= after
-    assert re.search(r"Model: .+ of \d+ models tested", out)
-    assert "Largest U of the drift taken off: " in out
+    assert re.search(r"Model: .+ of \d+ models,\s+tested", out)
+    assert "Largest uncertainty of the correction: " in out
     assert sum(line.startswith("ramp_") for line in out.splitlines()) == 8
 
 

@@ -257,7 +257,7 @@ def test_no_limit_on_an_angle_is_decided_while_its_mounting_is_not_stated(calibk
     angles = {"orthogonality error", "standard uncertainty of an angle"}
     assert names & angles == (angles if by == "recipe" else set())
     flags = run.records["gyro_orthogonality.json"].flags
-    assert any("errors of mounting" in flag for flag in flags) == (by != "recipe")
+    assert any("error of mounting again" in flag for flag in flags) == (by != "recipe")
     found = evaluation.RunResults.read(run, (FIXTURE,) if by == "profile" else ())
     by_name = {quantity.name: quantity for quantity in found.quantities}
     for name in ("angle_deg.x_y", "K_x_about_y"):

@@ -36,7 +36,7 @@ def test_check_and_fit_say_the_same_of_two_ramps(two_ramps, tmp_path, calibkit):
     for words in (last, fitted.err):
         assert "no family of models can be determined" in words
         assert "measure 3 ramps or more" in words
-    assert last.rstrip().endswith("fit would export nothing: exit code 3")
+    assert last.rstrip().endswith("a fit of these logs would export nothing: exit code 3")
 
 
 def test_a_whole_campaign_is_judged_with_its_models(calibkit):
@@ -57,4 +57,4 @@ def test_every_procedure_is_judged(procedure):
     judged = inspection.check(source, DATA / procedure).judgement
     assert judged.exports
     assert judged.determines
-    assert "  fit would export this: accepted" in judged.lines()
+    assert "  a fit of these logs would be accepted" in judged.lines()

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from calibkit import instruments
 from calibkit.commands import pipeline
 from calibkit.firmware import formats, twin, twin_clock
 from calibkit.numeric.intervals import Intervals
@@ -11,7 +12,8 @@ from calibkit.records import store
 def chain_of(folder):
     """Correction chain of a run."""
     run = store.load(folder)
-    return pipeline._chain(pipeline.run_recipe(run, ()), run.records)
+    spec = pipeline.run_recipe(run, ())
+    return instruments.optional(spec.procedure, "chain")(spec, run.records)
 
 
 def words(quantised, columns):

@@ -66,7 +66,7 @@ def test_without_a_limit_u_alone_decides_and_the_sentence_says_so(tmp_path, ppm,
     new = kept_run(tmp_path, rate_table(1e4 * (1 + 1e-6 * ppm)))
     found = comparison.compare(old, new)
     assert found.answer == answer
-    assert "no limit is set" in still_good.sentence(found)
+    assert "you set no limit" in still_good.sentence(found)
     assert still_good.document(found)["still_good"] is (answer == "yes")
 
 
@@ -143,7 +143,7 @@ def test_what_cannot_be_compared_is_not_called_good(tmp_path):
     runs = [kept_run(tmp_path / "same", warm, logs=("a", "b")) for _ in range(2)]
     found = comparison.compare(*runs)
     assert (found.answer, still_good.EXIT_CODES[found.answer]) == ("cannot tell", 3)
-    assert "fitted to logs of" in still_good.sentence(found)
+    assert "use the same logs" in still_good.sentence(found)
 
 
 def test_type_b_of_the_same_equipment_cancels_where_the_command_says_so(tmp_path):

@@ -245,7 +245,7 @@ def test_a_rejected_run_says_so_first_and_everywhere():
     assert words(page.find(".//title")).startswith("REJECTED: ")
     assert words(page.find(".//p[@id='band']")).startswith("REJECTED: plain 2 plain (limit: ")
     assert "No firmware: the run is rejected" in rejected
-    assert "Firmware takes" not in rejected
+    assert "into the firmware" not in rejected
     assert page.find(".//p[@id='band']").attrib["class"] == "band rejected"
     assert words(page.find(".//tr[@class='failed']")).endswith("FAILED")
     assert words(page.find(".//figcaption")).startswith("REJECTED. ")

@@ -63,9 +63,8 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
         else:
             # no remark but a doubt: U leaves the drift out
             remark = (
-                "temperature follows the order of the rows and no time_s is logged: a zero that"
-                " drifts would be taken for one that follows temperature; log time_s, and"
-                f" {cure}"
+                "no time_s is logged: a drift of the zero and an effect of temperature cannot be"
+                f" told apart; log time_s, and {cure}"
             )
         remarks.append(remark)
     stated_errors = [(entry.group, entry.effect) for entry in spec.errors.component]
@@ -75,8 +74,8 @@ def remark_on_dwells(dwells: DwellSet, spec: AccelerometerRecipe) -> tuple[str, 
     if not set_up_known and spec.reference.kind == "attitude":
         group, effect = SET_UP
         remark = (
-            "an error in setting up the triad in its fixture turns every corrected vector, and the"
-            f' uncertainties leave it out: state its size in [[errors.component]] group = "{group}"'
+            "the alignment of the triad in its fixture is not in the uncertainty: state its size"
+            f' in [[errors.component]] group = "{group}"'
             f', effect = "{effect}", or in [[type_b]] of inclination_deg and toolface_deg'
         )
         remarks.append(Remark(remark))

@@ -150,7 +150,7 @@ def _state_at_rest(
 
     axis, latitude = recipe.input_axis, recipe.site.latitude_deg
     statement.figures.append(Figure("mean_rate_at_reference", rate, "deg/h", u, dof))
-    name, bias = f"rate at rest, earth's rate in it, at {degc:g} °C", rate
+    name, bias = f"rate at rest (includes the earth's rate) at {degc:g} °C", rate
     if axis is None or latitude is None:
         unknown = "the earth's rate in the rate at rest is not known without [site] latitude_deg"
         statement.flags.append(Remark(f"{unknown} and [input_axis]"))

@@ -203,7 +203,7 @@ def summarize_fit(
     noise = rms([log.split.noise for log in compensated])
     facts, values = [], []
     if export.errors:
-        subject, raw = "ramps left out of the fit", rms([e.pooled_raw for e in export.errors])
+        subject, raw = "ramps the fit had not seen", rms([e.pooled_raw for e in export.errors])
         left = rms([errors.pooled for errors in export.errors])
         sentence = _compare_drift(subject, raw, left, export.left_out_noise)
         values = [
@@ -214,10 +214,8 @@ def summarize_fit(
         if not export.model.polynomials:
             rivals = [errors for errors in export.tested if not isinstance(errors, LeftOutRates)]
             is_best = export.errors[0].pooled <= min(errors.pooled for errors in rivals)
-            reason = (
-                "the smallest error" if is_best else "the simplest within the noise of the best,"
-            )
-        count = f"of {len(export.tested)} models tested on left-out ramps"
+            reason = "the best" if is_best else "the simplest that is as good as the best"
+        count = f"of {len(export.tested)} models, tested on left-out ramps"
         facts.append(f"Model: {export.name}, {reason} {count}.")
     elif export.model.exported:
         left = rms([log.after for log in compensated])
@@ -225,12 +223,12 @@ def summarize_fit(
         facts.append(f"Model: {export.name}, tested on no ramp that was left out of its fit.")
     else:
         sentence = (
-            f"No drift term is exported. Drift of the logs (rms of 100 s means): {raw:.3f}"
+            f"No drift term is exported. Drift of the logs (100 s averages, rms): {raw:.3f}"
             f" {_UNIT}; noise alone gives {noise:.3f} {_UNIT}."
         )
     if drift_uncertainties:
         worst = max(drift_uncertainties, key=lambda entry: float(entry["expanded_uncertainty"]))
-        U = KeyValue("largest U of the drift taken off", worst["expanded_uncertainty"], _UNIT)
+        U = KeyValue("largest uncertainty of the correction", worst["expanded_uncertainty"], _UNIT)
         values.append(U)
         facts.append(
             f"L{U.name[1:]}: {U.value:.2g} {_UNIT} (k = {worst['coverage_factor']:.2f}),"
@@ -245,7 +243,7 @@ def summarize_fit(
 def _compare_drift(subject: str, raw: float, left: float, noise: float) -> str:
     """Drift before and after beside what noise alone gives, in words."""
     return (
-        f"Drift on {subject} (rms of 100 s means): {raw:.3f} {_UNIT} before, {left:.3f} {_UNIT}"
+        f"Drift on {subject} (100 s averages, rms): {raw:.3f} {_UNIT} before, {left:.3f} {_UNIT}"
         f" after; noise alone gives {noise:.3f} {_UNIT}."
     )
 

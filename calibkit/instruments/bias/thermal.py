@@ -143,8 +143,8 @@ def fit(
     flags += [flag for channel in fitted for flag in channel.flags]
     if len(found_power_ons) == 1 and not spec.errors.component:
         flags.append(
-            f"{EFFECT} of the {GROUP}: one {GROUP} cannot show how another differs, so it is in no"
-            " uncertainty; log more of them, or state the size in [[errors.component]]"
+            f"only one {GROUP} is logged: how the {EFFECT} repeats is unknown and not in U; log"
+            " more of them, or state the size in [[errors.component]]"
         )
     flags = list(dict.fromkeys(flags))
     stage = _write(fitted, interval_s, flags)
@@ -376,7 +376,7 @@ def _summarize(
     )
     left_out = Table(
         "Errors on stretches left out in turn (100 s means, rms); * chosen: the simplest model"
-        " within the noise of the best",
+        " that is as good as the best",
         ("terms", *(f"{entry.curves.name} [{entry.curves.unit}]" for entry in channels)),
         tuple((name, *cells) for name, cells in errors.items()),
     )

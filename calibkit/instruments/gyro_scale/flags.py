@@ -88,8 +88,8 @@ WITHIN = (
 )
 
 MOUNTING = (
-    "the errors of mounting are not in u of the angles and unit vectors, and no limit on them is"
-    ' decided: state how a mounting repeats in [[errors.component]] group = "mounting", effect ='
+    "the error of mounting again is not in u of the angles and unit vectors, and no limit on them"
+    ' is decided: state how a mounting repeats in [[errors.component]] group = "mounting", effect ='
     ' "angle"'
 )
 
@@ -274,9 +274,8 @@ def _of_pair(spec: GyroPairRecipe, runs: Runs, campaign: CampaignFit) -> Iterato
     if mounting and "angle" not in spec.known_errors():
         dof = campaign.pair.dof_of(campaign.pair.coefficients[2])
         yield Remark(
-            f"the two runs show a mounting error of {mounting[0].value:.2g}°, which is in u of"
-            f" gamma and alpha with {dof:.3g} degrees of freedom (k ="
-            f" {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
+            f"the two runs show a mounting error of {mounting[0].value:.2g}°, included in gamma and"
+            f" alpha (k = {gum.coverage_factor(dof):.3g}): state how well a mounting repeats in"
             ' [[errors.component]] group = "mounting", effect = "angle"'
         )
     for gyro in "ab":
@@ -355,8 +354,8 @@ def _of_axes(spec: GyroTriadRecipe, campaign: CampaignFit) -> Iterator[str]:
         (
             spec.site.latitude_deg is None,
             (
-                "the latitude is not known ([site] latitude_deg): the bias stays mixed with the"
-                " earth's rate about each table axis, and `apply` is refused"
+                "set [site] latitude_deg to separate the bias from the earth's rate; without it"
+                " `apply` is refused"
             ),
         ),
     )

@@ -53,7 +53,7 @@ def tabulate_stations(solved: SolvedStations) -> Table:
         "station": solved.stations.names,
         "incl. [°]": fixed(solved.combined.inclination_deg),
         "toolface [°]": fixed(solved.combined.toolface_deg),
-        "azimuth s=1 [°]": fixed(solved.combined.uncorrected_deg),
+        "azimuth, uncorrected [°]": fixed(solved.combined.uncorrected_deg),
         "azimuth [°]": fixed(solved.combined.azimuth_deg),
         f"{EXPANDED} [°]": np.where(solved.refused, "refused", U).tolist(),
         **{f"s {axis}": fixed(pair.s, 6) for axis, pair in solved.solutions.items()},
