@@ -65,7 +65,6 @@ STYLE: Any = {
         3
     ),  # outlines: cutting a TrueType font down takes longer than a small fit; the text stays text
     "svg.hashsalt": "calibkit",
-    "figure.constrained_layout.use": True,
 }
 
 
@@ -89,7 +88,7 @@ def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[F
     from matplotlib.figure import Figure
 
     with styled():
-        figure = Figure(figsize=(11.0, height), layout="constrained")
+        figure = Figure(figsize=(11.0, height), layout="tight")
         axes = figure.subplots(rows, columns, squeeze=False)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=INK)
     return figure, list(axes.flat)
@@ -165,8 +164,9 @@ def settle(figures: Sequence[Figure]) -> None:
     with drawing():
         for figure in figures:
             literal(figure)
-            if figure.get_layout_engine() is not None:
-                figure.draw_without_rendering()
+            engine = figure.get_layout_engine()
+            if engine is not None:
+                engine.execute(figure)
                 figure.set_layout_engine("none")
 
 

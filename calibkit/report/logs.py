@@ -84,8 +84,12 @@ def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
     """One column, with shaded conditions and marked findings."""
     for kind, first, last in log.conditions:
         ax.axvspan(first, last, color=SHADES.get(kind, "#dddddd"), lw=0, alpha=0.6)
-    look = {"marker": ".", "ls": "none"} if curve.values.size <= 400 else {"lw": 0.7}
-    ax.plot(curve.abscissa, curve.values, ms=3, color=DENOISED, **look)
+    if curve.values.size <= 400:
+        ax.plot(curve.abscissa, curve.values, ".", ms=3, color=DENOISED)
+    else:
+        middle = (curve.values[1:] + curve.values[:-1]) / 2.0
+        ax.plot(curve.abscissa, curve.values, color=RAW, lw=0.7)
+        ax.plot(curve.abscissa[1:], middle, color=DENOISED, lw=0.7)
     for number, (x, _, severity) in enumerate(log.marks, start=1):
         colour = ALERT if severity == "refuse" else MUTED
         ax.axvline(x, color=colour, lw=1.0, ls="--")

@@ -21,6 +21,7 @@ from calibkit.report.run import Shown
 
 if TYPE_CHECKING:
     import jinja2
+    from pydantic import TypeAdapter
 
     from calibkit.report.blocks import Page
     from calibkit.report.table import Table
@@ -66,20 +67,24 @@ def first_screen_of(page: str) -> str:
 
 def _dump(content: Shown) -> str:
     """What a page keeps of a fit, as JSON of ASCII that ends no element of HTML."""
+    stored = _kept_type().dump_python(content, exclude_defaults=True)
+    return json.dumps(stored, separators=(",", ":")).replace("<", "\\u003c")
+
+
+@functools.cache
+def _kept_type() -> TypeAdapter[Shown]:
+    """What writes and reads what a page keeps; to make it takes as long as a page."""
     from pydantic import TypeAdapter
 
-    stored = TypeAdapter(Shown).dump_python(content, exclude_defaults=True)
-    return json.dumps(stored, separators=(",", ":")).replace("<", "\\u003c")
+    return TypeAdapter(Shown)
 
 
 def read_kept(page: str) -> tuple[Shown | None, list[str]]:
     """What the page of a run keeps of its fit, None where an older calibkit wrote it, and its
     figures. Raises ValueError where something else was put there.
     """
-    from pydantic import TypeAdapter
-
     kept = _KEPT.search(page)
-    content = None if kept is None else TypeAdapter(Shown).validate_python(json.loads(kept[1]))
+    content = None if kept is None else _kept_type().validate_python(json.loads(kept[1]))
     drawings = _SVG.findall(page)
     if content is not None and len(drawings) != len(content.captions):
         raise ValueError(f"{len(drawings)} figures, expected {len(content.captions)}")
