@@ -272,6 +272,22 @@ def convert(values: Array, source: str, target: str, *, gravity_mps2: float | No
 
 ANGLE_MARKS = ("°", "′", "″")
 """Units of plane angle, which follow their number without a space."""
+MARKS = {
+    "": "",
+    "1": "",
+    "deg": "°",
+    "degC": "°C",
+    "arcsec": "″",
+    "m/s^2": "m/s²",
+    "ug": "µg",
+    "deg/sqrt(h)": "°/√h",
+    "ug/sqrt(Hz)": "µg/√Hz",
+    "mg/sqrt(h)": "mg/√h",
+    "mg*s": "mg·s",
+}
+"""Printed form of units, and of parts of compound units, that differ from their spelling in files.
+"""
+POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 SHARES = {"%": 1e-2, "ppm": 1e-6, "ppb": 1e-9}
 """Units that are a share of the quantity itself."""
 _MADE_OF: dict[str, tuple[float, dict[str, int]]] = {
@@ -432,3 +448,37 @@ def name_without_unit(name: str) -> str:
     """A column's header without the unit in brackets behind it."""
     bracketed = _BRACKETED.search(name.strip())
     return name.strip()[: bracketed.start()].strip() if bracketed else name.strip()
+
+
+def with_unit(number: str, mark: str) -> str:
+    """A number with its unit: ° ′ ″ of plane angle stand without a space, nothing for none."""
+    return f"{number}{mark}" if mark in ANGLE_MARKS else f"{number} {mark}".strip()
+
+
+def unit_mark(unit: str) -> str:
+    """Unit as it is printed, with one solidus or brackets: 1/deg → 1/°, deg/h/degC^2 → (°/h)/°C²,
+    1/s/degC → 1/(s·°C); nothing for a pure number.
+    """
+    if unit in MARKS:
+        return MARKS[unit]
+    first, *factors = map(_mark_factor, re.findall(r"(?:[^/()]|\([^()]*\))+", unit))
+    divisors = [mark for mark in factors if mark != "1"]
+    if not divisors and first == "1":
+        return ""
+    if len(divisors) > 1 and first != "1":
+        first, divisors = f"({first}/{divisors[0]})", divisors[1:]
+    if len(divisors) > 1:
+        flat = (mark.strip("()") for mark in sorted(divisors, key=lambda mark: "/" in mark))
+        divisors = [f"({'·'.join(flat)})"]
+    return "/".join((first, *divisors))
+
+
+def _mark_factor(factor: str) -> str:
+    """One factor of a unit: degC^2 → °C², sqrt(h) → √h, (1)^2 → 1."""
+    base, _, power = factor.replace("*", "·").partition("^")
+    if base[-1].isdigit() and base != "1":
+        base, power = base[:-1], base[-1]
+    base = re.sub(r"^\((\w+)\)$", r"\1", re.sub(r"^sqrt\((\w+)\)$", r"√\1", base))
+    if base == "1":
+        return "1"
+    return base.replace("degC", "°C").replace("deg", "°") + power.translate(POWERS)

@@ -20,8 +20,9 @@ from calibkit.certificate.results import (
     list_results,
 )
 from calibkit.certificate.stated import TEMPERATURE, Stated, range_words, residual_words
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import Words
 from calibkit.records.coefficients import Model, Record
+from calibkit.units import unit_mark
 
 COEFFICIENTS = Words("Coefficients")
 COEFFICIENT_NOTE = Words(

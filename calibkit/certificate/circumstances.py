@@ -6,8 +6,9 @@ from typing import Any
 from calibkit.certificate import names, tables
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Profile, Standard
-from calibkit.certificate.words import CONDITIONS, SENTENCES, Lang, Words, unit_mark, with_unit
+from calibkit.certificate.words import CONDITIONS, SENTENCES, Lang, Words
 from calibkit.records.left_out import Cause, Kind, LeftOut
+from calibkit.units import unit_mark, with_unit
 
 Rows = list[list[str]]
 

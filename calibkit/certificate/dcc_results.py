@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import one_line
 from calibkit.certificate.results import ListTable
-from calibkit.certificate.words import AS_FOUND, AS_LEFT, Words, unit_mark
+from calibkit.certificate.words import AS_FOUND, AS_LEFT, Words
 from calibkit.errors import OutputError
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -7,11 +7,11 @@ from calibkit.certificate.results import Block, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.tables import format_result
 from calibkit.certificate.uncertainty import TypeBTerms
-from calibkit.certificate.words import unit_mark
 from calibkit.recipe import Recipe
 from calibkit.records.coefficients import Identity, StageResult
 from calibkit.records.sensitivities import Sensitivity
 from calibkit.report.table import Table
+from calibkit.units import unit_mark
 
 COLUMNS = 3
 """Results side by side."""

@@ -5,7 +5,8 @@ beside the keys that profiles and JSON use.
 import re
 
 from calibkit.certificate.results import Result
-from calibkit.certificate.words import Words, unit_mark, with_unit
+from calibkit.certificate.words import Words
+from calibkit.units import unit_mark, with_unit
 
 _SUBJECTS = (
     (r"gyro_(?P<letter>[a-z0-9]+)_(?:dph|lsb)", Words("gyro {letter}")),

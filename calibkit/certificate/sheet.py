@@ -13,19 +13,11 @@ from calibkit.certificate.content import VALIDATION, Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
 from calibkit.certificate.run_files import BeforeAfter
-from calibkit.certificate.words import (
-    AS_FOUND,
-    AS_LEFT,
-    HEADINGS,
-    SENTENCES,
-    Lang,
-    Words,
-    unit_mark,
-    with_unit,
-)
+from calibkit.certificate.words import AS_FOUND, AS_LEFT, HEADINGS, SENTENCES, Lang, Words
 from calibkit.numeric import gum
 from calibkit.records.coefficients import Criterion
 from calibkit.records.new_files import RUN_FILE
+from calibkit.units import unit_mark, with_unit
 
 LIMITS = Words("limits")
 """Head of the column whose entries state the unit of a row."""

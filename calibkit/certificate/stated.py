@@ -14,11 +14,12 @@ from calibkit.certificate.accreditation import Scope
 from calibkit.certificate.names import name_condition, name_model
 from calibkit.certificate.results import Uncertainty
 from calibkit.certificate.uncertainty import Part, TypeBTerms
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import Words
 from calibkit.numeric import gum
 from calibkit.numeric.arrays import Array
 from calibkit.records.coefficients import Model, Record
 from calibkit.records.sensitivities import Kind, Sensitivity
+from calibkit.units import unit_mark
 
 TRIALS = 20_000
 """Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""

@@ -15,8 +15,9 @@ from calibkit.certificate.results import (
     round_descriptor,
     round_result,
 )
-from calibkit.certificate.words import POWERS, Lang, Words, unit_mark, with_unit
+from calibkit.certificate.words import Lang, Words
 from calibkit.numeric import gum
+from calibkit.units import POWERS, unit_mark, with_unit
 
 WIDEST = 130
 """Characters that stand side by side in a table."""

@@ -1,17 +1,12 @@
-"""Words in the two languages of a certificate, headings that PDF and DCC share, and how units are
-printed.
-"""
+"""Words on a certificate in two languages, and headings and sentences that PDF and DCC share."""
 
 from __future__ import annotations
 
-import re
 import tomllib
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
-
-from calibkit.units import ANGLE_MARKS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -153,58 +148,7 @@ CONDITIONS = (
 )
 """Key of [conditions] in the profile, and what it is called."""
 
-UNIT_MARKS = {
-    "": "",
-    "1": "",
-    "deg": "°",
-    "degC": "°C",
-    "arcsec": "″",
-    "m/s^2": "m/s²",
-    "ug": "µg",
-    "deg/sqrt(h)": "°/√h",
-    "ug/sqrt(Hz)": "µg/√Hz",
-    "mg/sqrt(h)": "mg/√h",
-    "mg*s": "mg·s",
-}
-"""Printed form of units, and of parts of compound units, that differ from their spelling in files.
-"""
-POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
-
 
 def character_code(character: str) -> str:
     """A character by its number: [U+8BA1]."""
     return f"[U+{ord(character):04X}]"
-
-
-def with_unit(number: str, mark: str) -> str:
-    """A number with its unit: ° ′ ″ of plane angle stand without a space, nothing for none."""
-    return f"{number}{mark}" if mark in ANGLE_MARKS else f"{number} {mark}".strip()
-
-
-def unit_mark(unit: str) -> str:
-    """Unit as it is printed, with one solidus or brackets: 1/deg → 1/°, deg/h/degC^2 → (°/h)/°C²,
-    1/s/degC → 1/(s·°C); nothing for a pure number.
-    """
-    if unit in UNIT_MARKS:
-        return UNIT_MARKS[unit]
-    first, *factors = map(_mark_factor, re.findall(r"(?:[^/()]|\([^()]*\))+", unit))
-    divisors = [mark for mark in factors if mark != "1"]
-    if not divisors and first == "1":
-        return ""
-    if len(divisors) > 1 and first != "1":
-        first, divisors = f"({first}/{divisors[0]})", divisors[1:]
-    if len(divisors) > 1:
-        flat = (mark.strip("()") for mark in sorted(divisors, key=lambda mark: "/" in mark))
-        divisors = [f"({'·'.join(flat)})"]
-    return "/".join((first, *divisors))
-
-
-def _mark_factor(factor: str) -> str:
-    """One factor of a unit: degC^2 → °C², sqrt(h) → √h, (1)^2 → 1."""
-    base, _, power = factor.replace("*", "·").partition("^")
-    if base[-1].isdigit() and base != "1":
-        base, power = base[:-1], base[-1]
-    base = re.sub(r"^\((\w+)\)$", r"\1", re.sub(r"^sqrt\((\w+)\)$", r"√\1", base))
-    if base == "1":
-        return "1"
-    return base.replace("degC", "°C").replace("deg", "°") + power.translate(POWERS)

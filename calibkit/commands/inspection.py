@@ -10,7 +10,6 @@ from calibkit import instruments, recipe
 from calibkit.certificate.quantities import state
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
-from calibkit.certificate.words import unit_mark
 from calibkit.check import examination
 from calibkit.check.report import CheckedCampaign, Judgement, Reached
 from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError, UsageError, visible
@@ -23,6 +22,7 @@ from calibkit.records import new_files
 from calibkit.records.coefficients import Identity
 from calibkit.report import budget, figures
 from calibkit.results.still_good import state_place
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -22,7 +22,6 @@ from calibkit.certificate.quantities import At, Quantity, QuantityInput, state
 from calibkit.certificate.results import Result, print_expanded, round_descriptor
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.uncertainty import TypeBTerms
-from calibkit.certificate.words import unit_mark
 from calibkit.errors import UsageError, did_you_mean
 from calibkit.numeric.arrays import Array
 from calibkit.recipe import TypeB, type_b
@@ -30,6 +29,7 @@ from calibkit.records import sensitivities
 from calibkit.records.store import StoredRun
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table
+from calibkit.units import unit_mark
 
 SETTLED = "rates are held until the lags of the model have settled"
 EXTRAPOLATED = "extrapolated, U is not known"

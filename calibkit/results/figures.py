@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.certificate.words import unit_mark
 from calibkit.errors import UsageError
 from calibkit.report.figures import MUTED, SIDES, page, pdf, png, styled
 from calibkit.results.evaluation import list_values
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

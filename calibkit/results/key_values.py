@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.words import unit_mark
 from calibkit.errors import CalibkitError, UsageError
 from calibkit.history.timeline import independent_runs
 from calibkit.numeric import change
@@ -21,6 +20,7 @@ from calibkit.report.figures import ALERT, DENOISED, MUTED, page, styled
 from calibkit.report.table import Table, number_or_none
 from calibkit.results.evaluation import RunResults, state_expanded
 from calibkit.results.still_good import state_place
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence

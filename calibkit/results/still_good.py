@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.words import unit_mark
 from calibkit.history.difference import describe_changes, tabulate_changes
 from calibkit.report.figures import ALERT, GOOD, MUTED, page, styled
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
 from calibkit.results.evaluation import state_expanded
 from calibkit.results.figures import COLOURS, draw_band
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -17,7 +17,6 @@ import numpy as np
 from calibkit import check as checks, units
 from calibkit.certificate.fit_tables import tabulate_fit
 from calibkit.certificate.results import ListTable
-from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.errors import FitError
 from calibkit.fit.solve import SharedSize
@@ -50,6 +49,7 @@ from calibkit.records.forms import POLYNOMIAL, components_of, power_unit
 from calibkit.records.frame import Examined, Finding, Log, refuse, values
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.certificate.words import unit_mark
 from calibkit.numeric import chunks
 from calibkit.numeric.constants import SECONDS_PER_HOUR
 from calibkit.numeric.dispersion import rms
 from calibkit.records.frame import share_unit
 from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
-from calibkit.units import column_unit
+from calibkit.units import column_unit, unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit import check as checks, units
-from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.errors import FitError
 from calibkit.instruments import Fitted, Progress
@@ -51,6 +50,7 @@ from calibkit.records.frame import Examined, Finding, Log, Remark, refuse
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
+from calibkit.units import unit_mark
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -12,7 +12,7 @@ from calibkit.certificate.blocks import make_block, plot
 from calibkit.certificate.quantities import Quantity, ResultLimit, of_figure, state
 from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
 from calibkit.certificate.stated import Stated
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import Words
 from calibkit.instruments.gyro_noise.forms import (
     ALLAN_DEVIATION,
     PROBABILITY,
@@ -23,6 +23,7 @@ from calibkit.instruments.gyro_noise.recipe import ACCELEROMETER, GYRO, GyroNois
 from calibkit.numeric import gum
 from calibkit.numeric.noise.confidence import chi_square_limits
 from calibkit.records.coefficients import Record
+from calibkit.units import unit_mark
 
 ALLAN = Equation(
     ALLAN_DEVIATION,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
-from calibkit.certificate.words import unit_mark
 from calibkit.instruments import Fitted
 from calibkit.instruments.gyro_noise import certificate
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, list_figures
@@ -25,7 +24,7 @@ from calibkit.report.documents import Drawn
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.summary import Summary
-from calibkit.units import known
+from calibkit.units import known, unit_mark
 
 
 def criteria(records: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:

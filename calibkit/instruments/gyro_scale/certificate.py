@@ -48,13 +48,14 @@ from calibkit.certificate.results import (
     Result,
 )
 from calibkit.certificate.stated import Stated, range_words, residual_words
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import Words
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
 from calibkit.numeric.arrays import Array
 from calibkit.records.coefficients import Figure, Model, Record
 from calibkit.records.forms import POLYNOMIAL
+from calibkit.units import unit_mark
 
 EQUATIONS = (
     Equation(

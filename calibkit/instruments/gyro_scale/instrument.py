@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from calibkit.certificate.fit_tables import tabulate_fit
-from calibkit.certificate.words import unit_mark
 from calibkit.check import copies
 from calibkit.errors import RecipeError
 from calibkit.instruments import Fitted, Progress
@@ -34,6 +33,7 @@ from calibkit.records.sensitivities import InputError, Sensitivity, differentiat
 from calibkit.report.overview import KeyValue, Overview
 from calibkit.report.run import list_components
 from calibkit.report.summary import Summary
+from calibkit.units import unit_mark
 
 MOVED = {
     forms.RATE: ("rate_dps", "angle_rate_dps"),
