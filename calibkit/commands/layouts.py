@@ -26,7 +26,9 @@ def flag_layout(
     """The summary of a revision about to be saved, with a flag where the firmware's layout is not
     that of the revision before, or of the first device of its type in the runs.
     """
-    before = [number for number in store.revisions(runs / serial) if number < revision]
+    earlier = [number for number in store.revisions(runs / serial) if number < revision]
+    # a serial may have runs of several procedures, each with a loader of its own
+    before = [n for n in earlier if _procedure(runs, serial, n) == spec.procedure]
     compared = [(serial, before[-1], "the revision before")] if before else []
     first = _first_of_type(spec, runs, serial)
     compared += [(*first, f"the first of type '{spec.type}' here")] if first else []
@@ -54,6 +56,14 @@ def flag_layout(
             " with that one refuses it; pin the model in the recipe, or export a loader of its own"
         )
     return replace(summary, flags=(*summary.flags, *flags))
+
+
+def _procedure(runs: Path, serial: str, revision: int) -> str:
+    """Procedure of a revision; empty where its run.json is damaged."""
+    try:
+        return str(store.own_document(runs, serial, revision)["procedure"])
+    except CalibkitError:
+        return ""
 
 
 def _layout(spec: Recipe, records: Mapping[str, Record]) -> _Layout | None:

@@ -75,6 +75,15 @@ def more_parts(record):
     return replace(record, models=(forms.write_thermal(bigger, 10.0),))
 
 
+def test_runs_of_another_procedure_have_a_loader_of_their_own(runs):
+    """The accelerometer of a device is not compared with its gyro."""
+    source = recipe.find("accelerometer")
+    data = ROOT / "datasets" / "accelerometer"
+    outcome = pipeline.fit(source, data, "FOG-1", runs, "2026-11-22", instruments.silent)
+    assert outcome.run.document["revision"] > 1
+    assert not [flag for flag in outcome.summary.flags if flag.startswith("firmware:")]
+
+
 @pytest.mark.parametrize(("name", "change"), [("lagged", fewer_lags), ("bank", more_parts)])
 def test_all_devices_of_one_form_share_a_loader(name, change, tmp_path_factory):
     """A lagged model that needs no inner lag, and a bank with a hysteresis, are laid out as those
