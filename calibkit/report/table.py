@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-_NUMBER = re.compile(r"[-−+±<≤≥]? ?\d")
-"""How a text that states a number begins."""
+_NUMBER = re.compile(r"[-−+±<≤≥]? ?\d[\d.,]*+(?!/)")
+"""How a text that states a number begins; 1/deg is a unit."""
 
 
 @dataclass(frozen=True, slots=True)
