@@ -52,10 +52,13 @@ class Timeline:
                 runs.append(store.load_revision(runs_folder, serial, number))
             except CoefficientError as error:
                 refused[number] = str(error)
-        winners = store.in_force([run.document for run in runs])
-        until = dict(itertools.pairwise([*sorted(winners), ""]))
         in_force = {run.document["revision"]: ("", "") for run in runs}
-        in_force |= {revision: (date, until[date]) for date, revision in winners.items()}
+        # the accelerometer of a device stays in force beside its gyro
+        for procedure in {run.document["procedure"] for run in runs}:
+            documents = [run.document for run in runs if run.document["procedure"] == procedure]
+            winners = store.in_force(documents)
+            until = dict(itertools.pairwise([*sorted(winners), ""]))
+            in_force |= {revision: (date, until[date]) for date, revision in winners.items()}
         breaks = tuple(_chain_faults(runs, numbers))
         return cls(serial, tuple(runs), in_force, refused, breaks, _flags(runs))
 
@@ -116,7 +119,10 @@ def _flags(runs: Sequence[StoredRun]) -> tuple[str, ...]:
     ]
     procedures = dict.fromkeys(run.document["procedure"] for run in runs)
     if len(procedures) > 1:
-        flags.append(f"revisions of different procedures: {', '.join(procedures)}")
+        flags.append(
+            f"runs of several procedures: {', '.join(procedures)}; each holds beside the others,"
+            f" and {runs[-1].document['serial']} alone names the newest of all"
+        )
     return tuple(flags)
 
 

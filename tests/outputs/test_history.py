@@ -153,6 +153,21 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
     assert "S-1@r003 was rejected: it is never in force by date" in found.flags
 
 
+def test_a_run_stays_in_force_beside_one_of_another_procedure(tmp_path):
+    """The gyro of a device does not take the place of its accelerometer."""
+    values = model({"K": (1.0, "1", 0.1)})
+    keep(tmp_path, values, date="2022-01-01", procedure="accelerometer", stage="accel_k")
+    keep(tmp_path, values, date="2023-01-01")
+    keep(tmp_path, values, date="2024-01-01")
+    found = timeline.Timeline.read("S-1", tmp_path)
+    assert found.in_force == {
+        1: ("2022-01-01", ""),
+        2: ("2023-01-01", "2024-01-01"),
+        3: ("2024-01-01", ""),
+    }
+    assert any(flag.startswith("runs of several procedures: ") for flag in found.flags)
+
+
 def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_path):
     """A back-dated revision does not silently take the place of the newer date."""
     values = model({"K": (1.0, "1", 0.1)})
