@@ -98,7 +98,8 @@ class Table:
         rows = self.texts
         holds_numbers = [False]
         for k, column in enumerate(self.formats[1:], start=1):
-            stated = [row[k] for row in rows if row[k] not in ("", column.missing, column.zero)]
+            unstated = ("", "-", "–", "—", column.missing, column.zero)
+            stated = [row[k] for row in rows if row[k] not in unstated]
             holds_numbers.append(all(_NUMBER.match(text) for text in stated))
         return tuple(holds_numbers)
 
