@@ -196,7 +196,7 @@ def lay_out_models(
     for model in record.models:
         name = name_model(model.name)
         of_model = [value for value in values if value.model == model.name]
-        coefficients = name + Words(": coefficients")
+        coefficients = Words("{model}: coefficients", model=name)
         tables.append(list_coefficients(basis, record, model, coefficients, of_model))
         for value in of_model:
             if not value.inputs or any(entry.rest is None for entry in value.inputs[1:]):

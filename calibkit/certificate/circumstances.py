@@ -31,11 +31,13 @@ def lay_out_conditions(certificate: Certificate, lang: Lang) -> Rows:
     rows = list_conditions(profile)
     rows += list_given(*((Words(""), text) for text in profile.conditions.others))
     for column, *ends in run.measured:
-        label = Words("Measured in the logs: ") + names.name_condition(column)
+        label = Words("Measured in the logs: {condition}", condition=names.name_condition(column))
         low, high = (f"{end:.1f} °C".replace("-", "−") for end in ends)
         rows.append((label, f"{low} … {high}"))
     for condition in run.conditions:
-        label = Words("In the computation: ") + names.name_condition(condition.name)
+        label = Words(
+            "In the computation: {condition}", condition=names.name_condition(condition.name)
+        )
         unit = unit_mark(condition.unit)
         text = with_unit(tables.format_plain(condition.value, 8), unit)
         if condition.standard_uncertainty > 0.0:

@@ -96,7 +96,7 @@ class Certificate:
     @property
     def verdict(self) -> Words:
         """Verdict on the acceptance limits of the run's recipe, in three values."""
-        return Words("Verdict on the run: ") + VERDICTS[self.run.verdict]
+        return Words("Verdict on the run: {verdict}", verdict=VERDICTS[self.run.verdict])
 
     @property
     def without_type_b(self) -> Words:

@@ -105,7 +105,12 @@ def render(certificate: Certificate, lang: Lang) -> bytes:
                 for label, text in circumstances.list_method(profile)
                 if text.strip()
             ],
-            recipe=_describe_recipe(certificate),
+            recipe=Words(
+                "Recipe {recipe}, digest of its text and of what --set changed (field"
+                " recipe.sha256 of run.json): {sha256}",
+                recipe=run.recipe,
+                sha256=run.recipe_sha256,
+            ),
         )
     )
     return dcc_xml.finish(text)
@@ -176,16 +181,6 @@ def _describe_standard(standard: Standard) -> str:
         ("valid until", standard.valid_until),
     )
     return ", ".join(f"{word} {value}" for word, value in facts if value)
-
-
-def _describe_recipe(certificate: Certificate) -> Words:
-    """Recipe of a run with its digest."""
-    run = certificate.run
-    return Words(
-        "Recipe {recipe}, digest of its text and of what --set changed (field recipe.sha256"
-        " of run.json): ",
-        recipe=run.recipe,
-    ) + Words.literal(run.recipe_sha256)
 
 
 def _list_conditions(certificate: Certificate) -> list[tuple[Words, str]]:

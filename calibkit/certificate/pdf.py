@@ -2,14 +2,13 @@
 attached.
 """
 
-import contextlib
 import datetime as dt
 import json
 import re
 import shutil
 import tempfile
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,20 +41,6 @@ LEAST_FILLED_MM = 125.0
 def load_typst() -> Any:  # noqa: ANN401 (an optional library)
     """The library that typesets, or OutputError that says how to install it."""
     return extras.load_library("typst", "pdf", "certificates need typst")
-
-
-@contextlib.contextmanager
-def _scratch_folder() -> Iterator[str]:
-    """Folder that goes with the context; OutputError where none can be made."""
-    try:
-        temporary = tempfile.TemporaryDirectory(prefix="calibkit-")
-    except OSError as error:
-        raise OutputError(
-            f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
-            hint="make room there, or name another folder in TMPDIR",
-        ) from None
-    with temporary as folder:
-        yield folder
 
 
 def render(
@@ -93,7 +78,14 @@ def render(
         for words, figure in zip(laid_out["figures"], block.figures, strict=True):
             words |= {"svg": plots.draw(figure, size_mm), "width": size_mm[0]}
     typst = load_typst()
-    with _scratch_folder() as folder:
+    try:
+        scratch = tempfile.TemporaryDirectory(prefix="calibkit-")
+    except OSError as error:
+        raise OutputError(
+            f"{tempfile.gettempdir()}: cannot be written: {error.strerror}",
+            hint="make room there, or name another folder in TMPDIR",
+        ) from None
+    with scratch as folder:
         data["families"] = _families(fonts, Path(folder))
         inputs = {"sheet": json.dumps(data, ensure_ascii=False)}  # never as source
         font_options = {"font_paths": [folder] if fonts else [], "ignore_system_fonts": True}

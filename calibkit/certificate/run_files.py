@@ -119,9 +119,10 @@ class RunFacts:
         """
         return Words(
             "Run {name}, digest of its content (field sha256 of run.json; the SHA-256 of the file"
-            " is another): ",
+            " is another): {sha256}",
             name=self.name,
-        ) + Words.literal(self.sha256)
+            sha256=self.sha256,
+        )
 
 
 def _range(entry: Mapping[str, Any]) -> str:

@@ -341,7 +341,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         ]
     notes = [
         run.content_digest.of(lang),
-        (Words("Coefficients hold from ") + Words.literal(run.effective_from)).of(lang),
+        Words("Coefficients hold from {date}", date=run.effective_from).of(lang),
     ]
     notes += [certificate.verdict.of(lang)]
     notes += [_criterion(criterion).of(lang) for criterion in run.criteria]

@@ -448,7 +448,7 @@ def _state_scale(basis: Stated, record: Record) -> Block:
         if model.form == forms.LINE.name:
             continue
         values = [over_temperature(record, model, "p")] * (model.form == POLYNOMIAL.name)
-        title = name_model(model.name) + Words(": coefficients")
+        title = Words("{model}: coefficients", model=name_model(model.name))
         tables.append(list_coefficients(basis, record, model, title, values))
         notes += [range_words(model), *basis.left_out(model)]
     for letter in LETTERS:
