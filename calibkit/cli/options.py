@@ -17,7 +17,11 @@ RECIPE = click.argument("recipe", shell_complete=completion.complete_recipe)
 RUN = click.argument("run", shell_complete=completion.complete_run)
 DATA = click.option("--data", required=True, type=PATH, help="folder with the logs")
 KEEP = click.option(
-    "--out", default="runs", show_default=True, type=PATH, help="where runs are kept"
+    *("--runs", "--out", "out"),
+    default="runs",
+    show_default=True,
+    type=PATH,
+    help="where runs are kept",
 )
 SINCE = click.option(
     "--date",

@@ -41,6 +41,14 @@ def test_simulate_writes_logs_with_truth_and_never_overwrites(tmp_path, calibkit
     assert "exists already" in again.err
 
 
+def test_fit_keeps_its_run_where_runs_or_out_names(tmp_path, calibkit):
+    """Both names of one option, as every other command has `--runs`."""
+    fit = ("fit", "gyro_noise", "--data", ROOT / "datasets" / "gyro_noise", "--serial", "S-1")
+    for number, option in enumerate(("--runs", "--out"), start=1):
+        assert calibkit(*fit, option, tmp_path / "kept").code == 0
+        assert (tmp_path / "kept" / "S-1" / f"r{number:03d}" / "run.json").is_file()
+
+
 def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
     """A list of files gives a line each; an absent file is usage, a foreign one a failed
     verification.
