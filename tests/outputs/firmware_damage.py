@@ -4,7 +4,7 @@ mutants whose CRC was made right again. It counts what is accepted, how long the
 and by how many tolerances an accepted mutant whose vectors are intact differs from the blob over
 300 calls. The command prints what was taken, a row per chain.
 
-    PYTHONPATH=.:tests python tests/outputs/firmware_damage.py [COUNT] [SEED]
+    PYTHONPATH=.:tests python -m outputs.firmware_damage [COUNT] [SEED]
 
 COUNT bursts and mutants a chain, 10000 unless given.
 """
@@ -14,7 +14,9 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 from calibkit.firmware import blob, c_code
 
@@ -108,8 +110,9 @@ def main():
     for name in ("scale", "affine", "rate", "lagged", "level", "gradient", "grown"):
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place)
-            (folder / "run").mkdir()
-            chain = firmware_runs.fitted(name, folder / "run").chain
+            chain = firmware_runs.cached(
+                name, SimpleNamespace(getbasetemp=partial(Path, place))
+            ).chain
             one = exported(chain, "f32", "unit")
             found = damage(one, folder, times, seed, timeout=3600, every_bit=True)
             write(
