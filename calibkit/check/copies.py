@@ -250,52 +250,47 @@ def read_unseen(
     read: Callable[[Recipe, Path, str], Log],
     spec: Recipe,
     data: Path,
-    file: str,
+    files: Iterable[str],
     inputs: Sequence[Mapping[str, object]],
     excluded: Sequence[Exclude],
-) -> Log | str:
-    """A log that a run was not fitted to, or a sentence on one that it was: the same bytes, or
-    values written otherwise.
+    run: str,
+    fitted_notes: list[str],
+) -> Iterator[Log]:
+    """Logs that a run was not fitted to; a sentence on each other one, with the same bytes or
+    values written otherwise, is added to `fitted_notes`.
 
     `read` reads a log; `excluded` is what the run left out of its logs: a copy is compared as it
-    was fitted too. Raises as reading does.
+    was fitted too. Raises as reading does, and FrameError where there is no such log.
     """
-    if parts.digest_log(data / file, file, split=spec.logs.split) in {
-        entry["sha256"] for entry in inputs
-    }:
-        return f"{file} was fitted by this run and is left out"
-    log = read(spec, data, file)
-    name = _find_fitted_copy(log.first_rows(), inputs, log.sample_without_time())
-    usable = [
-        entry
-        for entry in excluded
-        if ("time_s" in log.frame.columns or not entry.timed)
-        and not (entry.positions or entry.stations)
-    ]
-    if not name and usable:
-        # the fingerprint of the run is of what it fitted, without what it excluded
-        remaining = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
-        name = _find_fitted_copy(remaining.first_rows(), inputs, remaining.sample_without_time())
-    if name:
-        return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
-    return log
-
-
-def pass_unseen(logs: Iterable[Log | str], fitted_notes: list[str], none: str) -> Iterator[Log]:
-    """Logs as `read_unseen` gives them that a run has not seen; the sentences on the others are
-    added to `fitted_notes`.
-
-    Raises FrameError with the words for it where there is no such log.
-    """
-    count = 0
-    for log in logs:
-        if isinstance(log, str):
-            fitted_notes.append(log)
-        else:
-            count += 1
-            yield log
+    fitted_digests, count = {entry["sha256"] for entry in inputs}, 0
+    for file in files:
+        if parts.digest_log(data / file, file, split=spec.logs.split) in fitted_digests:
+            fitted_notes.append(f"{file} was fitted by this run and is left out")
+            continue
+        log = read(spec, data, file)
+        name = _find_fitted_copy(log.first_rows(), inputs, log.sample_without_time())
+        usable = [
+            entry
+            for entry in excluded
+            if ("time_s" in log.frame.columns or not entry.timed)
+            and not (entry.positions or entry.stations)
+        ]
+        if not name and usable:
+            # the fingerprint of the run is of what it fitted, without what it excluded
+            rest = replace(log, frame=mapping.drop_excluded_rows(log.frame, usable, file)[0])
+            name = _find_fitted_copy(rest.first_rows(), inputs, rest.sample_without_time())
+        if name:
+            fitted_notes.append(
+                f"{file} holds the values of {name}, which this run was fitted to, and is left out"
+            )
+            continue
+        count += 1
+        yield log
     if not count:
-        raise FrameError(f"{none}: {fitted_notes[0]}", hint="validate on logs that it has not seen")
+        raise FrameError(
+            f"{data}: every log here was fitted by {run}: {fitted_notes[0]}",
+            hint="validate on logs that it has not seen",
+        )
 
 
 def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:

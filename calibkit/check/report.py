@@ -213,6 +213,16 @@ def _tabulate_logs(reports: Sequence[LogReport]) -> Table:
             rows.append((report.file, state, "", "", "", ""))
             continue
         degc = next((column for column in facts.columns if column.name.endswith("_degc")), None)
+        kinds: dict[str, list[HeldCondition]] = {}
+        for condition in report.held:
+            kinds.setdefault(condition.kind, []).append(condition)
+        # the level of the only one of its kind
+        held = [
+            f"{len(same)} {kind}s"
+            if len(same) > 1
+            else f"{kind} {same[0].level:.3g} {same[0].unit}"
+            for kind, same in kinds.items()
+        ]
         rows.append(
             (
                 report.file,
@@ -220,23 +230,10 @@ def _tabulate_logs(reports: Sequence[LogReport]) -> Table:
                 f"{facts.rows:,}",
                 f"{facts.duration_s / SECONDS_PER_HOUR:.2f}" if facts.rate_hz else "",
                 "" if degc is None else describe_span(degc.low, degc.high, "").strip(),
-                _describe_held(report.held),
+                ", ".join(held),
             )
         )
     return Table("", ("log", "", "rows", "hours", "°C", "held"), tuple(rows))
-
-
-def _describe_held(conditions: Sequence[HeldCondition]) -> str:
-    """How many conditions of each kind were held; the level of the only one of its kind."""
-    kinds: dict[str, list[HeldCondition]] = {}
-    for condition in conditions:
-        kinds.setdefault(condition.kind, []).append(condition)
-    return ", ".join(
-        f"{len(conditions_of_kind)} {kind}s"
-        if len(conditions_of_kind) > 1
-        else f"{kind} {conditions_of_kind[0].level:.3g} {conditions_of_kind[0].unit}"
-        for kind, conditions_of_kind in kinds.items()
-    )
 
 
 def report_document(campaign: CheckedCampaign) -> dict[str, Any]:

@@ -224,13 +224,16 @@ def judge_unseen(
     files = log_files.find_logs(spec, data)
     instrument = instruments.find(spec.procedure)
     excluded = instruments.fitted_recipe(run.document).exclude
-    read = (
-        copies.read_unseen(instrument.read, spec, data, file, inputs, excluded)
-        for file in progress(files, "validating")
-    )
     fitted_log_notes: list[str] = []
-    new = copies.pass_unseen(
-        read, fitted_log_notes, f"{data}: every log here was fitted by {run.name}"
+    new = copies.read_unseen(
+        instrument.read,
+        spec,
+        data,
+        progress(files, "validating"),
+        inputs,
+        excluded,
+        run.name,
+        fitted_log_notes,
     )
     body, summary = instrument.validate(spec, run.records, new)
     summary = replace(

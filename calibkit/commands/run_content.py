@@ -77,7 +77,10 @@ def build_run(
     }
     files = {name: record.dumps().encode() for name, record in records.items()}
     with figures.styled():
-        drawn = _draw(pooled.recipe.procedure, f"{serial} r{revision:03d}", fitted)
+        draw = instruments.optional(pooled.recipe.procedure, "draw")
+        drawn = documents.Drawn((), fitted.summary)
+        if draw is not None:
+            drawn = draw(f"{serial} r{revision:03d}", fitted)
         figures.settle(drawn.figures)
     summary = drawn.summary
     files[documents.TEXT] = screen.plain_text(summary).encode()
@@ -131,15 +134,6 @@ def read_report(run: store.StoredRun, suffix: str) -> bytes:
         shown = Shown("", summary.last_line, checks=checks, captions=captions, text=text)
     report = compose_page(run.document, run.records, shown, drawings)
     return pdf.render(report, run.document["effective_from"])
-
-
-def _draw(procedure: str, title: str, fitted: Fitted[Any]) -> documents.Drawn:
-    """Figures of a fit under a title, and its summary; tables alone where none are drawn."""
-    draw = instruments.optional(procedure, "draw")
-    drawn: documents.Drawn = (
-        documents.Drawn((), fitted.summary) if draw is None else draw(title, fitted)
-    )
-    return drawn
 
 
 def _describe_firmware(

@@ -78,7 +78,7 @@ class Rewritten:
 
     def __iter__(self) -> Iterator[bytes]:
         """Bytes of the new file; raises LogFormatError where the log changes meanwhile."""
-        for first, stop in chunks.ranges(len(self.table.frame), ROWS):
+        for first, stop in chunks.ranges(max(len(self.table.frame), 1), ROWS):
             frame = self.correct(replace(self.table, frame=self.table.frame.iloc[first:stop]))
             if first == 0:
                 # a unit that the log states elsewhere stands behind the name

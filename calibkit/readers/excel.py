@@ -67,8 +67,12 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
         ]
         name = _choose_sheet(with_cells, file, table)
         filled = _fill_merged(cells[name], sheets[name].merged_cell_ranges or ())
-    content = "".join(_format_row(row) + "\n" for row in cells[name]).encode()
-    arrays = {"content": np.frombuffer(content, np.uint8)}
+    lines = []
+    for row in cells[name]:
+        fields = list(map(_format_cell, row))
+        # a row without cells is a blank line
+        lines.append("\t".join(fields) + "\n" if any(fields) else "\n")
+    arrays = {"content": np.frombuffer("".join(lines).encode(), np.uint8)}
     return limited.Parsed(arrays, {"sheet": name, "filled": filled})
 
 
@@ -88,12 +92,6 @@ def _fill_merged(cells: list[list[Any]], merged: Sequence[Any]) -> tuple[str, ..
         f"{len(filled)} merged cell(s) filled down: {', '.join(filled[:8])}{overflow_text}"
     )
     return (cells_filled,) if filled else ()
-
-
-def _format_row(row: Sequence[Any]) -> str:
-    """A row as a line; one without cells as a blank line."""
-    fields = list(map(_format_cell, row))
-    return "\t".join(fields) if any(fields) else ""
 
 
 def _choose_sheet(filled: Sequence[str], file: str, table: str) -> str:

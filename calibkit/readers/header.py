@@ -55,7 +55,7 @@ def _split_names(line: str, delimiter: str, widths: Sequence[int], width: int) -
     """
     fields = tuple(tokens.split_line(line, delimiter, widths))
     if tokens.is_comment(line) and (delimiter != "space" or len(fields) != width):
-        line = tokens.uncomment(line)
+        line = tokens.COMMENT.sub("", line, count=1)
         fields = tuple(tokens.split_line(line, delimiter, widths))
     if delimiter == "space" and len(fields) != width:
         wide = tuple(part.strip() for part in re.split(r"\t+|\s{2,}", line.strip()))

@@ -23,7 +23,7 @@ from calibkit.readers import limited
 from calibkit.readers.table import Guess, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -62,7 +62,16 @@ def parse(data: bytes, file: str, table: str) -> limited.Parsed:
             raise LogFormatError(
                 f"{file}: the last segment is not finished", hint="the recording was cut off"
             )
-        group = _find_group(opened.groups(), file, table)
+        filled = [g for g in opened.groups() if any(len(channel) for channel in g.channels())]
+        candidates = [g for g in filled if g.name == table] if table else filled
+        if len(candidates) != 1:
+            group_names = ", ".join(f"'{g.name}'" for g in filled) or "none"
+            fault = f"no group {table!r}" if table else f"{len(filled)} groups with channels"
+            raise LogFormatError(
+                f"{file}: {fault}",
+                hint=f"name one in [logs] table of the recipe; there are: {group_names}",
+            )
+        (group,) = candidates
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _to_numbers(channel[:]) for name, channel in channels.items()}
         channel_units = {}
@@ -101,20 +110,6 @@ def _require_segments(data: bytes, file: str) -> None:
             f"{file}: {len(data) - position} bytes behind the last segment, at byte {position}",
             hint="the file is damaged or was written on; copy it again",
         )
-
-
-def _find_group(groups: Sequence[Any], file: str, table: str) -> Any:  # noqa: ANN401 (npTDMS ships no types)
-    """The group that the recipe names, or the only one that holds channels."""
-    filled = [group for group in groups if any(len(channel) for channel in group.channels())]
-    candidates = [group for group in filled if group.name == table] if table else filled
-    if len(candidates) != 1:
-        group_names = ", ".join(f"'{group.name}'" for group in filled) or "none"
-        raise LogFormatError(
-            f"{file}:"
-            f" {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
-            hint=f"name one in [logs] table of the recipe; there are: {group_names}",
-        )
-    return candidates[0]
 
 
 def _to_numbers(values: NDArray[Any]) -> Array | None:

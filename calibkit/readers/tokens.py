@@ -89,11 +89,6 @@ def is_comment(line: str) -> bool:
     return COMMENT.match(line) is not None
 
 
-def uncomment(line: str) -> str:
-    """A line without the mark of a comment in front."""
-    return COMMENT.sub("", line, count=1)
-
-
 def is_number(field: str, decimal: str) -> bool:
     """Whether a field is a number with this decimal mark, with or without a mark between its
     thousands.

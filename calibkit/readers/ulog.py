@@ -9,10 +9,9 @@ dropouts of the logger are counted and noted. A file that ends inside a message 
 
 import io
 import struct
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -38,7 +37,25 @@ def read(path: Path, file: str, logs: Logs, required_columns: Collection[str]) -
         printed = io.StringIO()
         with redirect_stdout(printed):  # pyulog prints what it finds wrong
             log = pyulog.ULog(io.BytesIO(data))
-        topic, how = _find_topic(log.data_list, file, logs.table)
+        topics, (name, _, instance) = log.data_list, logs.table.partition(":")
+        if logs.table:
+            topics = [
+                topic
+                for topic in topics
+                if topic.name == name and (not instance or str(topic.multi_id) == instance)
+            ]
+        if len(topics) != 1:
+            there = sorted(f"{topic.name}:{topic.multi_id}" for topic in log.data_list)
+            fault = f"no single topic {logs.table!r}" if logs.table else f"{len(topics)} topics"
+            raise LogFormatError(
+                f"{file}: {fault}",
+                hint=(
+                    "name one in [logs] table of the recipe; there are:"
+                    f" {', '.join(there[:12]) or 'none'}"
+                ),
+            )
+        (topic,) = topics
+        how = () if logs.table else (Guess(f"table = '{topic.name}' (guessed)"),)
         columns = {
             name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()
         }
@@ -93,22 +110,3 @@ def _count_messages(data: bytes, file: str) -> dict[int, int]:
             hint="it is cut off or damaged; copy it again",
         )
     return counted
-
-
-def _find_topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
-    """The topic that the recipe names, or the only one."""
-    name, _, instance = table.partition(":")
-    candidates = (
-        [t for t in topics if t.name == name and (not instance or str(t.multi_id) == instance)]
-        if table
-        else topics
-    )
-    if len(candidates) != 1:
-        topic_names = (
-            ", ".join(sorted(f"{topic.name}:{topic.multi_id}" for topic in topics)[:12]) or "none"
-        )
-        raise LogFormatError(
-            f"{file}: {f'no single topic {table!r}' if table else f'{len(topics)} topics'}",
-            hint=f"name one in [logs] table of the recipe; there are: {topic_names}",
-        )
-    return candidates[0], (() if table else (Guess(f"table = '{candidates[0].name}' (guessed)"),))

@@ -436,6 +436,21 @@ def test_a_recipe_without_a_latitude_is_refused(tmp_path, calibkit):
         assert "site.latitude_deg" in outcome.err
 
 
+def test_a_log_of_another_name_is_validated(tmp_path, command, calibkit):
+    """The recipe names one file; `--set` names that of another well."""
+    simulated(tmp_path / "good", 10, count=12)
+    command.fit(tmp_path / "good")
+    simulated(tmp_path / "new", 11, count=6)
+    (tmp_path / "new" / "stations.csv").rename(tmp_path / "new" / "well.csv")
+    where = ("--runs", tmp_path / "runs", "--data", tmp_path / "new", "--out", tmp_path / "v.json")
+    refused = calibkit("validate", "I", *where)
+    assert refused.code == 3
+    assert "--set logs.files" in refused.err
+    outcome = calibkit("validate", "I", *where, "--set", 'logs.files=["well.csv"]')
+    assert outcome.code in (0, 1), outcome.err
+    assert (tmp_path / "v.json").is_file()
+
+
 def test_a_far_temperature_that_s_is_extrapolated_to_is_named():
     """Five stations at 20 to 28 °C predict no positive s at 90 °C: station, value and cure."""
     log = pd.read_csv(ROOT / "datasets" / "inclinometer" / "stations.csv")
