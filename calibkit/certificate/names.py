@@ -104,9 +104,9 @@ def name_criterion(name: str) -> Words:
     owner, colon, criterion = name.rpartition(": ")
     for pattern, words in _CRITERIA:
         if match := re.fullmatch(pattern, criterion) or re.fullmatch(pattern, name):
-            parts = {
-                key: Words.known(text.replace("_", " ")) for key, text in match.groupdict().items()
-            }
+            parts: dict[str, Words | str] = match.groupdict()
+            if "of" in parts:
+                parts["of"] = Words.known(match["of"].replace("_", " "))
             return words.fill(name=name.replace("_", " "), **parts)
     limit = Words.known(criterion)
     if not colon:
