@@ -6,10 +6,11 @@ from typing import Any
 from calibkit.instruments.bias.compensate import LogFigures
 from calibkit.instruments.bias.drift_choice import Export, LeftOutRates
 from calibkit.instruments.bias.ramps import PreparedLog
+from calibkit.numeric import gum
 from calibkit.numeric.arrays import Array
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.noise import allan
-from calibkit.numeric.thermal.left_out import split_noise
+from calibkit.numeric.thermal.left_out import NoiseSplit, split_noise
 from calibkit.records.coefficients import at_least, at_most, over_stated_u
 from calibkit.records.frame import Log, values
 from calibkit.report.overview import KeyValue, Overview, describe_span
@@ -59,7 +60,6 @@ UNEVEN = 0.05
 """Largest relative deviation of a sampling step from the median with which a log is evenly sampled.
 """
 _UNIT = "°/h"
-_HEADS = ("before", "after", "noise alone", "drift left", "rate gain")
 
 
 def tabulate_tested(export: Export) -> Table:
@@ -172,8 +172,8 @@ def validation_entry(
 
 
 def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ()) -> Table:
-    """Drift of each log before and after beside the noise, and the share of a true constant rate
-    that is left in the output, with its temperature rates where the prepared logs are given.
+    """Drift of each log before and after, what is left without the noise, and the share of a true
+    constant rate in the output, with its temperature rates where the prepared logs are given.
     """
     rates = {
         log.name: ", ".join(f"{ramp.rate:+.1f}".replace("-", "−") for ramp in log.ramps)
@@ -183,12 +183,24 @@ def _ramp_rows(logs: Sequence[LogFigures], prepared: Sequence[PreparedLog] = ())
         (
             log.name,
             *((rates[log.name],) if rates else ()),
-            *(log.before, log.after, log.split.noise, log.split.left, log.gain_recursive),
+            *(log.before, log.after, _state_left(log.split), log.gain_recursive),
         )
         for log in logs
     )
-    columns = (f"[{_UNIT}]", *(("°C/min",) if rates else ()), *(Column(h, ".3f") for h in _HEADS))
+    columns = (
+        *(f"[{_UNIT}]", *(("°C/min",) if rates else ())),
+        *(Column("before", ".3f"), Column("after", ".3f"), "drift left (95 %)"),
+        Column("rate gain", ".3f"),
+    )
     return Table("Drift of each log, rms of 100 s means", columns, rows)
+
+
+def _state_left(split: NoiseSplit) -> str:
+    """Drift that is left without the noise, ± U; what it is at most where that may be none."""
+    U = 2.0 * split.left_uncertainty
+    if split.left <= U:
+        return f"< {number(split.left + U, 2)}"
+    return " ± ".join(gum.rounded(split.left, U))
 
 
 def summarize_fit(
