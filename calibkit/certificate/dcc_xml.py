@@ -68,7 +68,8 @@ def _parse(document: bytes) -> _Element:
     try:
         root: _Element = etree().fromstring(document, parser)
     except etree().XMLSyntaxError as error:
-        raise OutputError(f"dcc.xml: not XML: {error}", hint="restore the certificate") from None
+        reason = str(error).partition(" (<string>")[0]
+        raise OutputError(f"dcc.xml: not XML: {reason}", hint="restore the certificate") from None
     return root
 
 

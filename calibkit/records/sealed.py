@@ -50,8 +50,11 @@ def unseal(text: str, name: str, *formats: str) -> dict[str, Any]:
     try:
         document = json.loads(text, object_pairs_hook=_distinct)
     except (ValueError, RecursionError) as error:
+        reason = "a key stands twice, or too many brackets lie within each other"
+        if isinstance(error, json.JSONDecodeError):
+            reason = f"line {error.lineno}, column {error.colno}"
         raise CoefficientError(
-            f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
+            f"{name}: not a whole JSON document: {reason}", hint="restore it from the run's copy"
         ) from None
     if not isinstance(document, dict) or not isinstance(document.get("format"), str):
         raise CoefficientError(
