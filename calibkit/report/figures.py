@@ -88,7 +88,7 @@ def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[F
     from matplotlib.figure import Figure
 
     with styled():
-        figure = Figure(figsize=(11.0, height), layout="tight")
+        figure = Figure(figsize=(11.0, height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=INK)
     return figure, list(axes.flat)
@@ -161,13 +161,15 @@ def pdf(figures: Sequence[Figure]) -> bytes:
 
 def settle(figures: Sequence[Figure]) -> None:
     """Lay figures out: what is drawn of them later stands at these places."""
+    from calibkit.report import places, svg_canvas
+
     with drawing():
         for figure in figures:
             literal(figure)
-            engine = figure.get_layout_engine()
-            if engine is not None:
-                engine.execute(figure)
+            if figure.get_layout_engine() is not None:
                 figure.set_layout_engine("none")
+                figure.dpi = POINTS
+                places.arrange(figure, svg_canvas.Renderer(*figure.bbox.size, io.StringIO()))
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:

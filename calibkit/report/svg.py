@@ -146,7 +146,7 @@ def _svg(figure: Figure, prefix: str) -> str:
 
     import matplotlib as mpl
 
-    from calibkit.report.svg_canvas import RendererSVG
+    from calibkit.report.svg_canvas import Renderer
 
     literal(figure)
     figure.set_layout_engine("none")
@@ -155,8 +155,7 @@ def _svg(figure: Figure, prefix: str) -> str:
     buffer = io.StringIO()
     figure.dpi = POINTS
     with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
-        without_clock = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        renderer = RendererSVG(*figure.bbox.size, buffer, metadata=without_clock)  # type: ignore[no-untyped-call]
+        renderer = Renderer(*figure.bbox.size, buffer)
         figure.draw(renderer)
         renderer.finalize()  # type: ignore[no-untyped-call]
     root = ET.fromstring(_join_marks(buffer.getvalue()))  # noqa: S314 - what matplotlib has just written

@@ -2,7 +2,9 @@
 `matplotlib.figure`.
 """
 
+import functools
 import sys
+from typing import Literal, TextIO
 
 from calibkit.libraries.lean_imports import only_when_used
 
@@ -17,5 +19,25 @@ if "calibkit.cli" in sys.modules:
     artist.kwdoc = lambda artist: ""  # noqa: ARG005 (its name is that of the replaced one)
 
 from matplotlib.backends.backend_svg import RendererSVG  # noqa: E402
+from matplotlib.font_manager import FontProperties  # noqa: E402
+from matplotlib.textpath import text_to_path  # noqa: E402
 
-__all__ = ["RendererSVG"]
+
+@functools.lru_cache(4096)
+def _measured(
+    text: str,
+    font: FontProperties,
+    ismath: bool | Literal["TeX"],  # noqa: FBT001 (matplotlib calls it so)
+) -> tuple[float, float, float]:
+    """Width, height and descent of a text in a font [pt]; the caller does not change the font."""
+    return text_to_path.get_text_width_height_descent(text, font, ismath)
+
+
+class Renderer(RendererSVG):
+    """Draws SVG whose unit is a point; a text is measured once for all figures."""
+
+    get_text_width_height_descent = staticmethod(_measured)
+
+    def __init__(self, width: float, height: float, out: TextIO) -> None:
+        without_clock = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        super().__init__(width, height, out, metadata=without_clock)  # type: ignore[no-untyped-call]

@@ -2,13 +2,55 @@
 
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 
 from calibkit.numeric.control import Control
-from calibkit.report import control_charts, figures
+from calibkit.report import control_charts, figures, svg
 
 pytestmark = pytest.mark.drawn
+
+
+def two_panels(factor=1.0, *, named=True):
+    """A page with titles, a legend within a panel, and values whose size decides whether their axis
+    has a common factor.
+    """
+    figure, axes = figures.page(1, 2, title="U1 r001: bias")
+    with figures.styled():
+        for ax in axes:
+            ax.plot([0.0, 1.0, 2.0], [0.0, 1.1 * factor, 1.9 * factor], label="bias")
+            ax.set(title="gyro")
+            if named:
+                ax.set(xlabel="time [s]", ylabel="rate [°/h]")
+        axes[0].set_title("in red", fontsize=8, color=figures.ALERT, loc="right")
+        axes[1].legend(loc="best")
+    return figure
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.0, True), (1.0, False), (1e-7, True)])
+def test_panels_stand_where_a_constrained_layout_puts_them_and_are_measured_once(
+    monkeypatch, factor, named
+):
+    """To 2 pt, which are the hints of the fonts of a screen; each panel's words are measured
+    once.
+    """
+    searched, placed = (two_panels(factor, named=named) for _ in range(2))
+    FigureCanvasAgg(searched).draw()
+    measured, measure = [], Axes.get_tightbbox
+
+    def counted(ax, *given, **named_ones):
+        measured.append(ax)
+        return measure(ax, *given, **named_ones)
+
+    monkeypatch.setattr(Axes, "get_tightbbox", counted)
+    figures.settle([placed])
+    svg.inline([placed])
+    assert measured == placed.axes
+    points = np.tile(placed.get_size_inches(), 2) * 72.0
+    for one, other in zip(placed.axes, searched.axes, strict=True):
+        moved = (one.get_position().extents - other.get_position().extents) * points
+        assert np.all(np.abs(moved) < 2.0), moved
 
 
 CHARTS = {
