@@ -124,18 +124,24 @@ class Judgement:
     predicted: tuple[Reached, ...] = ()
     """Uncertainty of the results that a plan wants, as it judges them over its range."""
 
+    @property
+    def outcome(self) -> str:
+        """What a fit would do, as a sentence; empty where none was tried."""
+        if self.exports is None:
+            return ""
+        outcome = f"be {self.verdict}" if self.exports else f"export no correction: {self.verdict}"
+        if self.exit_code:
+            outcome = f"export nothing: exit code {self.exit_code}"
+        return f"A fit of these logs would {outcome}."
+
     def lines(self) -> list[str]:
         """The last paragraph of a check."""
         determined = "; ".join(self.determines) or (
             "not tried" if self.exports is None else "nothing"
         )
-        outcome = f"be {self.verdict}" if self.exports else f"export no correction: {self.verdict}"
-        if self.exit_code:
-            outcome = f"export nothing: exit code {self.exit_code}"
         return [
             f"This campaign determines: {determined}",
             *(f"  missing: {lack}" for lack in self.lacks),
-            *([f"  a fit of these logs would {outcome}"] if self.exports is not None else ()),
             *(f"  {result}" for result in self.reached),
             *(f"  {prediction}" for prediction in self.predicted),
             *([f"  {ASSUMED}"] if self.predicted else ()),
@@ -170,9 +176,10 @@ def compose_report(campaign: CheckedCampaign, tail: Sequence[str], width: int = 
     or without a width, it is all.
     """
     reports = campaign.logs
-    verdict, judgement_lines = _judge_logs(reports), campaign.judgement.lines()
+    judgement_lines = campaign.judgement.lines()
+    verdicts = [*filter(None, (_judge_logs(reports), campaign.judgement.outcome))]
     full = [
-        verdict,
+        *verdicts,
         *(line for report in reports for line in report.lines()),
         *judgement_lines,
         *tail,
@@ -181,7 +188,7 @@ def compose_report(campaign: CheckedCampaign, tail: Sequence[str], width: int = 
         return full
     end = [line for text in judgement_lines for line in wrap(text, width, 2)]
     end = [*shorten(end, _MOST_JUDGED), *tail]
-    return arrange([verdict], [_tabulate_logs(reports)], _causes(reports), end, width)
+    return arrange(verdicts, [_tabulate_logs(reports)], _causes(reports), end, width)
 
 
 def _causes(reports: Sequence[LogReport]) -> list[str]:

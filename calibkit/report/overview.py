@@ -83,7 +83,8 @@ def concise(value: float, u: float = 0.0) -> str:
 
 def describe_span(low: float, high: float, unit: str, digits: str = ".0f") -> str:
     """From a lowest to a highest value; one value where both read the same."""
-    ends = [format(end, digits).replace("-", "−") for end in (low, high)]
+    # z: a small negative number is 0, not −0
+    ends = [format(end, f"z{digits}").replace("-", "−") for end in (low, high)]
     return f"{' to '.join(dict.fromkeys(ends))} {unit}"
 
 

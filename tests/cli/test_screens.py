@@ -8,7 +8,7 @@ import shlex
 import pytest
 
 from calibkit.records.coefficients import at_least
-from calibkit.report.overview import KeyValue, Overview, concise, merge_flags
+from calibkit.report.overview import KeyValue, Overview, concise, describe_span, merge_flags
 from calibkit.report.screen import MOST, compose_screen
 from calibkit.report.summary import Summary
 from calibkit.report.table import Table
@@ -202,3 +202,9 @@ def test_a_key_value_stands_with_its_expanded_uncertainty(value, u, dof, unit, t
     """
     printed = str(KeyValue.of("x", value, unit, u, dof))
     assert printed.replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_a_span_about_zero_has_no_negative_zero():
+    """−0.3 to 0.2 °C reads 0 °C."""
+    assert describe_span(-0.3, 0.2, "°C") == "0 °C"
+    assert describe_span(-40.2, -0.1, "°C") == "−40 to 0 °C"
