@@ -71,7 +71,8 @@ def allocate_column(rows: int) -> Array:
 
 def move_like(frame: pd.DataFrame, like: pd.DataFrame) -> pd.DataFrame:
     """The frame with its numbers in scratch files, where those of another frame lie there."""
-    if like.empty or not _is_on_disk(like.iloc[:, 0].to_numpy()):
+    # a log of which the first column is text is no clean CSV, which alone lies there
+    if like.empty or like.dtypes.iloc[0].kind != "f" or not _is_on_disk(like.iloc[:, 0].to_numpy()):
         return frame
     import pandas as pd
 
