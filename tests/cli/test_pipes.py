@@ -76,18 +76,3 @@ def test_a_current_folder_that_is_gone_is_named(tmp_path, command):
     done = in_shell('mkdir g && cd g && rmdir ../g && "$@"', tmp_path, *call)
     assert done.returncode == 4
     assert done.stderr.splitlines()[-1].startswith("calibkit: the current folder is gone")
-
-
-@POSIX
-@pytest.mark.parametrize("command", ["fit", "fleet"])
-def test_without_a_home_stderr_has_no_warning_of_matplotlib(tmp_path, command):
-    """A home that cannot be made is no finding of a fit: matplotlib keeps its fonts elsewhere."""
-    (tmp_path / "file").touch()
-    data = still(tmp_path / "logs" / ("S-1" if command == "fleet" else ""), 2)
-    named = ("--serial", "S-1") if command == "fit" else ()
-    data = data.parent if command == "fleet" else data
-    call = (command, "bias_temperature", "--data", data, *named, "--out", "runs", "--quiet")
-    script = f'unset MPLCONFIGDIR XDG_CONFIG_HOME XDG_CACHE_HOME; HOME="{tmp_path}/file/home" "$@"'
-    done = in_shell(script, tmp_path, *call)
-    assert done.returncode == 0
-    assert "atplotlib" not in done.stderr

@@ -5,7 +5,6 @@ written.
 import hashlib
 import importlib.util
 import json
-import logging
 import os
 import re
 import shutil
@@ -132,23 +131,6 @@ def test_a_plugin_that_cannot_be_used_is_one_clear_error_where_a_recipe_asks_for
     assert refused.value.exit_code == 2
     assert str(refused.value).startswith("'pairs' is added by pairs_reader 3.0, which ")
     assert "\n" not in str(refused.value)
-
-
-def test_a_plugin_that_cannot_be_used_is_skipped_with_a_warning_where_none_asks(
-    tmp_path, install, caplog
-):
-    """The log is recognised by another plugin; the broken one is named once."""
-    install("broken", "1 / 0")
-    install("pairs", READER)
-    with caplog.at_level(logging.WARNING, logger="calibkit"):
-        for _ in range(2):
-            table = read(tmp_path, PAIRS)
-            assert table.reading == ("format = 'pairs' (guessed)",)
-    (warning,) = (record.getMessage() for record in caplog.records)
-    assert warning == (
-        "'broken' of broken_reader 1.0 is skipped: the package cannot be imported:"
-        " ZeroDivisionError: division by zero"
-    )
 
 
 def test_whatever_a_reader_raises_is_an_error_of_the_log(tmp_path, install):

@@ -36,12 +36,3 @@ def test_an_own_model_beside_calibkit_s(tmp_path, monkeypatch, start):
     assert np.ptp(directions["own"]) > 0.05
     assert np.ptp(directions["residual_dph"]) < 1e-9
     assert {path.name for path in tmp_path.rglob("*")} <= {"datasets", "docs", "notebooks"}
-
-
-def test_statistics_of_a_fleet(tmp_path, monkeypatch):
-    """Twelve devices, one frame of numbers; γ spreads more than one device is uncertain."""
-    names = follow(ROOT / "docs" / "notebooks" / "fleet.ipynb", tmp_path, monkeypatch)
-    assert names["figures"]["serial"].nunique() == 12
-    assert set(names["table"].loc[["gamma", "alpha_deg"], "unit"]) == {"1", "deg"}
-    assert np.isfinite(names["table"].loc["gamma", "ratio"])
-    assert len(names["angle"]) == 12

@@ -180,29 +180,6 @@ def test_a_long_record_at_one_temperature_is_one_of_noise(
         assert spec["noise"]["columns"] == ["gyro_x_dph", "gyro_y_dph"]
 
 
-@pytest.mark.parametrize(
-    ("logs", "turned", "procedure"),
-    [(1, False, "gyro_noise"), (1, True, "accelerometer"), (2, False, "accelerometer")],
-)
-def test_one_log_of_accelerometers_that_stood_still_is_one_of_noise(
-    logs, turned, procedure, tmp_path, calibkit, log_writer
-):
-    """A log in which no axis moves by 0.02 g; one that was turned and one of several held positions
-    are calibration data.
-    """
-    rng = np.random.default_rng(4)
-    up = np.where((np.arange(2000) > 1000) & turned, -1.0, 1.0)
-    for k in range(logs):
-        axes = {f"accel_{a}_g": rng.normal(0.0, 1e-4, 2000) for a in "xyz"}
-        axes["accel_z_g"] += up
-        axes["accel_x_g"][7] = np.nan
-        log_writer(tmp_path / f"{k}.csv", time_s=np.arange(2000.0), **axes)
-    spec = tomllib.loads(proposed(calibkit, tmp_path))
-    assert spec["procedure"] == procedure
-    if procedure == "gyro_noise":
-        assert spec["noise"]["columns"] == ["accel_x_g", "accel_y_g", "accel_z_g"]
-
-
 def imu(rows=400):
     """Columns of a static log: time, accelerations in m/s², one rate, one temperature."""
     rng = np.random.default_rng(18)

@@ -2,6 +2,8 @@
 rates that were ordered.
 """
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -224,3 +226,22 @@ def test_logs_in_degf_are_told_by_their_names_or_the_ends_of_others(measured, na
     assert {(file.removesuffix(".csv"), found.severity) for file, found in told} == {
         (name, "refuse") for name in names
     }
+
+
+def test_a_thermometer_late_in_one_ramp_is_told_beside_the_ramp_alike(ramps, tmp_path, calibkit):
+    """2.9 °C late at 5 °C/min: check and fit name both ramps and the size; sound ramps have no such
+    flag.
+    """
+    some = {name: ramps[name] for name in ramps if "_05" in name or "_10" in name}
+    late = "ramp_cooling_05.csv"
+    time = some[late]["time_s"]
+    case = np.interp(time - 60.0 * 2.9 / 5.0, time, some[late]["temp_case_degc"])
+    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false", "--details")
+    data = logs(some | {late: some[late] | {"temp_case_degc": case}}, tmp_path / "late", dict)
+    told = r"ramp_cooling_05.csv: column 'temp_case_degc': it follows the air 2.[5-9] °C later"
+    checked = calibkit("check", "fog_thermal", "--data", data, "--details")
+    fitted = calibkit("fit", "fog_thermal", *quick, data=data, serial="S", out=tmp_path)
+    for outcome in (checked, fitted):
+        assert re.search(told.replace(" ", r"\s+"), outcome.out), outcome.out
+    sound = calibkit("check", "fog_thermal", "--data", logs(some, tmp_path / "sound", dict))
+    assert "later" not in sound.out

@@ -3,7 +3,6 @@ conditions that the logs measured; what --check says; profiles of every shipped 
 """
 
 import datetime as dt
-import io
 import json
 import math
 
@@ -12,12 +11,10 @@ import pytest
 from calibkit import cli, instruments, recipe
 from calibkit.certificate import (
     accreditation,
-    certify,
     checklist,
     content,
     dcc,
     dcc_xml,
-    pdf,
     profile,
     run_files,
     sheet,
@@ -106,34 +103,6 @@ def test_an_accreditation_that_cannot_be_meant_is_refused(run, override, message
     """A CMC in another unit, a mark without number, a U without unit."""
     with pytest.raises(RecipeError, match=message):
         built(run, override)
-
-
-def test_the_mark_stands_on_the_first_page_and_must_be_an_image(run, tmp_path):
-    """SVG or PNG beside the profile; another file, or none, is refused with its name."""
-    pytest.importorskip("typst")
-    pypdf = pytest.importorskip("pypdf")
-    made = built(run)
-    with_mark = pdf.render(made, "en", mark=(PROFILES / "mark.svg").read_bytes())
-    text = pypdf.PdfReader(io.BytesIO(with_mark)).pages[0].extract_text()
-    assert "Accredited by Sample Accreditation Body, SAB L0000." in text
-    assert len(with_mark) > len(pdf.render(made, "en"))
-    for name, found in (("mark.txt", b"no image"), ("absent.svg", None)):
-        (tmp_path / "lab.toml").write_text(
-            (PROFILES / "rate_table.toml").read_text().replace("mark.svg", name)
-        )
-        if found:
-            (tmp_path / name).write_bytes(found)
-        with pytest.raises(RecipeError, match=name):
-            certify.certify(
-                run.folder,
-                None,
-                instruments.certificate_layout,
-                date="2026-11-21",
-                profile_path=tmp_path / "lab.toml",
-            )
-
-
-SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{}</svg>'
 
 
 STANDARD = """

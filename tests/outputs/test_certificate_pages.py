@@ -19,7 +19,6 @@ from calibkit.certificate import (
     run_files,
     sheet,
     tables,
-    words,
 )
 from calibkit.commands import pipeline
 from calibkit.instruments import silent
@@ -134,28 +133,6 @@ def test_nothing_is_called_by_an_internal_key_or_in_the_words_of_a_log(
     for flag in certificate.run.flags:
         assert squeezed(flag) not in squeezed(whole)
     assert str(len(certificate.run.flags)) in whole
-
-
-@pytest.mark.parametrize("lang", LANGUAGES)
-@pytest.mark.parametrize("name", slow_after(2, NAMES))
-def test_no_page_is_nearly_empty_and_no_title_ends_one(certificate_of, pages_of, name, lang):
-    """Every page has twenty lines at least; the last before the foot is no title of a table or
-    chapter.
-    """
-    certificate, pages = certificate_of(name), pages_of(name, lang)
-    shown = sheet.sheet(certificate, lang)
-    titles = {squeezed(text) for key, text in shown["words"].items() if not key.startswith("s_")}
-    titles |= {squeezed(t["title"]) for b in shown["blocks"] for t in b["tables"] if t["title"]}
-    leads = (words.SENTENCES["attached"].of(lang), shown["conformity"]["text"])
-    asked = shown["conformity"]["table"] is not None
-    titles |= {squeezed(leads[0])} | ({squeezed(leads[1])} if asked else set())
-    foot = squeezed(words.SENTENCES["only_item"].of(lang))
-    for page in pages:
-        lines = [squeezed(line) for line in page.splitlines() if line.strip()]
-        body = [line for line in lines if line not in foot]
-        assert len(body) >= 20, body
-        assert body[-1] not in titles, body[-3:]
-        assert not any(lead.endswith(body[-1]) for lead in titles if len(body[-1]) > 8), body[-1]
 
 
 @pytest.mark.parametrize("name", NAMES)

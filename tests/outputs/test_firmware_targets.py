@@ -2,7 +2,6 @@
 proven again.
 """
 
-import json
 import re
 from dataclasses import replace
 
@@ -208,25 +207,6 @@ def test_a_chain_that_an_autopilot_cannot_hold_is_refused_with_the_reason(
     outcome = export(calibkit, tmp_path / "r", tmp_path / "o", target, "P", code=4)
     assert "polynomials of temperature and nothing else" in outcome.err
     assert not (tmp_path / "o").exists()
-
-
-@pytest.mark.parametrize("target", ["blob", "hex", "px4"])
-def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, target):
-    """A file a unit and one manifest with every digest; a file that is exchanged for another unit's
-    is found.
-    """
-    folder = export(calibkit, runs, tmp_path / "d", target, *UNITS, prefix="imu")
-    manifest = folder / "imu_manifest.json"
-    document = json.loads(manifest.read_text(encoding="utf-8"))
-    assert [unit["serial"] for unit in document["units"]] == list(UNITS)
-    assert calibkit("verify", manifest).code == 0
-    first, second = (folder / document["units"][k]["files"][0]["name"] for k in (0, 1))
-    first.write_bytes(second.read_bytes())
-    outcome = calibkit("verify", manifest)
-    assert outcome.code == 4
-    assert "not the file that the manifest lists" in outcome.err + outcome.out
-    first.unlink()
-    assert calibkit("verify", manifest).code == 4
 
 
 @pytest.mark.parametrize("target", ["blob", "hex", "csv", "px4", "ardupilot"])

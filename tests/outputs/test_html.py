@@ -10,9 +10,7 @@ import json
 import re
 
 import html5lib
-import numpy as np
 import pytest
-from matplotlib.lines import Line2D
 
 from calibkit.records import store
 from calibkit.records.coefficients import (
@@ -313,21 +311,3 @@ def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit)
     second.write_bytes(second.read_bytes().replace(b"REJECTED", b"accepted"))
     outcome = calibkit("verify", fitted[1])
     assert (outcome.code, "report.html" in outcome.err) == (4, True)
-
-
-def test_long_curves_keep_their_extremes_and_their_gaps():
-    """A spike of one point in a million, the ends, and a gap are there after thinning; a short
-    curve is drawn whole.
-    """
-    rng = np.random.default_rng(1)
-    x, y = np.arange(1e6), rng.normal(size=1_000_000)
-    y[123_456], y[777_777] = 60.0, -50.0
-    y[500_000:500_010] = np.nan
-    kept = svg.extremes(x, y, 4000)
-    assert kept.size < 4100
-    assert {0, 123_456, 777_777, 999_999} <= set(kept.tolist())
-    assert np.isnan(y[kept]).any()
-    loop = svg.extremes(np.cos(x / 1e5), np.sin(x / 1e5), 4000)
-    assert loop.size < 4100
-    assert np.cos(x / 1e5)[loop].max() == np.cos(x / 1e5).max()
-    assert not svg._thin(Line2D([0.0, 1.0], [0.0, 1.0]), 400)

@@ -3,7 +3,6 @@
 import http.client
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -190,25 +189,6 @@ def test_a_thousand_runs_are_read_in_one_second(tmp_path):
         times.append(time.process_time() - start)
         assert sum(map(len, found.values())) == 1000
     assert max(times) < 1.0
-
-
-def test_the_index_is_read_again_where_a_run_changed(tmp_path):
-    """A new run, a changed one and one that is gone; an unchanged one is not opened again."""
-    runs = many(tmp_path, 2, 2)
-    cache = tmp_path / "cache"
-    index.read_index(runs, cache)
-    file = runs / "GYRO-0000" / "r001" / "run.json"
-    document = json.loads(file.read_text(encoding="utf-8"))
-    file.write_text(json.dumps({**document, "verdict": "rejected"}), encoding="utf-8")
-    shutil.rmtree(runs / "GYRO-0001" / "r002")
-    shutil.copytree(runs / "GYRO-0000", runs / "GYRO-0002")
-    found = index.read_index(runs, cache)
-    assert [entry.verdict for entry in found["GYRO-0000"]] == ["rejected", "accepted"]
-    assert len(found["GYRO-0001"]) == 1
-    assert "moved or renamed" in found["GYRO-0002"][0].fault
-    os.utime(file, ns=(0, 0))
-    file.chmod(0o644)
-    assert index.read_index(runs, cache)["GYRO-0000"][0].stamp.startswith("0 ")
 
 
 # the command and the browser
