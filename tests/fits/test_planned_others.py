@@ -126,15 +126,6 @@ def test_check_of_few_soaks_states_what_the_fit_does(tmp_path):
         assert result.coverage_factor > 10.0
 
 
-def test_a_term_that_a_log_hardly_shows_is_named(tmp_path):
-    """Bias instability in one hour; not in two days."""
-    source = recipe.find("gyro_noise")
-    for hours, number in ((2.5, 1), (60.0, 0)):
-        out = tmp_path / f"plan{number}"
-        notes = plans.plan(source, out, within_h=hours).document["notes"]
-        assert sum("bias instability of 0.03" in note for note in notes) == number
-
-
 def test_the_azimuth_of_a_plan_moves_with_s_and_a_turn_as_that_of_a_station_does():
     """At 45° of inclination and an azimuth of 90°, by the derivatives of the station's solution."""
     attitude = np.array([[45.0, 0.0, 90.0]])

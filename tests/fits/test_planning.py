@@ -25,7 +25,7 @@ from calibkit.planning import (
 )
 from calibkit.planning.bench import Design, Predicted, Task
 from calibkit.planning.exchange import Pool
-from calibkit.planning.schedule import Action, Schedule
+from calibkit.planning.schedule import Action, Clock, Schedule
 from calibkit.planning.search import choose, find_front
 from conftest import ROOT, load_script
 
@@ -176,6 +176,20 @@ def test_a_fault_of_an_equipment_file_is_named(found, expected):
     assert found in text
     with pytest.raises(RecipeError, match=r"bench\.toml"):
         equipment.read_equipment(recipe.Source("bench.toml", text.replace(found, expected)))
+
+
+def test_mounting_takes_its_hours_before_the_first_action():
+    """At room temperature, with a person; an empty schedule mounts nothing."""
+    table = equipment.read_equipment(None)
+    person = table.operator.model_copy(update={"mount_h": 1.5})
+    table = table.model_copy(update={"operator": person})
+    assert Clock(table).schedule().actions == ()
+    clock = Clock(table)
+    clock.ramp(-40.0, 3.0)
+    found = clock.schedule()
+    assert [(one.action, one.start_s) for one in found.actions] == [("mount", 0), ("ramp", 5400)]
+    assert found.actions[0].set_degc == 25.0
+    assert found.operator_h == 1.5
 
 
 def test_the_choice_is_the_cheapest_that_meets_the_wishes_or_the_best_within_hours():

@@ -6,7 +6,6 @@ from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calibkit.numeric import chunks, dispersion, intervals
-from calibkit.numeric.intervals import Intervals
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -39,18 +38,6 @@ def test_runs_of_a_mask_are_those_of_a_loop(chosen):
             expected.append([start, row])
             start = None
     assert chunks.find_runs(np.array(chosen, dtype=bool)).tolist() == expected
-
-
-def test_an_interval_that_is_known_changes_no_model_interval() -> None:
-    """Model intervals are the same whether the sampling interval is given or measured."""
-    time = np.arange(0.0, 500.0, 0.1)
-    given_step, measured = (
-        intervals.Intervals.find(time, 10.0, step)
-        for step in (intervals.Steps.find(time).usual, None)
-    )
-    assert isinstance(given_step, Intervals)
-    assert np.array_equal(given_step.first, measured.first)
-    assert np.array_equal(given_step.number, measured.number)
 
 
 @pytest.mark.parametrize("length_s", [1.0, 250.0, 140_000.0])
