@@ -206,7 +206,8 @@ def test_limits_are_the_same_in_table_figure_and_certificate(white, tmp_path, pr
         expected = np.column_stack([curve.lower, curve.upper])
         stated = [row[k].interval for row in grid.cells if row[k] is not None]
         np.testing.assert_allclose(stated, expected, rtol=1e-9)
-        np.testing.assert_allclose(plot.series[k].ends, expected, rtol=1e-9)
+        drawn = np.column_stack([plot.series[k].low, plot.series[k].high])
+        np.testing.assert_allclose(drawn, expected, rtol=1e-9)
         assert all(row[k].uncertainty.probability == probability for row in grid.cells if row[k])
         printed = (format_result(row[k])[1] for row in grid.cells if row[k] is not None)
         assert all(interval in report for interval in printed)
