@@ -68,7 +68,7 @@ def test_a_sample_report_opens_without_a_word_and_without_a_network(chromium, pa
     """Wide, narrow and dark: no error, no warning, no request, every figure seen, nothing wider
     than the window.
     """
-    for options in ({}, {"width": 390, "height": 844, "phone": True}, {"dark": True}):
+    for options in ({}, {"width": 390, "height": 844}, {"dark": True}):
         chromium.open(path, **options)
         assert chromium.said() == []
         assert chromium.requests() == [path.resolve().as_uri()]
