@@ -66,6 +66,7 @@ def evaluate(
     if not inputs and not ranges and not only:
         _print_results(run_results, run, as_json=as_json)
         return 0
+    print_flags(store.flag_rejected(run_results.run))
     values, range_inputs = evaluation.answer(run_results, inputs, ranges, only)
     if out is not None:
         _write(out, figures.write_values(run_results.run, values, range_inputs, out.suffix))

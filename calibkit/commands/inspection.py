@@ -164,11 +164,15 @@ def _state_largest(spec: recipe.Recipe, fitted: Fitted[Any]) -> Iterator[Reached
         known = [(result, result.uncertainty) for result in results if result.uncertainty]
         if not known:
             continue
-        result, largest = max(known, key=lambda pair: pair[1].expanded_uncertainty)
+        relative = quantity.relative and all(result.value for result, _ in known)
+        stated = [
+            (u.expanded_uncertainty / (1e-6 * abs(result.value) if relative else 1.0), k)
+            for k, (result, u) in enumerate(known)
+        ]
+        expanded, number = max(stated)
+        result, largest = known[number]
+        unit = "ppm" if relative else unit_mark(quantity.unit)
         part = max(largest.contributions, key=lambda part: part.contribution)
-        expanded, unit = largest.expanded_uncertainty, unit_mark(quantity.unit)
-        if quantity.relative and result.value:
-            expanded, unit = 1e6 * expanded / abs(result.value), "ppm"
         name = quantity.words.en
         if names[name] > 1:
             name = f"{name} of {quantity.model}"

@@ -34,6 +34,12 @@ def _check_document(path: Path) -> str:
     from calibkit.planning import document as plan_file
 
     text = store.read_utf8(path)
+    if not text.lstrip().startswith("{"):
+        raise UsageError(
+            f"{path}: no file with a digest of its own",
+            hint="name the run folder, which has those of all its files, a JSON file, a certificate"
+            " or an export",
+        )
     of_runs = run_document.FORMAT, run_document.VALIDATION_FORMAT
     formats = coefficients.FORMAT, *of_runs, targets.MANIFEST, plan_file.FORMAT
     document = sealed.unseal(text, str(path), *formats)

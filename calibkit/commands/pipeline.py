@@ -180,6 +180,7 @@ def compensate(
     spec = spec.model_copy(update={"logs": logs})
     try:
         content, flags = instruments.find(spec.procedure).correct(spec, run.records, data)
+        flags = (*store.flag_rejected(run), *flags)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(

@@ -271,6 +271,14 @@ def load(folder: Path) -> StoredRun:
     return StoredRun(folder, document, records)
 
 
+def flag_rejected(run: StoredRun) -> tuple[str, ...]:
+    """Flag on what a rejected run gives; none for any other."""
+    if run.document["verdict"] != "rejected":
+        return ()
+    failed = [entry["name"] for entry in run.document["acceptance"] if not entry["passed"]]
+    return (f"{run.name} was rejected: {', '.join(failed)}",)
+
+
 def load_fleet(folder: Path) -> Mapping[str, Any]:
     """Read the record of a fleet whose files are whole and as it lists them, or raise
     CoefficientError.

@@ -302,8 +302,14 @@ def _judge(compared: ComparedResult) -> tuple[Answer, str]:
     limit, changes = compared.limit, compared.changes
     if limit is None:
         if compared.nearness > 1.0:
-            return "no", "it changed by more than its uncertainty; you set no limit"
-        return "yes", "it did not change by more than its uncertainty; you set no limit"
+            return (
+                "no",
+                "more than chance gives an unchanged device; you set no limit",
+            )
+        return (
+            "yes",
+            "no more than chance gives an unchanged device; you set no limit",
+        )
     limited_value, estimates = "value", [(c.now.value, c.now.U) for c in changes]
     if limit.change is not None:
         limited_value, estimates = "change", [(c.difference, c.expanded or 0.0) for c in changes]

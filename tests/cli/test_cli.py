@@ -49,6 +49,21 @@ def test_fit_keeps_its_run_where_runs_or_out_names(tmp_path, calibkit):
         assert (tmp_path / "kept" / "S-1" / f"r{number:03d}" / "run.json").is_file()
 
 
+def test_what_a_rejected_run_gives_says_so(tmp_path, calibkit):
+    """`apply` and `evaluate` print it beside the result; a report has no digest of its own."""
+    data, runs = ROOT / "datasets" / "rate_table", ("--runs", tmp_path / "runs")
+    fit = ("fit", "rate_table", "--data", data, "--serial", "S-1", *runs)
+    assert calibkit(*fit, "--set", "acceptance.max_nonlinearity_ppm=1e-3").code == 1
+    log = ("--data", data / "room_1.csv", "--out", tmp_path / "out.csv")
+    for call in (("apply", "S-1", *log), ("evaluate", "S-1", "temp_case=25")):
+        outcome = calibkit(*call, *runs)
+        assert outcome.code == 0
+        assert "S-1@r001 was rejected: " in outcome.err
+    outcome = calibkit("verify", tmp_path / "runs" / "S-1" / "r001" / "report.txt")
+    assert outcome.code == 2
+    assert "name the run folder" in outcome.err
+
+
 def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
     """A list of files gives a line each; an absent file is usage, a foreign one a failed
     verification.

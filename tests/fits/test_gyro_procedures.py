@@ -5,11 +5,15 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.stats import chi2
 
 from calibkit import instruments, recipe
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.uncertainty import TypeBTerms
 from calibkit.commands import pipeline
 from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import (
+    certificate,
     fit as gyro_fit,
     simulate,
     table_runs,
@@ -19,6 +23,7 @@ from calibkit.records.forms import POLYNOMIAL
 from calibkit.records.frame import Log
 from conftest import AUTHORITIES, ROOT
 from outputs.firmware_log import chain_of, correct
+from sample_runs import sample_run
 
 CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
 RATES = (1.0, 2.0, 5.0, 10.0, 50.0, 100.0, -1.0, -2.0, -5.0, -10.0, -50.0, -100.0)
@@ -206,6 +211,24 @@ def test_units_and_signs_are_mapped_by_the_recipe(name, tmp_path, calibkit, log_
             found.records["gyro_scale.json"].model(one).value("K") for found in (run, plain)
         )
         assert pytest.approx(expected, rel=1e-12) == K
+
+
+def test_a_figure_of_a_run_has_the_uncertainty_of_its_coefficient(tmp_path_factory):
+    """K stands in two tables with one U; a repeatability, a standard deviation over three runs, has
+    the interval of the chi-square distribution.
+    """
+    run = sample_run(tmp_path_factory, "rate_table")
+    stated = Stated(run.records, TypeBTerms(()), (), 25.0)
+    tables = [table for block in certificate.blocks(stated) for table in block.tables]
+    rows = [row for table in tables for row in getattr(table, "cells", ())]
+    results = [cell for row in rows for cell in row if cell is not None]
+    K = [r for r in results if r.unit == "1/deg" and abs(r.value - 9974.459) < 0.001]
+    assert len(K) == 2
+    assert pytest.approx(K[1].U, rel=1e-12) == K[0].U
+    (repeatability,) = (r for r in results if "repeatability" in r.quantity)
+    low, high = 2.0 / chi2.ppf([0.977249868, 0.022750132], 2)
+    expected = repeatability.value * np.sqrt([low, high])
+    np.testing.assert_allclose(repeatability.interval, expected, rtol=1e-4)
 
 
 def test_runs_repeat_and_follow_temperature(runs):

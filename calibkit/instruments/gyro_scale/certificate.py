@@ -52,7 +52,9 @@ from calibkit.certificate.words import Words
 from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.published import PPM, FigureName
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroTriadRecipe
+from calibkit.numeric import gum
 from calibkit.numeric.arrays import Array
+from calibkit.numeric.noise.confidence import chi_square_limits
 from calibkit.records.coefficients import Figure, Model, Record
 from calibkit.records.forms import POLYNOMIAL
 from calibkit.units import unit_mark
@@ -113,6 +115,8 @@ NAMES = {
 """Figure → its term in the standards."""
 LETTERS = {"K": NAMES["scale_factor"], "F0": Words("zero-rate indication")}
 """Coefficient of a line → its term."""
+COEFFICIENT_OF = {"scale_factor": "K", "bias": "F0"}
+"""Figure → coefficient of a line that it restates."""
 ANGLE = "angle_deg"
 """Figures of angles between input axes, and name of type B terms on the angles between the axes of
 the table.
@@ -515,13 +519,18 @@ def _tabulate_figures(
             continue
         line = record.model(line_name)
         dof = float(line.dof)
-        if kind == "repeatability":  # a standard deviation over runs
+        if kind in COEFFICIENT_OF:  # the figure is the coefficient of the line, with its U
+            dof = next(line.dof_of(c) for c in line.coefficients if c.name == COEFFICIENT_OF[kind])
+        if kind == "repeatability":
             runs = {p.name: p.value for p in line.parameters}.get("runs", 2.0)
             dof = max(runs - 1.0, 1.0)
         quantity = of_figure(record, figure, NAMES[kind], dof=dof)
         quantity = replace(quantity, standard=standard, magnitude=kind in MAGNITUDES)
-        row = kind, standard, figure.unit
-        results_of.setdefault(line_name, {})[row] = state(basis, quantity, {})
+        row, result = (kind, standard, figure.unit), state(basis, quantity, {})
+        if kind == "repeatability":  # a standard deviation over runs
+            low, high = chi_square_limits(np.array(figure.value), np.array(dof), gum.TWO_SIGMA)
+            result = replace(result, interval=(float(low), float(high)))
+        results_of.setdefault(line_name, {})[row] = result
     alike: dict[tuple[tuple[str, str, str], ...], list[str]] = {}
     for name in labels:
         if name in results_of:

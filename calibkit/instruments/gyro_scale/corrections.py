@@ -208,7 +208,8 @@ def validate(
         for ratio in body["pair"]:
             name, difference, u = (ratio[k] for k in ("name", "difference", "standard_uncertainty"))
             numbers = (f"{ratio['frozen']:.9f}", f"{ratio['found']:.9f}")
-            rows.append((name, *numbers, f"{difference:+.1e} ± {u:.0e}", ratio["unit"]))
+            expanded = gum.coverage_factor(ratio["dof"]) * u
+            rows.append((name, *numbers, f"{difference:+.1e} ± {expanded:.1e}", ratio["unit"]))
             if name == "gamma" or (name == "N" and not within_runs):
                 dof = (ratio["dof"], np.inf)
                 error_over_u = unseen(np.array([difference]), np.array([[u]]), dof=dof)
@@ -396,7 +397,8 @@ def _tabulate_errors(errors: Sequence[tuple[str, Entry]], *, triad: bool) -> Tab
             rows.append((f"{name} about {entry['axis']}", *along, *across, gain))
             continue
         u = entry["scale_factor_error_standard_uncertainty_ppm"]
-        K_error = f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}"
+        expanded = gum.coverage_factor(entry["scale_factor_error_dof"]) * u
+        K_error = f"{after['scale_factor_error_ppm']:+.1f} ± {expanded:.2g}"
         scale = f"{entry['K']:.4f}", f"{entry['K_frozen']:.4f}"
         K_errors = f"{before['scale_factor_error_ppm']:+.1f}", K_error
         rows.append((f"{name} {entry['gyro']}", *scale, *K_errors, *along, gain))

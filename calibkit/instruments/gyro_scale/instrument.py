@@ -19,7 +19,7 @@ from calibkit.instruments.gyro_scale import (
     forms,
     table_runs,
 )
-from calibkit.instruments.gyro_scale.certificate import blocks, results
+from calibkit.instruments.gyro_scale.certificate import MAGNITUDES, blocks, results
 from calibkit.instruments.gyro_scale.coefficient_files import CampaignFit, Runs
 from calibkit.instruments.gyro_scale.corrections import correct, validate
 from calibkit.instruments.gyro_scale.fit import fit_campaign
@@ -149,7 +149,10 @@ def _summarize(campaign: CampaignFit, scales: StageResult) -> Overview:
         figures = [f for f in scales.figures if FigureName.of(f.name)[:2] == (kind, GJB)]
         if figures:
             worst = max(figures, key=lambda figure: abs(figure.value))
-            largest.append(_key_value(f"largest {name} ({GJB})", worst))
+            key_value = _key_value(f"largest {name} ({GJB})", worst)
+            if kind in MAGNITUDES:  # whose interval is not ± U: see the tables
+                key_value = replace(key_value, expanded_uncertainty=0.0)
+            largest.append(key_value)
     if campaign.pair is not None:
         of_pair = {result.name: result for result in campaign.pair_figures}
         alpha, ratio = _key_value("α", of_pair["alpha_deg"]), _key_value("N", of_pair["N"])

@@ -407,8 +407,10 @@ def _find_dropouts(log: Log, means: HeldMeans, columns: Sequence[str]) -> Iterat
         fast = np.abs(means.rate_dps) >= np.median(np.abs(means.rate_dps))
         # a gyro across the axis may respond less than it indicates at rest
         F0 = 0.0
-        if np.ptp(means.rate_dps) > 0.0:
-            F0 = float(np.polyfit(means.rate_dps, medians, 1)[1])
+        off_mean = means.rate_dps - means.rate_dps.mean()
+        if np.any(off_mean):
+            slope = off_mean @ medians / (off_mean @ off_mean)
+            F0 = float(medians.mean() - slope * means.rate_dps.mean())
         K = float(np.median((medians[fast] - F0) / means.rate_dps[fast]))
         # a gyro across the axis: less than a millionth of the largest indication is no rotation
         least_response = 1e-6 * max(map(abs, log.extremes(column)))
