@@ -56,16 +56,25 @@ def _exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
     except BrokenPipeError:
         raise
     except (KeyboardInterrupt, click.Abort):
-        return _fail(
-            StoppedError("interrupted; what was not finished was not written"), as_json=as_json
-        )
+        return _end_interrupted(as_json=as_json)
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
         return _end_unexpected(error, as_json=as_json)
     return code if isinstance(code, int) else 0
 
 
+def _end_interrupted(*, as_json: bool) -> int:
+    """Exit code of a command that a person stopped."""
+    stopped = StoppedError("interrupted; what was not finished was not written")
+    return _fail(stopped, as_json=as_json)
+
+
 def _end_unexpected(error: Exception, *, as_json: bool) -> int:
     """Exit code of a command that failed to print, or failed by an error of calibkit."""
+    cause: BaseException | None = error
+    while cause is not None:  # an import that is interrupted may end with another error
+        if isinstance(cause, KeyboardInterrupt):
+            return _end_interrupted(as_json=as_json)
+        cause = cause.__cause__ or cause.__context__
     if isinstance(error, OSError) and error.filename is None and error.errno in _FULL:
         _discard_output()
         unprinted = OutputError(

@@ -10,6 +10,7 @@ import sys
 
 import pytest
 
+from calibkit.cli.ending import run_to_exit_code
 from conftest import ROOT
 from written_logs import still
 
@@ -77,3 +78,15 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path):
     assert b"Traceback" not in printed
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
     assert printed.rfind(b"\x1b[?25h") > printed.rfind(b"\x1b[?25l")
+
+
+def test_an_import_that_is_interrupted_is_an_interruption():
+    """Though the library that was being imported ends with an error of its own."""
+
+    def run():
+        try:
+            raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            raise ImportError("half of a module") from None
+
+    assert run_to_exit_code(run, as_json=False) == 130
