@@ -83,9 +83,12 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path):
 def test_an_import_that_is_interrupted_is_an_interruption():
     """Though the library that was being imported ends with an error of its own."""
 
+    def interrupt():
+        raise KeyboardInterrupt
+
     def run():
         try:
-            raise KeyboardInterrupt
+            interrupt()
         except KeyboardInterrupt:
             raise ImportError("half of a module") from None
 
