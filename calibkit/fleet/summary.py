@@ -47,7 +47,11 @@ def compose_fleet(fleet: Fleet, width: int, *, dry_run: bool = False) -> list[st
     outlying = fleet.table.list_outlying()
     flagged = [entry.flags for entry in entries if entry.flags]
     unwritten = dry_run and not fleet.folder.exists()
-    tail = [f"{sum(flagged)} flags in {len(flagged)} runs: see their reports"] if flagged else []
+    tail = (
+        [f"{sum(flagged)} flags and remarks in {len(flagged)} runs: see the notes of their reports"]
+        if flagged
+        else []
+    )
     tail += [] if unwritten else [f"Report: {fleet.folder / PAGE}"]
     tail.append(f"{fleet.folder}{' (dry run: not written)' if unwritten else ''}")
     if not width:

@@ -61,8 +61,10 @@ def over_temperature(stage: str, model: Model) -> dict[tuple[str, bool], list[Qu
     units = {c.name: c.unit for c in model.coefficients}
     quantities: dict[tuple[str, bool], list[Quantity]] = {}
     for (name, symbol, key), powers in polynomials.items():
+        # the published form and the triad have scale factors of their own
+        which = f"{symbol} ({powers[0]} … {powers[-1]})" if model.form == forms.K.name else symbol
         quantity = Quantity(
-            *(name, stage, model.name, KINDS[key[0]] + Words.literal(symbol), units[powers[0]]),
+            *(name, stage, model.name, KINDS[key[0]] + Words.literal(which), units[powers[0]]),
             (ranged(model, forms.TEMPERATURE),),
             polynomial(model, powers, forms.TEMPERATURE),
             symbol=symbol,
