@@ -27,7 +27,8 @@ JUDGED_ANEW = {
     "gyro_triad": r"validate /acceptance/[0-2]/.*|"
     r"certify /results/gyro_orthogonality\.triad[^/]*\.S_(x[yz]|y[xz]|z[xy])/(expanded_u|cov).*",
     "rate_table": r"validate /(acceptance/[0-57]/.*|"
-    r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)",
+    r"logs/\d/gyros/0/(K|scale_factor_error)_standard_uncertainty(_ppm)?)|"
+    r"certify /results/gyro_scale\.repeatability\..*/interval/[01]",
     release.AUTOPILOT: r"validate /(logs/0/channels/\d/.*over_uncertainty|acceptance/[01]/.*)",
     "fog_thermal": r"certify /results/drift_rate\.drift\.b0/expanded_uncertainty",
     "thermal": r"certify /results/thermal\.\w+\.b0/(expanded_uncertainty|coverage_factor)",
@@ -38,7 +39,8 @@ judged along the rows that are corrected; U of a bias at 0 °C among the coeffic
 smaller than that of the same bias in the table; u of azimuths, where each gyro's turn counts with
 its own derivative, no longer the larger of both with the larger; U of sensitivities across, which
 holds the angles between the table axes; errors of unseen dwells over u, which has an error of the
-attitude at right angles to gravity alone.
+attitude at right angles to gravity alone; the interval of a repeatability, which is that of a
+standard deviation over few runs.
 """
 
 
