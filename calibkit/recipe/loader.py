@@ -119,7 +119,10 @@ def read_utf8(path: Path, hint: str) -> str:
         # PowerShell's > writes UTF-16
         utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = content.decode("utf-16" if utf_16 else "utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        advice = "see its name and folder" if isinstance(error, FileNotFoundError) else hint
+        raise RecipeError(f"{path}: cannot be read: {error.strerror}", hint=advice) from None
+    except UnicodeDecodeError as error:
         raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint=hint) from None
     return text.replace("\r\n", "\n")
 

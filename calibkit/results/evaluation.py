@@ -185,8 +185,8 @@ def choose(
         calls.append(f"{quantity.key}({', '.join(inputs)})")
     if not selected:
         raise UsageError(
-            f"{', '.join(sorted(columns)) or 'no input'}: no result of {name} depends on this"
-            " alone",
+            f"{', '.join(sorted(columns)) or 'no input'}: no result of {name} depends on"
+            f" {'these and no others' if len(columns) > 1 else 'this alone'}",
             hint=f"its results and their inputs: {'; '.join(dict.fromkeys(calls[:12]))}",
         )
     return tuple(selected)
