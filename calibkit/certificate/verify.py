@@ -17,7 +17,7 @@ import io
 import math
 from dataclasses import dataclass, replace
 from itertools import zip_longest
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from calibkit.certificate import (
     content,
@@ -51,6 +51,8 @@ MAGIC = b"%PDF-"
 UNSIGNED = (
     "not signed: nothing says who made it; figures and fonts are not checked, only texts and files"
 )
+A4_PT = (595.2756, 841.8898)
+"""Width and height of a page [pt]."""
 MOST_PAGES = 500
 """Pages that are read; certificates of the samples have at most eight, and take 0.1 s each."""
 MOST = 6
@@ -218,10 +220,16 @@ def _open(document: bytes) -> _OpenedPdf:
     pypdf = extras.load_checker("pypdf")
     try:
         with quiet():
-            reader = pypdf.PdfReader(io.BytesIO(document))
+            # strict: what it would mend, a viewer may leave out
+            reader = pypdf.PdfReader(io.BytesIO(document), strict=True)
             if len(reader.pages) > MOST_PAGES:
                 raise CoefficientError(  # noqa: TRY301 (pages are counted as they are read)
                     f"{len(reader.pages)} pages, at most {MOST_PAGES} are read"
+                )
+            cut = [n for n, page in enumerate(reader.pages, start=1) if not _is_whole(page)]
+            if cut:
+                raise CoefficientError(  # noqa: TRY301 (the same)
+                    f"page {cut[0]} is not a whole A4 page: a viewer may hide part of it"
                 )
             pages = [page.extract_text() for page in reader.pages]
             attachments = {name: list(contents) for name, contents in reader.attachments.items()}
@@ -238,6 +246,16 @@ def _open(document: bytes) -> _OpenedPdf:
         if len(contents) > 1:
             raise CoefficientError(f"{name} is attached twice")
     return _OpenedPdf(pages, {name: contents[0] for name, contents in attachments.items()}, trace)
+
+
+def _is_whole(page: Any) -> bool:  # noqa: ANN401 (pypdf is loaded late)
+    """Whether a viewer shows all of a page as it was made."""
+    edges = [
+        abs(float(edge) - of_a4) < 0.01
+        for box in (page.mediabox, page.cropbox)
+        for edge, of_a4 in zip(box, (0.0, 0.0, *A4_PT), strict=True)
+    ]
+    return all(edges) and page.rotation == 0
 
 
 def _check_digests(opened: _OpenedPdf) -> Iterator[str]:

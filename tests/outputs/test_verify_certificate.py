@@ -4,6 +4,7 @@ named.
 
 import datetime as dt
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -162,6 +163,23 @@ def test_a_swapped_attachment_is_named(name, unsigned, run, tmp_path, calibkit):
     found = calibkit("verify", path)
     assert found.code == 4
     assert f"{name}: the attached file is not the one whose SHA-256 is printed" in found.err
+
+
+@pytest.mark.parametrize(
+    ("place", "byte", "word"),
+    [
+        (rb"MediaBox\[0 0 (5)95", b"2", "not a whole A4 page"),
+        (rb"MediaBox\[0 0 595\.2756 (8)41", b"4", "not a whole A4 page"),
+        (rb"(\d)\d* 0 obj\s*<<[^>]*/Type\s*/Page\b", b"0", "cannot be read"),
+    ],
+)
+def test_a_page_that_a_viewer_would_hide_is_refused(place, byte, word, unsigned, tmp_path):
+    """Half of a page outside of its box, or an object that only some readers find again."""
+    content = bytearray(unsigned.read_bytes())
+    *_, last = re.finditer(place, content)
+    content[last.start(1) : last.end(1)] = byte
+    (tmp_path / "c.pdf").write_bytes(content)
+    refused(tmp_path / "c.pdf", word)
 
 
 def test_a_changed_coefficient_is_named_with_and_without_a_right_digest(unsigned, run, tmp_path):
