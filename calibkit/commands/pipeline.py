@@ -271,10 +271,10 @@ def _firmware_export(
     from calibkit.firmware import export, formats, sources
 
     document = run.document
-    if document["verdict"] == "rejected" and not allow_rejected:
-        failed = [entry["name"] for entry in document["acceptance"] if not entry["passed"]]
+    rejected = store.flag_rejected(run)
+    if rejected and not allow_rejected:
         raise OutputError(
-            f"{run.name} was rejected: {', '.join(failed)}",
+            rejected[0],
             hint="fit it again within its limits, or export it as rejected with --allow-rejected",
         )
     spec, number_format = run_recipe(run, ()), formats.Format.find(number)

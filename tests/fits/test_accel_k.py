@@ -166,13 +166,13 @@ def test_one_wild_dwell_in_a_hundred_moves_no_coefficient_by_its_uncertainty(cle
     """
     dwells, untouched = clean
     rng = np.random.default_rng([11, int(1e4 * size_g)])
-    wild = rng.choice(len(dwells.place), len(dwells.place) // 100 + 1, replace=False)
+    outliers = rng.choice(len(dwells.place), len(dwells.place) // 100 + 1, replace=False)
     indicated = dwells.indication.copy()
-    indicated[wild] += size_g * rng.choice([-1.0, 1.0], (wild.size, 3))
+    indicated[outliers] += size_g * rng.choice([-1.0, 1.0], (outliers.size, 3))
     triad, k = robust_k(replace(dwells, indication=indicated))
     for before, after in zip(untouched, k, strict=True):
         assert np.max(np.abs(values(after) - values(before)) / uncertainties(before)) < 1.0
-    assert set(wild.tolist()) <= set(triad.suspects)
+    assert set(outliers.tolist()) <= set(triad.suspects)
 
 
 def test_dwells_that_leave_no_residual_are_refused():

@@ -157,7 +157,7 @@ def test_tilt_is_an_error_of_the_table_unless_it_is_fitted():
 FACES = np.array([(0, 0), (180, 0), (90, 0), (90, 90), (90, 180), (90, -90)], dtype=float)
 
 
-def faces(seed, *, wild):
+def faces(seed, *, outliers):
     """Six faces at seven temperatures, each face set up about 0.01° wrong, the same way every time,
     and the matrix of the triad.
     """
@@ -168,7 +168,7 @@ def faces(seed, *, wild):
     zero = np.outer((temperature - 22.5) / 62.5, 1e-3 * rng.normal(size=3))
     indicated = turned.apply(attitude.gravity_vector(*angles.T)) @ matrix.T + zero
     indicated += rng.normal(0.0, NOISE_G, (42, 3))
-    if wild:
+    if outliers:
         indicated[11, 1] += 0.05
     return collect(indicated, temperature, angles), matrix
 
@@ -176,10 +176,10 @@ def faces(seed, *, wild):
 @pytest.mark.parametrize("seed", range(8))
 def test_faces_that_are_set_up_wrong_are_kept_and_named_as_what_they_are(seed):
     """The robust fit drops no face: its axes are within 700 µrad as those of least squares, though
-    one wild dwell is among them; that dwell is the first suspect, and hardly another is one.
+    one outliers dwell is among them; that dwell is the first suspect, and hardly another is one.
     """
     for terms in (of_orders(1, 0, 1), of_orders(3, 1, 3)):
-        dwells, matrix = faces(seed, wild=seed > 3)
+        dwells, matrix = faces(seed, outliers=seed > 3)
         triad = solve_triad(dwells, terms, recipe(), loss="robust")
         named = dict(zip(terms.names, triad.fit.parameters, strict=True))
         cross = [[named.get(f"c_{i}{j}", 0.0) for j in AXES] for i in AXES]

@@ -147,12 +147,14 @@ def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     log_writer(tmp_path / "clean" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     columns["accel_y_g"] = columns["accel_y_g"].copy()
     columns["accel_y_g"][100] += 5e-3
-    log_writer(tmp_path / "wild" / "positions.csv", **{name: columns[name] for name in COLUMNS})
+    log_writer(tmp_path / "outliers" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     _, clean = fit(calibkit, tmp_path / "clean", tmp_path / "a")
-    _, wild = fit(calibkit, tmp_path / "wild", tmp_path / "b")
-    assert any("triad: suspect dwell positions.csv:102" in flag for flag in wild.document["flags"])
+    _, outliers = fit(calibkit, tmp_path / "outliers", tmp_path / "b")
+    assert any(
+        "triad: suspect dwell positions.csv:102" in flag for flag in outliers.document["flags"]
+    )
     for name in ("accel_x", "accel_y", "accel_z"):
-        one, two = (run.records["accel_k.json"].model(name) for run in (clean, wild))
+        one, two = (run.records["accel_k.json"].model(name) for run in (clean, outliers))
         for a, b in zip(one.coefficients, two.coefficients, strict=True):
             assert abs(a.value - b.value) <= a.standard_uncertainty
 

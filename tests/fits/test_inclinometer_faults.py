@@ -106,9 +106,9 @@ def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(s
     squares, dofs = rng.chisquare(dof, count), np.full(count, dof)
     clean = stations.find_outliers(squares, dofs, stations.usual_square(squares, dofs))
     assert clean.sum() <= 1
-    wild = squares.copy()
-    wild[0] = dof * 1e4 * stations.usual_square(squares, dofs)
-    found = stations.find_outliers(wild, dofs, stations.usual_square(wild, dofs))
+    outliers = squares.copy()
+    outliers[0] = dof * 1e4 * stations.usual_square(squares, dofs)
+    found = stations.find_outliers(outliers, dofs, stations.usual_square(outliers, dofs))
     assert found[0]
     assert found[1:].sum() <= clean[1:].sum() + 1
 
